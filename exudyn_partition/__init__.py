@@ -1,0 +1,40 @@
+"""Partitioned flexible bodies with trustworthy contact for Exudyn; see `reduce`, `CreatePartitionBody`, `solve_dynamic`.
+
+Names are imported on first use, so that importing the package is instant and needs neither Exudyn nor NGSolve.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "material": ("Material", "STEEL", "ALUMINIUM"),
+    "ngsolve_fem": ("Refine", "generate_mesh", "fe_model"),
+    "fem": ("FEModel",),
+    "partition": ("Partition",),
+    "body": ("ReducedBody", "reduce"),
+    "items": ("CreatePartitionBody", "CreatePartitionContact"),
+    "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
+    "history": ("History",),
+    "_progress": ("progress",),
+    "report": ("Comparison", "compare", "versions"),
+}
+_MODULES = ("errors", "hertz", "plot", "reference", "report")
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = sorted([*_HOME_OF, *_MODULES])
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f".{name}", __name__)
+    if name in _HOME_OF:
+        return getattr(importlib.import_module(f".{_HOME_OF[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,65 @@
+"""Validation of user input: small functions that return the checked value or raise `InputError`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+
+Array = np.ndarray
+
+
+def validate_array(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
+    """Return `value` as a read-only float array of `shape` (None: any length), all finite."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: expected numbers of shape {_show(shape)}, got {value!r}") from error
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise InputError(f"{name}: expected shape {_show(shape)}, got {array.shape}")
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))[0]
+        raise InputError(f"{name}: expected finite numbers, got {array[tuple(bad)]} at index {tuple(map(int, bad))}")
+    array.flags.writeable = False
+    return array
+
+
+def validate_vector(name: str, value: Any) -> Array:
+    """Return `value` as a read-only vector of three finite floats."""
+    return validate_array(name, value, (3,))
+
+
+def validate_positive(name: str, value: Any, unit: str = "") -> float:
+    """Return `value` as a finite float above zero."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: expected a number above zero{_in(unit)}, got {value!r}") from error
+    if not (np.isfinite(number) and number > 0):
+        raise InputError(f"{name}: expected a finite number above zero{_in(unit)}, got {number!r}")
+    return number
+
+
+def validate_choice(name: str, value: Any, choices: Iterable[str]) -> str:
+    """Return `value` if it is one of `choices`."""
+    options = list(choices)
+    if value not in options:
+        raise InputError(f"{name}: expected one of {', '.join(map(repr, options))}, got {value!r}")
+    return value
+
+
+def read_only(*arrays: Array) -> None:
+    """Make arrays read-only, as the fields of frozen dataclasses are."""
+    for array in arrays:
+        array.flags.writeable = False
+
+
+def _show(shape: tuple[int | None, ...]) -> str:
+    return "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+
+
+def _in(unit: str) -> str:
+    return f" in {unit}" if unit else ""

@@ -1,0 +1,213 @@
+"""The reduced body: reduced matrices, its contact patch and the recovery u = T q."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from . import basis as bases
+from ._checks import read_only, validate_choice, validate_positive, validate_vector
+from .basis import Progress, ReducedBasis
+from .contact.rows import Surface
+from .errors import FrequencyRangeError, InputError
+from .fem import FEModel, rigid_modes
+from .partition import Partition
+
+Array = np.ndarray
+
+# craig-bampton joins here.
+BASES = {"free": bases.free, "residual": bases.residual, "contact-adapted": bases.contact_adapted}
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBody:
+    """A body in reduced coordinates q: shape coordinates first, then x, y, z of each nodal column.
+
+    Parameters
+    ----------
+    basis : ReducedBasis
+    partition : Partition
+    points : (n, 3) array
+        Nodes of the FE model [m].
+    mass, stiffness : (n_dofs, n_dofs) csr matrix
+        T' M T and T' K T (paper, eq. 16).
+    total_mass : float
+        [kg]
+    centre_of_mass : (3,) array
+        [m]
+    f_cut : float
+        Truncation frequency [Hz].
+    reduce_s : float
+        Time that the reduction took [s].
+    """
+
+    basis: ReducedBasis
+    partition: Partition
+    points: Array
+    mass: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    total_mass: float
+    centre_of_mass: Array
+    f_cut: float
+    reduce_s: float
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of reduced coordinates."""
+        return self.mass.shape[0]
+
+    @property
+    def n_shapes(self) -> int:
+        """Number of shape coordinates, rigid ones included; they stand first."""
+        return self.basis.shapes.shape[1]
+
+    @property
+    def fe_dofs(self) -> int:
+        """Number of dofs of the FE model."""
+        return 3 * len(self.points)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What the body leaves out, in sentences."""
+        return self.basis.left_out
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(n_dofs, 6) array: coordinates of unit translations [m] and rotations [rad] about the centre of mass."""
+        arms = self.points[self.basis.nodal] - self.centre_of_mass
+        result = np.vstack([self.basis.rigid, rigid_modes(arms)])
+        read_only(result)
+        return result
+
+    def rows(self, nodes: Array) -> sp.csr_matrix | Array:
+        """T's rows of some nodes, (3k, n_dofs): dense where there are shapes only, csr with nodal columns.
+
+        Parameters
+        ----------
+        nodes : (k,) int array
+        """
+        dofs = (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
+        shapes = self.basis.shapes[dofs]
+        nodal = self.basis.nodal
+        if not len(nodal):
+            return shapes
+        column = np.full(len(self.points), -1)
+        column[nodal] = np.arange(len(nodal))
+        own = column[dofs // 3]
+        kept = np.flatnonzero(own >= 0)
+        identity = sp.csr_matrix(
+            (np.ones(len(kept)), (kept, 3 * own[kept] + dofs[kept] % 3)), shape=(len(dofs), 3 * len(nodal))
+        )
+        return sp.hstack([sp.csr_matrix(shapes), identity], format="csr")
+
+    def displacement(self, q: Array) -> Array:
+        """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise."""
+        q = np.asarray(q, dtype=float)
+        if q.shape != (self.n_dofs,):
+            raise InputError(f"q: expected shape ({self.n_dofs},), got {q.shape}")
+        u = (self.basis.shapes @ q[: self.n_shapes]).reshape(-1, 3)
+        u[self.basis.nodal] += q[self.n_shapes :].reshape(-1, 3)
+        return u
+
+    def nearest_node(self, point: Array) -> int:
+        """Index of the node nearest to `point`, (3,) [m], in the body's reference configuration."""
+        return int(np.argmin(np.linalg.norm(self.points - validate_vector("point", point), axis=1)))
+
+    def surface(self, position: Array) -> Surface:
+        """Contact patch with the body shifted by `position`, (3,) [m]."""
+        return Surface.of(self.points, self.partition, position)
+
+    def table(self) -> str:
+        """Columns of T, one a line: number, what it is."""
+        lines = [f"{i:5d}  {label}" for i, label in enumerate(self.basis.labels)]
+        first = self.n_shapes
+        lines += [
+            f"{first + 3 * i:5d}  node {node} x y z ({', '.join(f'{x:.4g}' for x in self.points[node])}) m"
+            for i, node in enumerate(self.basis.nodal)
+        ]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return (
+            f"ReducedBody({self.basis.name!r}, {self.n_dofs} of {self.fe_dofs} dofs, f_cut {self.f_cut:.6g} Hz, "
+            f"{len(self.partition.patch_nodes)} patch nodes)"
+        )
+
+
+def reduce(
+    fem: FEModel,
+    partition: Partition,
+    *,
+    f_cut: float,
+    basis: str = "contact-adapted",
+    progress: Progress | None = None,
+) -> ReducedBody:
+    """Reduce a free body.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+        Impact region and contact patch.
+    f_cut : float
+        Truncation frequency [Hz]: motion below it is kept. The paper's principle: twice the highest frequency of the
+        response (section 5.2).
+    basis : {"contact-adapted", "residual", "free"}
+        "free" is the paper's, "residual" all modes below `f_cut` with the residual flexibility of the contact,
+        "contact-adapted" only what the contact excites, with the same residual flexibility.
+    progress : callable, optional
+        Called with the share done, 0 to 1.
+
+    Returns
+    -------
+    ReducedBody
+
+    Raises
+    ------
+    FrequencyRangeError
+        If the mesh does not resolve `f_cut`, or no elastic mode lies below it.
+    InputError
+        If another argument is out of range.
+    """
+    validate_choice("basis", basis, BASES)
+    f_cut = validate_positive("f_cut", f_cut, "Hz")
+    if partition.nodes[-1] >= fem.n_nodes:
+        raise InputError(f"partition: it was made for another mesh: node {partition.nodes[-1]} of {fem.n_nodes}")
+    if f_cut > fem.resolved_frequency:
+        raise FrequencyRangeError(
+            f"f_cut: the mesh resolves {fem.resolved_frequency:.4g} Hz (four node spacings a shear wave on its largest "
+            f"edge, {fem.max_edge:.4g} m), got {f_cut:.6g} Hz. Refine it to maxh = "
+            f"{fem.max_edge * fem.resolved_frequency / f_cut:.3g} m or lower f_cut"
+        )
+    begin = time.perf_counter()
+    reduced = BASES[basis](fem, partition, f_cut, progress)
+    mass, stiffness = _reduced_matrices(fem, reduced)
+    return ReducedBody(
+        basis=reduced,
+        partition=partition,
+        points=fem.points,
+        mass=mass,
+        stiffness=stiffness,
+        total_mass=fem.total_mass,
+        centre_of_mass=fem.centre_of_mass,
+        f_cut=f_cut,
+        reduce_s=time.perf_counter() - begin,
+    )
+
+
+def _reduced_matrices(fem: FEModel, basis: ReducedBasis) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """T' M T and T' K T; the shapes are mass-normalised and, with lumped mass, apart from the nodal columns."""
+    mass = sp.identity(basis.shapes.shape[1], format="csr")
+    stiffness = sp.diags(basis.omega**2, format="csr")
+    if not len(basis.nodal):
+        return mass, stiffness
+    dofs = (3 * basis.nodal[:, None] + np.arange(3)).ravel()
+    columns = fem.stiffness[:, dofs]
+    coupling = sp.csr_matrix(columns.T @ basis.shapes)
+    mass = sp.block_diag([mass, sp.diags(np.repeat(fem.lumped_mass[basis.nodal], 3))], format="csr")
+    stiffness = sp.bmat([[stiffness, coupling.T], [coupling, columns[dofs]]], format="csr")
+    return mass, stiffness

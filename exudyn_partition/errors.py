@@ -1,0 +1,61 @@
+"""Named errors and warnings: each message says what was expected, what came, and what to do."""
+
+
+class PartitionError(Exception):
+    """Base of every error that this library raises."""
+
+
+class InputError(PartitionError, ValueError):
+    """An argument has the wrong type, shape, range or a value that is not finite."""
+
+
+class MeshError(InputError):
+    """A mesh or FE model that cannot be used: wrong elements, inconsistent matrices, several parts."""
+
+
+class EmptyRegionError(InputError):
+    """An impact region or contact patch that holds no nodes, or lies outside the body."""
+
+
+class FrequencyRangeError(InputError):
+    """A truncation frequency that the mesh does not resolve, or below which there is no mode."""
+
+
+class StepSizeError(InputError):
+    """An explicit step above the stability limit of the assembled model."""
+
+
+class PenetrationError(InputError):
+    """Two bodies that overlap where they are first placed."""
+
+
+class IndefiniteMatrixError(PartitionError, ArithmeticError):
+    """A matrix that must be symmetric positive definite and is not."""
+
+
+class ComplementarityError(PartitionError, ArithmeticError):
+    """A contact problem whose active set did not settle."""
+
+
+class RunError(PartitionError, RuntimeError):
+    """A run that Exudyn could not start or that was set up inconsistently."""
+
+
+class MissingPackageError(PartitionError, ImportError):
+    """An optional package that is not installed."""
+
+
+class PartitionWarning(UserWarning):
+    """Base of every warning of this library."""
+
+
+class UnitsWarning(PartitionWarning):
+    """Numbers that look like a slip of units, such as millimetres with SI materials."""
+
+
+class ContactPatchWarning(PartitionWarning):
+    """A contact that reaches the edge of its patch, or slides further than frozen pairs allow."""
+
+
+class StoppedRunWarning(PartitionWarning):
+    """A run that was interrupted or became unstable; its results up to there are kept."""

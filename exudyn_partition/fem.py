@@ -1,0 +1,188 @@
+"""The FE model of one free body: points, mass and stiffness in Exudyn's xyz order, and its surface."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ._checks import read_only, validate_array
+from .errors import MeshError, UnitsWarning
+from .material import Material
+
+Array = np.ndarray
+
+# Local faces of a tetrahedron, outward for positive volume: corners, then the mid-side nodes of edges 01, 12, 20
+# (VTK order of the ten-node tetrahedron: 4=01, 5=12, 6=02, 7=03, 8=13, 9=23).
+_TET_FACES = {
+    4: np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+    10: np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
+}
+# Share of an element's mass that each node carries, HRZ lumping (Hinton, Rock, Zienkiewicz 1976): the diagonal of
+# the consistent element mass, scaled to the element's mass; positive also for quadratic elements.
+_HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)]}
+
+_LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
+_LARGEST_PLAUSIBLE_MASS = 1e5  # kg; a 10 mm cube of steel taken for one of 10 m has 8e6 kg
+
+
+@dataclass(frozen=True, eq=False)
+class FEModel:
+    """Finite-element model of one unconstrained elastic body.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodal positions in the body's reference configuration [m].
+    cells : (ne, 4) or (ne, 10) int array
+        Tetrahedra, linear or quadratic, in VTK order with positive volume.
+    mass, stiffness : (3n, 3n) csr matrix
+        Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z.
+    cell_mass : (ne,) array
+        Mass of each element [kg].
+    material : Material
+        The material that the matrices were made with.
+    boundaries : dict of str to int array
+        Named boundaries as rows of `facets`.
+
+    Raises
+    ------
+    MeshError
+        If shapes do not fit together, or rigid motion strains the body.
+    """
+
+    points: Array
+    cells: Array
+    mass: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    cell_mass: Array
+    material: Material
+    boundaries: dict[str, Array]
+
+    def __post_init__(self) -> None:
+        points = validate_array("points", self.points, (None, 3))
+        object.__setattr__(self, "points", points)
+        if self.cells.shape[1] not in _TET_FACES:
+            raise MeshError(f"cells: expected tetrahedra with 4 or 10 nodes, got {self.cells.shape[1]} nodes")
+        for name, matrix in (("mass", self.mass), ("stiffness", self.stiffness)):
+            if matrix.shape != (3 * len(points),) * 2:
+                raise MeshError(f"{name}: expected shape {(3 * len(points),) * 2}, got {matrix.shape}")
+            if not np.isfinite(matrix.data).all():
+                raise MeshError(f"{name}: holds numbers that are not finite")
+        read_only(self.cells, self.cell_mass)
+        if self.order == 1:
+            unused = self.n_nodes - len(np.unique(self.cells))
+            if unused:
+                raise MeshError(f"points: {unused} nodes belong to no element; remove them")
+        scale = abs(self.stiffness).max() * np.ptp(points, axis=0).max()
+        strain_force = abs(self.stiffness @ self.rigid_modes).max()
+        if strain_force > 1e-8 * scale:
+            raise MeshError(
+                f"stiffness: rigid motion gives forces of {strain_force:.3g}, expected none; is a node held, or the "
+                "order of dofs not x y z x y z?"
+            )
+
+    def warn_if_units_slipped(self) -> None:
+        """Warn (`UnitsWarning`) if size and density give an implausible frequency or mass: millimetres for metres."""
+        size = np.ptp(self.points, axis=0).max()
+        lowest = self.material.bar_wave_speed / (2 * size)
+        if lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:
+            warnings.warn(
+                f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, its first "
+                f"longitudinal frequency would be about {lowest:.3g} Hz. With an SI material the geometry must be in "
+                "metres: if it is in millimetres, scale it by 1e-3",
+                UnitsWarning,
+                stacklevel=3,
+            )
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of dofs, three a node."""
+        return 3 * len(self.points)
+
+    @property
+    def order(self) -> int:
+        """Polynomial order of the elements, 1 or 2."""
+        return 1 if self.cells.shape[1] == 4 else 2
+
+    @cached_property
+    def facets(self) -> Array:
+        """(nf, 3) or (nf, 6) int array: surface triangles, outward, corners before mid-side nodes."""
+        faces = self.cells[:, _TET_FACES[self.cells.shape[1]]].reshape(-1, 3 * self.order)
+        corners = np.sort(faces[:, :3], axis=1)
+        _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
+        facets = faces[np.sort(first[counts == 1])]
+        read_only(facets)
+        return facets
+
+    @cached_property
+    def lumped_mass(self) -> Array:
+        """(n,) array: nodal masses [kg] by HRZ lumping, positive for both orders (paper, section 2.1)."""
+        share = self.cell_mass[:, None] * _HRZ_SHARE[self.cells.shape[1]]
+        lumped = np.bincount(self.cells.ravel(), share.ravel(), minlength=self.n_nodes)
+        read_only(lumped)
+        return lumped
+
+    @property
+    def lumped_mass_matrix(self) -> sp.csr_matrix:
+        """(3n, 3n) diagonal csr matrix of `lumped_mass` [kg]."""
+        return sp.diags(np.repeat(self.lumped_mass, 3), format="csr")
+
+    @cached_property
+    def total_mass(self) -> float:
+        """Mass of the body [kg]."""
+        return float(self.cell_mass.sum())
+
+    @cached_property
+    def centre_of_mass(self) -> Array:
+        """(3,) array: centre of mass [m], from the consistent mass."""
+        ones = np.tile([1.0, 0, 0], self.n_nodes)
+        weight = (self.mass @ ones)[::3]
+        return weight @ self.points / weight.sum()
+
+    @cached_property
+    def rigid_modes(self) -> Array:
+        """(3n, 6) array: unit translations [m] and unit rotations [rad] about the centre of mass."""
+        modes = rigid_modes(self.points - self.centre_of_mass)
+        read_only(modes)
+        return modes
+
+    @cached_property
+    def max_edge(self) -> float:
+        """Longest straight edge of the elements [m]."""
+        corners = self.points[self.cells[:, :4]]
+        pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+        return float(max(np.linalg.norm(corners[:, i] - corners[:, j], axis=1).max() for i, j in pairs))
+
+    @property
+    def resolved_frequency(self) -> float:
+        """Highest frequency that the mesh resolves [Hz]: four node spacings of the largest element a shear wave."""
+        return self.material.shear_wave_speed * self.order / (4 * self.max_edge)
+
+    def nearest_node(self, point: Array) -> int:
+        """Index of the node nearest to `point`, (3,) [m]."""
+        return int(np.argmin(np.linalg.norm(self.points - validate_array("point", point, (3,)), axis=1)))
+
+    def __repr__(self) -> str:
+        return (
+            f"FEModel({self.n_nodes} nodes, {len(self.cells)} tetrahedra of order {self.order}, "
+            f"{self.n_dofs} dofs, {self.total_mass:.4g} kg)"
+        )
+
+
+def rigid_modes(arms: Array) -> Array:
+    """Unit translations and rotations of points at `arms`, (n, 3) [m], as a (3n, 6) array."""
+    n = len(arms)
+    modes = np.zeros((n, 3, 6))
+    modes[:, :, :3] = np.eye(3)
+    for axis in range(3):
+        modes[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms)
+    return modes.reshape(3 * n, 6)
