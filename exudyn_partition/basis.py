@@ -7,6 +7,7 @@ which only the paper's basis has, are unit displacements of the impact region's 
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,6 +78,8 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     changes neither the space of motions nor any result. The mass is lumped, as in the paper (section 2.1).
     """
     M = fem.lumped_mass_matrix
+    if len(partition.nodes) == fem.n_nodes:
+        return _all_nodal(fem, partition)
     rigid = mass_normalised(fem.rigid_modes, M)
     modes = _modes_to(fem, M, rigid, f_cut, progress)
     shapes = np.hstack([rigid, modes.vectors])
@@ -100,6 +103,20 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     )
 
 
+def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
+    """Build the basis of an impact region that covers the body: the full FE model with lumped mass."""
+    return ReducedBasis(
+        name="free",
+        shapes=np.empty((fem.n_dofs, 0)),
+        omega=np.empty(0),
+        labels=(),
+        rigid=np.empty((0, 6)),
+        nodal=partition.nodes,
+        mass="lumped",
+        left_out=("all modes: the impact region covers the body",),
+    )
+
+
 def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the residual-flexibility basis: free modes up to `f_cut`, and the static answer of all others at the contact.
 
@@ -107,9 +124,7 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
     """
     rigid = mass_normalised(fem.rigid_modes, fem.mass)
     modes = _modes_to(fem, fem.mass, rigid, f_cut, progress)
-    flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
-    G = _patch_rows(fem, partition)
-    static = flexibility(G.T.toarray())
+    static = _static_answers(fem, partition, rigid)
     return _with_residual_flexibility(
         "residual", fem, partition, rigid, modes.vectors, modes.omega, static,
         (f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz",),
@@ -126,19 +141,19 @@ def contact_adapted(
     computed (method.md, section 2). Ritz pairs far above `f_cut` are left to the residual flexibility.
     """
     rigid = mass_normalised(fem.rigid_modes, fem.mass)
-    flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
-    static = flexibility(_patch_rows(fem, partition).T.toarray())
-    del flexibility  # its factor is as large as the next one
-    load = _pressure(fem, partition)
-    shift = (np.pi * f_cut) ** 2
-    factor = Factorisation(fem.stiffness + shift * fem.mass)
-    krylov = BlockKrylov(factor.solve, fem.mass, shift, rigid, load[:, None])
     omega_cut = 2 * np.pi * f_cut
+    shift = (omega_cut / 2) ** 2
+    load = _pressure(fem, partition)
+    with ThreadPoolExecutor(1) as pool:
+        # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
+        static_answers = pool.submit(_static_answers, fem, partition, rigid)
+        krylov = BlockKrylov(Factorisation(fem.stiffness + shift * fem.mass).solve, fem.mass, shift, rigid, load[:, None])
+        krylov.grow(2 * _GROWTH)
+        static = static_answers.result()
     band = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:])
     rest = load @ (static @ (_patch_rows(fem, partition) @ load)) - np.sum((load @ rigid) ** 2) / band**2
     previous = np.zeros(_BAND_SAMPLES)
     while True:
-        more = krylov.grow(krylov.size + _GROWTH)
         omega, combination = krylov.rayleigh_ritz(fem.stiffness)
         keep = omega < _DROP_ABOVE * omega_cut
         participation = (load @ krylov.vectors) @ combination[:, keep]
@@ -147,7 +162,7 @@ def contact_adapted(
         previous = mobility
         if progress:
             progress(float(min(1.0, _SETTLED / max(change, _SETTLED))))
-        if change < _SETTLED or not more:
+        if change < _SETTLED or not krylov.grow(krylov.size + _GROWTH):
             break
     if not (omega < omega_cut).any():
         raise no_mode_below(fem, f_cut)
@@ -199,6 +214,12 @@ def _patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     columns = (3 * nodes[:, None] + np.arange(3)).ravel()
     rows = np.repeat(np.arange(len(nodes)), 3)
     return sp.csr_matrix((np.tile(partition.direction, len(nodes)), (rows, columns)), shape=(len(nodes), fem.n_dofs))
+
+
+def _static_answers(fem: FEModel, partition: Partition, rigid: Array) -> Array:
+    """Elastic answers of the free body to unit loads on the patch nodes, (3n, np) [m/N]."""
+    flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
+    return flexibility(_patch_rows(fem, partition).T.toarray())
 
 
 def _with_residual_flexibility(name, fem, partition, rigid, vectors, omega, static, left_out):  # noqa: ANN001, ANN202

@@ -15,6 +15,7 @@ from .basis import Progress, ReducedBasis
 from .contact.rows import Surface
 from .errors import FrequencyRangeError, InputError
 from .fem import FEModel, rigid_modes
+from .linalg import one_blas_thread
 from .partition import Partition
 
 Array = np.ndarray
@@ -179,13 +180,14 @@ def reduce(
         raise InputError(f"partition: it was made for another mesh: node {partition.nodes[-1]} of {fem.n_nodes}")
     if f_cut > fem.resolved_frequency:
         raise FrequencyRangeError(
-            f"f_cut: the mesh resolves {fem.resolved_frequency:.4g} Hz (four node spacings a shear wave on its largest "
-            f"edge, {fem.max_edge:.4g} m), got {f_cut:.6g} Hz. Refine it to maxh = "
-            f"{fem.max_edge * fem.resolved_frequency / f_cut:.3g} m or lower f_cut"
+            f"f_cut: the mesh resolves {fem.resolved_frequency:.4g} Hz (four node spacings a shear wave in its largest "
+            f"element, of size {fem.max_size:.4g} m), got {f_cut:.6g} Hz. Refine it to elements of "
+            f"{fem.max_size * fem.resolved_frequency / f_cut:.3g} m or lower f_cut"
         )
     begin = time.perf_counter()
-    reduced = BASES[basis](fem, partition, f_cut, progress)
-    mass, stiffness = _reduced_matrices(fem, reduced)
+    with one_blas_thread():
+        reduced = BASES[basis](fem, partition, f_cut, progress)
+        mass, stiffness = _reduced_matrices(fem, reduced)
     return ReducedBody(
         basis=reduced,
         partition=partition,

@@ -155,17 +155,15 @@ class FEModel:
         read_only(modes)
         return modes
 
-    @cached_property
-    def max_edge(self) -> float:
-        """Longest straight edge of the elements [m]."""
-        corners = self.points[self.cells[:, :4]]
-        pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
-        return float(max(np.linalg.norm(corners[:, i] - corners[:, j], axis=1).max() for i, j in pairs))
+    @property
+    def max_size(self) -> float:
+        """Edge of the regular tetrahedron that has the volume of the largest element [m]."""
+        return float((6 * 2**0.5 * self.cell_mass.max() / self.material.rho) ** (1 / 3))
 
     @property
     def resolved_frequency(self) -> float:
         """Highest frequency that the mesh resolves [Hz]: four node spacings of the largest element a shear wave."""
-        return self.material.shear_wave_speed * self.order / (4 * self.max_edge)
+        return self.material.shear_wave_speed * self.order / (4 * self.max_size)
 
     def nearest_node(self, point: Array) -> int:
         """Index of the node nearest to `point`, (3,) [m]."""

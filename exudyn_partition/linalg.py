@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
+from threadpoolctl import threadpool_limits
 
 from .errors import IndefiniteMatrixError
 
@@ -16,6 +18,13 @@ Array = np.ndarray
 Progress = Callable[[float], None]
 
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Context or decorator in which BLAS uses one thread: SuperLU calls it on such small blocks that more only wait."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 class Factorisation:

@@ -50,7 +50,7 @@ class Partition:
         contact_radius: float | None = None,
         direction: Array | None = None,
     ) -> Partition:
-        """Impact region of all nodes within a ball; the surface within it is the contact patch.
+        """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
 
         Parameters
         ----------
@@ -85,32 +85,40 @@ class Partition:
                 f"at {_show(fem.points[distance.argmin()])}; the body spans {_show(fem.points.min(axis=0))} to "
                 f"{_show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
             )
-        if len(nodes) == fem.n_nodes:
-            raise InputError(
-                f"radius: a ball of {radius:.4g} m holds the whole body ({fem.n_nodes} nodes), which leaves nothing to "
-                "reduce; take a smaller region"
-            )
-        facets = fem.facets[(distance[fem.facets] <= reach).all(axis=1)]
+        centres = fem.points[fem.facets[:, :3]].mean(axis=1)
+        facets = fem.facets[np.linalg.norm(centres - center, axis=1) <= reach]
         if not len(facets):
             raise EmptyRegionError(
                 f"no surface facet lies within {reach:.4g} m of {_show(center)}, so nothing there can touch: "
                 f"{len(nodes)} nodes are in the region. Put the center on the surface, or refine the mesh to elements "
                 f"below {reach:.2g} m"
             )
-        return cls(nodes, facets, _direction(fem, facets, direction))
+        normals = _area_normals(fem, facets)
+        line = _direction(normals, direction)
+        # Side walls beyond an edge cannot touch along the line of contact.
+        facing = normals @ line > 0.5 * np.linalg.norm(normals, axis=1)
+        facets = facets[facing]
+        if direction is None:
+            line = _direction(normals[facing], None)
+        return cls(np.union1d(nodes, facets), facets, line)
 
 
-def _direction(fem: FEModel, facets: Array, direction: Array | None) -> Array:
+def _area_normals(fem: FEModel, facets: Array) -> Array:
+    """(nf, 3) array: outward normals of the facets' corners, as long as the facets are large."""
     a, b, c = (fem.points[facets[:, i]] for i in range(3))
-    mean = np.cross(b - a, c - a).sum(axis=0)
-    normal = mean / np.linalg.norm(mean)
+    return np.cross(b - a, c - a) / 2
+
+
+def _direction(normals: Array, direction: Array | None) -> Array:
+    mean = normals.sum(axis=0)
+    mean = mean / np.linalg.norm(mean)
     if direction is None:
-        return normal
+        return mean
     given = validate_vector("direction", direction)
     length = np.linalg.norm(given)
-    if length == 0 or given @ normal < 0.5 * length:
+    if length == 0 or given @ mean < 0.5 * length:
         raise InputError(
-            f"direction: expected a vector that points out of the patch, whose mean normal is {_show(normal)}, "
+            f"direction: expected a vector that points out of the patch, whose mean normal is {_show(mean)}, "
             f"got {_show(given)}"
         )
     return given / length

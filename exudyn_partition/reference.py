@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from ._checks import validate_choice, validate_positive, validate_vector
 from .contact.complementarity import Complementarity
@@ -14,7 +15,7 @@ from .contact.rows import ContactRows, Surface, node_to_segment
 from .errors import InputError
 from .fem import FEModel
 from .history import History
-from .linalg import Factorisation
+from .linalg import Factorisation, one_blas_thread
 from .partition import Partition
 
 Array = np.ndarray
@@ -96,6 +97,7 @@ class _HHT:
         return 0.5 * float(self.v @ (self.M @ self.v) + self.u @ (self.K @ self.u))
 
 
+@one_blas_thread()
 def simulate(
     bodies: Sequence[FullBody],
     *,
@@ -188,7 +190,6 @@ def simulate(
     return History(t[kept], force[kept], {name: v[kept] for name, v in velocity.items()}, info)
 
 
-def _selection(dofs: Array, n: int):  # noqa: ANN202
-    import scipy.sparse as sp
-
+def _selection(dofs: Array, n: int) -> sp.csr_matrix:
+    """Rows that pick `dofs` out of n."""
     return sp.csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=(len(dofs), n))

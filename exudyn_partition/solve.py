@@ -20,6 +20,7 @@ from ._optional import require
 from .contact.compliance import ComplianceContact
 from .errors import ContactPatchWarning, InputError, RunError, StepSizeError, StoppedRunWarning
 from .history import History
+from .linalg import one_blas_thread
 from .items import PartitionBody, PartitionContact, partition_items
 
 Array = np.ndarray
@@ -209,7 +210,7 @@ def solve_dynamic(
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
     status, message = "finished", f"reached {end_time:.6g} s"
-    with _watched(mbs, end_time, progress) as watch:
+    with one_blas_thread(), _watched(mbs, end_time, progress) as watch:
         begin = time.perf_counter()
         try:
             mbs.SolveDynamic(settings, solverType=solver)

@@ -1,0 +1,182 @@
+"""The bases against the full FE model: reduced matrices, static exactness, dynamics, full-basis limit."""
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse.linalg
+from conftest import relative
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import exudyn_partition as ep
+from exudyn_partition.errors import FrequencyRangeError, InputError
+
+BASES = ["free", "residual", "contact-adapted"]
+
+
+@pytest.fixture(scope="module", params=BASES)
+def body(request, block, top):
+    return ep.reduce(block, top, basis=request.param, f_cut=80e3)
+
+
+def dense_basis(body):
+    """T as a dense matrix, column by column."""
+    return np.column_stack([body.displacement(unit).ravel() for unit in np.eye(body.n_dofs)])
+
+
+def mass_matrix(fem, body):
+    return fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
+
+
+def test_reduced_matrices_are_those_of_a_dense_product(block, body):
+    T = dense_basis(body)
+    for reduced, full in ((body.mass, mass_matrix(block, body)), (body.stiffness, block.stiffness)):
+        expected = T.T @ (full @ T)
+        np.testing.assert_allclose(reduced.toarray(), expected, atol=1e-9 * abs(expected).max())
+    assert np.linalg.eigvalsh(body.mass.toarray())[0] > 0
+
+
+def test_rigid_motion_is_in_every_basis(block, body):
+    motion = np.array([0.1, -0.2, 0.3, 4.0, 5.0, -6.0])
+    np.testing.assert_allclose(
+        body.displacement(body.rigid @ motion).ravel(), block.rigid_modes @ motion, atol=1e-9
+    )
+
+
+def test_rows_are_rows_of_the_basis(body):
+    T = dense_basis(body)
+    nodes = np.r_[body.partition.nodes[::7], 0]
+    rows = body.rows(nodes)
+    rows = rows if isinstance(rows, np.ndarray) else rows.toarray()
+    np.testing.assert_array_equal(rows, T.reshape(-1, 3, body.n_dofs)[nodes].reshape(-1, body.n_dofs))
+
+
+@pytest.mark.parametrize("basis", ["residual", "contact-adapted"])
+def test_static_exactness(block, top, basis):
+    """A self-equilibrated answer to any load on the patch is the full FE one at the patch."""
+    body = ep.reduce(block, top, basis=basis, f_cut=80e3)
+    nodes = top.patch_nodes
+    load = np.random.default_rng(0).random(len(nodes))
+    full_load = np.zeros((block.n_nodes, 3))
+    full_load[nodes] = load[:, None] * top.direction
+    rigid = block.rigid_modes
+    inertia = rigid.T @ (block.mass @ rigid)
+    balanced = full_load.ravel() - block.mass @ rigid @ np.linalg.solve(inertia, rigid.T @ full_load.ravel())
+    held = block.stiffness + block.mass @ rigid @ rigid.T @ block.mass * 1e16  # removes the null space, dense but small
+    u = scipy.linalg.solve(np.asarray(held.todense() if hasattr(held, "todense") else held), balanced, assume_a="pos")
+    u -= rigid @ np.linalg.solve(inertia, rigid.T @ (block.mass @ u))
+    expected = u.reshape(-1, 3)[nodes] @ top.direction
+
+    G = body.rows(nodes).reshape(len(nodes), 3, -1).transpose(0, 2, 1) @ top.direction
+    elastic = body.basis.omega > 0
+    modal = G[:, elastic] @ ((G[:, elastic].T @ load) / body.basis.omega[elastic] ** 2)
+    assert relative(modal + body.basis.flexibility @ load, expected) < 1e-8
+
+
+def receptance_defect(block, body, top, frequency):
+    """What the reduced body lacks of the patch's answer to a uniform harmonic load on it, and that answer [m]."""
+    nodes = top.patch_nodes
+    omega_squared = (2 * np.pi * frequency) ** 2
+    full_load = np.zeros((block.n_nodes, 3))
+    full_load[nodes] = top.direction
+    dynamic = (block.stiffness - omega_squared * mass_matrix(block, body)).tocsc()
+    full = full_load.ravel() @ scipy.sparse.linalg.spsolve(dynamic, full_load.ravel())
+    rows = body.rows(nodes)
+    rows = (rows if isinstance(rows, np.ndarray) else rows.toarray()).reshape(len(nodes), 3, -1)
+    load = np.einsum("kdn,d->n", rows, top.direction)
+    reduced = (body.stiffness - omega_squared * body.mass).toarray()
+    answer = load @ np.linalg.solve(reduced, load)
+    if body.basis.flexibility is not None:
+        answer += body.basis.flexibility.sum()
+    return full - answer, full
+
+
+@pytest.mark.parametrize("f_cut", [80e3, 150e3])
+@pytest.mark.parametrize("frequency", [5e3, 20e3, 33e3])
+def test_residual_basis_lacks_only_the_inertia_of_what_is_cut(block, top, f_cut, frequency):
+    """sum over cut modes of p^2 (1/(w_k^2 - w^2) - 1/w_k^2): positive, below w^2/(w_cut^2 - w^2) times their static answer."""
+    body = ep.reduce(block, top, basis="residual", f_cut=f_cut)
+    defect, _ = receptance_defect(block, body, top, frequency)
+    assert 0 < defect < frequency**2 / (f_cut**2 - frequency**2) * body.basis.flexibility.sum()
+
+
+@pytest.mark.parametrize("frequency", [5e3, 20e3, 33e3])
+def test_contact_adapted_basis_lacks_no_more_than_the_residual_one(block, top, frequency):
+    residual, adapted = (ep.reduce(block, top, basis=basis, f_cut=80e3) for basis in ("residual", "contact-adapted"))
+    lacking = abs(receptance_defect(block, residual, top, frequency)[0])
+    assert abs(receptance_defect(block, adapted, top, frequency)[0]) < 1.1 * lacking
+
+
+def test_the_paper_s_basis_lacks_the_static_field(block, top):
+    """What method.md says of it: at equal truncation the free basis is far too stiff at the contact."""
+    defect = {}
+    for basis in BASES:
+        body = ep.reduce(block, top, basis=basis, f_cut=80e3)
+        lacking, full = receptance_defect(block, body, top, 5e3)
+        defect[basis] = lacking / abs(full)
+    assert defect["free"] > 10 * abs(defect["contact-adapted"])
+
+
+def test_region_that_covers_the_body_is_the_full_model(block):
+    everything = ep.Partition.ball(block, (0, 0, 0.03), 1.0, contact_radius=7e-3)
+    body = ep.reduce(block, everything, basis="free", f_cut=80e3)
+    assert body.n_dofs == block.n_dofs
+    assert abs(body.stiffness - block.stiffness).max() == 0
+    np.testing.assert_array_equal(body.mass.diagonal(), np.repeat(block.lumped_mass, 3))
+
+
+@settings(max_examples=10, deadline=None)
+@given(radius=st.floats(3e-3, 25e-3), f_cut=st.floats(60e3, 120e3))
+def test_free_basis_frequencies_are_never_below_the_full_ones(block, radius, f_cut):
+    """Rayleigh-Ritz: a reduced model is stiffer than the full one, whatever the region."""
+    partition = ep.Partition.ball(block, (0, 0, 0.03), radius)
+    body = ep.reduce(block, partition, basis="free", f_cut=f_cut)
+    reduced = scipy.linalg.eigvalsh(body.stiffness.toarray(), body.mass.toarray())[6:10]
+    full = _lumped_eigenvalues(block)[6:10]
+    assert (reduced > full * (1 - 1e-9)).all()
+
+
+_CACHE = {}
+
+
+def _lumped_eigenvalues(fem):
+    if id(fem) not in _CACHE:
+        _CACHE[id(fem)] = scipy.linalg.eigvalsh(
+            fem.stiffness.toarray(), fem.lumped_mass_matrix.toarray(), subset_by_index=(0, 12)
+        )
+    return _CACHE[id(fem)]
+
+
+def test_contact_adapted_leaves_out_what_an_axial_load_does_not_excite():
+    bar = ep.fe_model(occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=0.01, h=0.4), ep.STEEL, maxh=0.01)
+    end = ep.Partition.ball(bar, (0, 0, 0.4), 9e-3)
+    adapted, residual = (ep.reduce(bar, end, basis=basis, f_cut=45e3) for basis in ("contact-adapted", "residual"))
+    assert adapted.n_dofs < 0.7 * residual.n_dofs
+
+
+def test_a_body_prints_itself(body):
+    assert body.basis.name in repr(body)
+    lines = body.table().splitlines()
+    assert len(lines) == body.n_shapes + len(body.basis.nodal)
+    assert all("Hz" in sentence or "impact region" in sentence for sentence in body.left_out)
+
+
+def test_frequency_above_what_the_mesh_resolves(block, top):
+    with pytest.raises(FrequencyRangeError, match=r"the mesh resolves .* Refine it to elements of .* or lower f_cut"):
+        ep.reduce(block, top, f_cut=1e7)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_no_mode_below_the_truncation_frequency(block, top, basis):
+    with pytest.raises(FrequencyRangeError, match="no elastic mode lies below 100 Hz"):
+        ep.reduce(block, top, basis=basis, f_cut=100.0)
+
+
+def test_bad_arguments(block, top, sphere):
+    with pytest.raises(InputError, match="basis: expected one of 'free', 'residual', 'contact-adapted', got 'cms'"):
+        ep.reduce(block, top, basis="cms", f_cut=1e5)
+    with pytest.raises(InputError, match="f_cut: expected a finite number above zero in Hz, got nan"):
+        ep.reduce(block, top, f_cut=float("nan"))
+    with pytest.raises(InputError, match="made for another mesh"):
+        ep.reduce(block, sphere[1], f_cut=1e5)

@@ -1,0 +1,227 @@
+"""Surfaces, gap rows, complementarity and the contact laws."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+from conftest import TOP, relative
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import exudyn_partition as ep
+from exudyn_partition.contact import complementarity
+from exudyn_partition.contact.complementarity import Complementarity
+from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.lagrange import LagrangeContact
+from exudyn_partition.contact.rows import Surface, node_to_segment
+from exudyn_partition.contact.surface import closest_points, shape_functions
+from exudyn_partition.errors import (
+    ComplementarityError,
+    EmptyRegionError,
+    IndefiniteMatrixError,
+    InputError,
+    PenetrationError,
+    RunError,
+)
+
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+def dome(height=0.1):
+    """One quadratic facet bent upwards."""
+    middle = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2 + [0, 0, height]
+    return np.vstack([CORNERS, middle])
+
+
+@pytest.mark.parametrize("n_nodes", [3, 6])
+def test_shape_functions_reproduce_positions_and_their_derivatives(n_nodes):
+    local = np.random.default_rng(0).random((20, 2)) / 2
+    nodes = dome(0.0)[:n_nodes]
+    values, derivatives = shape_functions(local, n_nodes)
+    np.testing.assert_allclose(values.sum(axis=1), 1, atol=1e-14)
+    np.testing.assert_allclose((values @ nodes)[:, :2], local, atol=1e-14)
+    for i, h in enumerate(1e-6 * np.eye(2)):
+        slope = (shape_functions(local + h, n_nodes)[0] - shape_functions(local - h, n_nodes)[0]) / 2e-6
+        np.testing.assert_allclose(derivatives[:, :, i], slope, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(point=arrays(float, 3, elements=st.floats(-0.6, 1.4)), height=st.floats(-0.1, 0.1))
+def test_closest_point_is_the_nearest_of_the_whole_facet(point, height):
+    nodes = dome(height)
+    got = closest_points(point[None], nodes[None])
+    grid = np.array([(i / 60, j / 60) for i in range(61) for j in range(61 - i)])
+    nearest = np.linalg.norm(shape_functions(grid, 6)[0] @ nodes - point, axis=1).min()
+    distance = np.linalg.norm(got.weights[0] @ nodes - point)
+    assert distance <= nearest + 1e-9
+    assert np.hypot(got.gap[0], got.offset[0]) == pytest.approx(distance, abs=1e-12)
+
+
+def test_gap_to_a_sphere(sphere):
+    """Points around a quadratic mesh of a sphere: the gap is their distance from it, inside negative."""
+    fem, partition = sphere
+    surface = Surface.of(fem.points, partition, np.zeros(3))
+    around = np.random.default_rng(0).uniform(-0.15e-3, 0.15e-3, (50, 2))
+    for height in (-5e-6, 5e-6):
+        z = 0.01 - np.sqrt(0.01**2 - (around**2).sum(axis=1)) - height
+        got = closest_points(np.column_stack([around, z]), surface.points[surface.facets])
+        np.testing.assert_allclose(got.gap, height, atol=2e-8)
+
+
+@pytest.fixture(scope="module")
+def surfaces(sphere, other_sphere):
+    fem, partition = sphere
+    other, other_partition = other_sphere
+    return Surface.of(fem.points, partition, np.zeros(3)), Surface.of(other.points, other_partition, np.zeros(3))
+
+
+def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
+    slave, master = surfaces
+    rows = node_to_segment(slave, master)
+    G_s, G_m = rows.matrices(len(slave.points), len(master.points))
+    push = np.random.default_rng(0).random(len(rows))
+    forces = [(G.T @ push).reshape(-1, 3) for G in (G_s, G_m)]
+    np.testing.assert_allclose(forces[0].sum(axis=0), -forces[1].sum(axis=0), atol=1e-12)
+    np.testing.assert_allclose(G_s @ np.tile([0, 0, 1.0], len(slave.points)), rows.normal[:, 2], atol=1e-12)
+    # Lifted by 3 um, the reference gaps of the same pairs are that much larger along their normals.
+    lifted = node_to_segment(Surface(slave.points + [0, 0, 3e-6], slave.facets, slave.direction), master)
+    assert relative(lifted.gap, rows.gap + 3e-6 * rows.normal[:, 2]) < 1e-3
+
+
+def test_gap_between_two_spheres(surfaces):
+    rows = node_to_segment(*surfaces)
+    r = np.linalg.norm(surfaces[0].points[rows.slave, :2], axis=1)
+    np.testing.assert_allclose(rows.gap, r**2 / 0.01, atol=1e-7)
+
+
+def test_penetration_at_the_start(surfaces):
+    slave, master = surfaces
+    pushed = Surface(slave.points - [0, 0, 1e-4], slave.facets, slave.direction)
+    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by .* Move one body"):
+        node_to_segment(pushed, master)
+
+
+def test_patches_that_do_not_face_each_other(surfaces):
+    slave, master = surfaces
+    with pytest.raises(EmptyRegionError, match="none of the .* slave nodes faces a facet"):
+        node_to_segment(Surface(slave.points + [0.05, 0, 0], slave.facets, slave.direction), master)
+    with pytest.raises(EmptyRegionError, match="outward normals"):
+        node_to_segment(Surface(slave.points, slave.facets, -slave.direction), master)
+
+
+def conditions(F, h, lam):
+    w = F @ lam + h
+    scale = abs(h).max() + 1e-300
+    assert (lam >= 0).all()
+    assert w.min() > -1e-9 * scale
+    assert abs(lam * w).max() <= 1e-9 * scale * max(lam.max(), 1e-300)
+
+
+@pytest.mark.parametrize("patience", [10, 0])
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10_000), n=st.integers(1, 40), shift=st.floats(-3, 3))
+def test_complementarity_conditions(patience, seed, n, shift):
+    """Also with no patience at all, which leaves single pivots alone to find the answer."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, n + 2))
+    F = A @ A.T + 1e-3 * np.eye(n)
+    problem = Complementarity(F)
+    before, complementarity._PATIENCE = complementarity._PATIENCE, patience
+    try:
+        for _ in range(3):  # warm-started from the last active set
+            h = rng.standard_normal(n) + shift
+            lam = problem.solve(h)
+            conditions(F, h, lam)
+            L = np.linalg.cholesky(F)  # the oracle: min |L' x + L^-1 h| over x >= 0
+            expected = scipy.optimize.nnls(L.T, -np.linalg.solve(L, h), maxiter=1000)[0]
+            np.testing.assert_allclose(lam, expected, atol=1e-6 * (1 + expected.max()))
+    finally:
+        complementarity._PATIENCE = before
+
+
+def test_an_unchanged_active_set_takes_one_iteration():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((60, 80))
+    problem = Complementarity(A @ A.T)
+    h = rng.standard_normal(60)
+    problem.solve(h)
+    before = problem.iterations
+    problem.solve(1.001 * h)
+    assert problem.iterations == before + 1
+
+
+def test_bad_complementarity_problems():
+    with pytest.raises(IndefiniteMatrixError, match="not positive definite"):
+        Complementarity(np.array([[1.0, 2.0], [2.0, 1.0]]))
+    with pytest.raises(IndefiniteMatrixError, match="symmetric"):
+        Complementarity(np.array([[1.0, 0.5], [0.0, 1.0]]))
+    with pytest.raises(ComplementarityError, match="not finite"):
+        Complementarity(np.eye(2)).solve(np.array([1.0, np.nan]))
+
+
+@pytest.fixture(scope="module")
+def law(bodies):
+    rows = node_to_segment(bodies[0].surface(np.array(TOP)), bodies[1].surface(np.zeros(3)))
+    return ComplianceContact(rows, *bodies)
+
+
+def closing_state(law, bodies, depth, seed=0):
+    """Bodies pushed into each other by `depth`, with some random deformation."""
+    rng = np.random.default_rng(seed)
+    n = [body.n_dofs for body in bodies]
+    q = np.concatenate([-depth * bodies[0].rigid[:, 2], np.zeros(n[1])])
+    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.H).max() / np.sqrt(sum(n))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_contact_force_jacobian_and_potential_against_finite_differences(law, bodies, seed):
+    depth = 1e-6
+    q = closing_state(law, bodies, depth, seed)
+    force = law.force(q).copy()
+    tangent = law.tangent()
+    assert 0 < len(law.problem.index)
+    rng = np.random.default_rng(seed)
+    for _ in range(3):
+        d = rng.standard_normal(len(q))
+        d *= 1e-5 * depth / abs(law.H @ d).max()
+        slope = law.force(q + d) - law.force(q - d)
+        assert relative(-2 * tangent @ d, slope) < 1e-5
+        work = law.potential(q + d) - law.potential(q - d)
+        assert work == pytest.approx(-2 * force @ d, rel=1e-5)
+
+
+def test_contact_pushes_both_bodies_with_the_same_force(law, bodies):
+    force = law.force(closing_state(law, bodies, 1e-6))
+    n = bodies[0].n_dofs
+    on_slave, on_master = bodies[0].rigid[:, :3].T @ force[:n], bodies[1].rigid[:, :3].T @ force[n:]
+    np.testing.assert_allclose(on_slave, [0, 0, law.lam.sum()], atol=1e-9 * law.lam.sum())
+    np.testing.assert_allclose(on_master, -on_slave, atol=1e-9 * law.lam.sum())
+
+
+def test_no_force_without_contact(law, bodies):
+    q = -closing_state(law, bodies, 1e-6)
+    assert not law.force(q).any()
+    assert not law.tangent().any()
+
+
+def test_formulations_name_the_bases_that_they_need(block, top, bodies, law):
+    free = ep.reduce(block, top, basis="free", f_cut=80e3)
+    with pytest.raises(InputError, match="'compliance' needs a residual flexibility"):
+        ComplianceContact(law.rows, bodies[0], free)
+    with pytest.raises(InputError, match="'lagrange' needs nodal coordinates"):
+        LagrangeContact(law.rows, *bodies)
+
+
+def test_multipliers_notice_a_solver_that_is_not_central_differences(ball, block, top):
+    nodal = [ep.reduce(fem, p, basis="free", f_cut=150e3) for fem, p in (ball, (block, top))]
+    rows = node_to_segment(nodal[0].surface(np.array(TOP)), nodal[1].surface(np.zeros(3)))
+    law = LagrangeContact(rows, *nodal)
+    q = np.zeros(sum(body.n_dofs for body in nodal))
+    v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
+    h = 1e-9
+    c = law.increment(q, v, 0 * q, h)
+    gap = rows.gap + law.G @ (q + h * (v + h * c))
+    assert gap.min() > -1e-18
+    law.increment(q + h * (v + h * c), v, 0 * q, h)  # the step that central differences take
+    with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):
+        law.increment(q + h * v, v, 0 * q, h)

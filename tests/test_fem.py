@@ -1,0 +1,164 @@
+"""FE models: mass, surface, rigid motion, and frequencies against analytic values."""
+
+import netgen.occ as occ
+import ngsolve
+import numpy as np
+import pytest
+from conftest import box
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, MeshError, UnitsWarning
+from exudyn_partition.linalg import eigenmodes, mass_normalised
+
+
+def frequencies(fem, f_max, mass=None):
+    mass = fem.mass if mass is None else mass
+    rigid = mass_normalised(fem.rigid_modes, mass)
+    return eigenmodes(fem.stiffness, mass, rigid, 2 * np.pi * f_max)
+
+
+def test_rigid_modes_strain_nothing(block):
+    stretch = block.points.ravel()  # u = x, a strain of one
+    assert abs(block.stiffness @ block.rigid_modes).max() < 1e-10 * abs(block.stiffness @ stretch).max()
+
+
+def test_mass_centre_and_inertia_of_a_block(block):
+    m = 7800 * 0.01 * 0.02 * 0.03
+    assert block.total_mass == pytest.approx(m, rel=1e-12)
+    np.testing.assert_allclose(block.centre_of_mass, [0, 0, 0.015], atol=1e-12)
+    inertia = block.rigid_modes.T @ (block.mass @ block.rigid_modes)
+    expected = [m] * 3 + [m / 12 * s for s in (0.02**2 + 0.03**2, 0.01**2 + 0.03**2, 0.01**2 + 0.02**2)]
+    np.testing.assert_allclose(inertia, np.diag(expected), atol=1e-10)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_lumped_mass_is_positive_and_complete(order):
+    fem = ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, order=order, maxh=8e-3)
+    assert fem.order == order
+    assert fem.lumped_mass.min() > 0
+    assert fem.lumped_mass.sum() == pytest.approx(fem.total_mass, rel=1e-12)
+
+
+def test_quadratic_elements_follow_a_sphere():
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), 0.01)
+    exact = 4 / 3 * np.pi * 0.01**3 * 7800
+    mesh = ep.generate_mesh(shape, maxh=4e-3)
+    curved, straight = (ep.fe_model(mesh, ep.STEEL, order=order) for order in (2, 1))
+    assert abs(curved.total_mass / exact - 1) < 3e-3
+    assert straight.total_mass / exact < 0.97
+    on_surface = np.linalg.norm(curved.points[np.unique(curved.facets)], axis=1)
+    np.testing.assert_allclose(on_surface, 0.01, rtol=5e-3)
+    assert mesh.GetCurveOrder() == 2  # the caller's mesh is left as it was
+
+
+def test_facets_close_the_surface_and_point_outward(block):
+    a, b, c = (block.points[block.facets[:, i]] for i in range(3))
+    area = np.cross(b - a, c - a) / 2
+    np.testing.assert_allclose(area.sum(axis=0), 0, atol=1e-15)
+    volume = np.einsum("ij,ij->", area, (a + b + c) / 3) / 3
+    assert volume == pytest.approx(0.01 * 0.02 * 0.03, rel=1e-12)
+    # Mid-side nodes lie between the corners that they belong to.
+    middle = (block.points[block.facets[:, :3]] + block.points[block.facets[:, [1, 2, 0]]]) / 2
+    np.testing.assert_allclose(block.points[block.facets[:, 3:]], middle, atol=1e-15)
+
+
+def test_boundaries_keep_their_names():
+    shape = box(0.01, 0.02, 0.03)
+    shape.faces.Max(occ.Z).name = "top"
+    fem = ep.fe_model(shape, ep.STEEL, maxh=8e-3)
+    assert fem.points[fem.facets[fem.boundaries["top"]], 2] == pytest.approx(0.03)
+    assert sum(map(len, fem.boundaries.values())) == len(fem.facets)
+
+
+def test_longitudinal_and_torsional_frequencies_of_a_round_bar():
+    bar = ep.Material(E=210e9, nu=0.0, rho=7800.0)  # no lateral contraction: bar theory is exact
+    fem = ep.fe_model(occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=0.01, h=0.4), bar, maxh=0.01)
+    modes = frequencies(fem, 14e3)
+    f = modes.omega / (2 * np.pi)
+    shapes = modes.vectors.reshape(-1, 3, len(f))
+    mass = fem.lumped_mass @ shapes[:, 2] ** 2
+    axial = f[mass > 0.9]
+    np.testing.assert_allclose(axial[:2], np.array([1, 2]) * bar.bar_wave_speed / 0.8, rtol=1e-4)
+    turning = fem.points[:, :1] * shapes[:, 1] - fem.points[:, 1:2] * shapes[:, 0]
+    torsion = f[np.sqrt(fem.lumped_mass @ turning**2) > 0.9 * 0.01 / np.sqrt(2)]
+    np.testing.assert_allclose(torsion[:2], np.array([1, 2]) * bar.shear_wave_speed / 0.8, rtol=3e-3)
+
+
+def test_bending_frequency_of_a_slender_bar():
+    fem = ep.fe_model(box(0.008, 0.01, 0.4), ep.STEEL, maxh=0.01)
+    lowest = frequencies(fem, 300.0).omega[0] / (2 * np.pi)
+    radius_of_gyration = 0.008 / np.sqrt(12)
+    euler = 22.373 / (2 * np.pi * 0.4**2) * ep.STEEL.bar_wave_speed * radius_of_gyration
+    # Shear and rotary inertia lower it, by about 100 (r / L)^2 = 0.3 % (Timoshenko).
+    assert 0.995 < lowest / euler < 0.999
+
+
+def test_first_frequencies_of_a_square_plate():
+    material = ep.Material(E=70e9, nu=0.3, rho=2700.0)
+    fem = ep.fe_model(box(0.2, 0.2, 0.002), material, maxh=0.012)
+    lowest = frequencies(fem, 450.0).omega
+    D = material.E * 0.002**3 / 12 / (1 - 0.3**2)
+    thin = np.array([13.489, 19.789, 24.432]) / 0.2**2 * np.sqrt(D / (2700 * 0.002))  # Leissa 1973, free, nu = 0.3
+    np.testing.assert_allclose(lowest[:3], thin, rtol=0.012)
+
+
+def test_lumped_and_consistent_frequencies_enclose_each_other(block):
+    f_max = 80e3
+    consistent = frequencies(block, f_max).omega[:4]
+    lumped = frequencies(block, f_max, block.lumped_mass_matrix).omega[:4]
+    np.testing.assert_allclose(lumped, consistent, rtol=0.05)
+
+
+def test_millimetres_with_an_si_material_warn():
+    with pytest.warns(UnitsWarning, match="scale it by 1e-3"):
+        ep.fe_model(box(10, 20, 30), ep.STEEL, maxh=10)
+
+
+def test_consistent_units_of_mm_t_s_do_not_warn():
+    steel = ep.Material(E=210e3, nu=0.3, rho=7.8e-9)
+    fem = ep.fe_model(box(10, 20, 30), steel, maxh=10)
+    assert fem.total_mass == pytest.approx(6000 * 7.8e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"order": 3, "maxh": 1e-3}, "order: expected 1 or 2"),
+        ({}, "maxh"),
+        ({"maxh": -1.0}, "maxh: expected a finite number above zero"),
+    ],
+)
+def test_bad_options(arguments, message):
+    with pytest.raises(InputError, match=message):
+        ep.fe_model(box(0.01, 0.01, 0.01), ep.STEEL, **arguments)
+
+
+def test_not_a_shape():
+    with pytest.raises(InputError, match="expected an OCC shape"):
+        ep.fe_model([1, 2, 3], ep.STEEL, maxh=1e-3)
+
+
+def test_a_held_or_misordered_stiffness_is_refused(block):
+    held = block.stiffness.tolil()
+    held[0, 0] *= 2
+    with pytest.raises(MeshError, match="rigid motion gives forces"):
+        ep.FEModel(block.points, block.cells, block.mass, held.tocsr(), block.cell_mass, block.material, {})
+
+
+def test_not_finite_points(block):
+    points = np.array(block.points)
+    points[3, 1] = np.nan
+    with pytest.raises(InputError, match=r"points: expected finite numbers, got nan at index \(3, 1\)"):
+        ep.FEModel(points, block.cells, block.mass, block.stiffness, block.cell_mass, block.material, {})
+
+
+def test_surface_mesh_is_refused():
+    mesh = ngsolve.Mesh(occ.OCCGeometry(occ.Rectangle(1, 1).Face(), dim=2).GenerateMesh(maxh=0.5))
+    with pytest.raises(MeshError, match="three-dimensional"):
+        ep.fe_model(mesh, ep.STEEL)
+
+
+@pytest.mark.parametrize("values", [{"E": -1}, {"E": np.nan}, {"nu": 0.5}, {"rho": 0}])
+def test_bad_material(values):
+    with pytest.raises(InputError, match=next(iter(values))):
+        ep.Material(**{"E": 1.0, "nu": 0.3, "rho": 1.0, **values})

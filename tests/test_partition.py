@@ -1,0 +1,53 @@
+"""Impact regions and contact patches."""
+
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.errors import EmptyRegionError, InputError
+
+
+def test_ball_takes_the_nodes_within_it(block):
+    partition = ep.Partition.ball(block, (0, 0, 0.03), 8e-3, contact_radius=5e-3)
+    distance = np.linalg.norm(block.points - [0, 0, 0.03], axis=1)
+    assert set(np.flatnonzero(distance <= 8e-3)) <= set(partition.nodes)
+    assert set(partition.patch_nodes) <= set(partition.nodes)
+    centres = block.points[partition.facets[:, :3]].mean(axis=1)
+    assert np.linalg.norm(centres - [0, 0, 0.03], axis=1).max() <= 5e-3
+    np.testing.assert_allclose(partition.direction, [0, 0, 1], atol=1e-12)
+
+
+def test_direction_can_be_given_within_the_patch_s_half_space(block):
+    given = ep.Partition.ball(block, (0, 0, 0.03), 8e-3, direction=[0, 0.1, 2.0])
+    np.testing.assert_allclose(given.direction, np.array([0, 0.1, 2.0]) / np.hypot(0.1, 2.0))
+    with pytest.raises(InputError, match="points out of the patch"):
+        ep.Partition.ball(block, (0, 0, 0.03), 8e-3, direction=[0, 0, -1])
+
+
+def test_region_outside_the_body(block):
+    with pytest.raises(EmptyRegionError, match=r"no node lies within .* the nearest is .* Move the center"):
+        ep.Partition.ball(block, (1, 1, 1), 1e-3)
+
+
+def test_region_without_contact_nodes(block):
+    with pytest.raises(EmptyRegionError, match="so nothing there can touch"):
+        ep.Partition.ball(block, (0, 0, 0.015), 4.5e-3)
+
+
+@pytest.mark.parametrize(
+    ("center", "radius", "message"),
+    [
+        ((0, 0), 1e-3, r"center: expected shape \(3,\), got \(2,\)"),
+        ((0, 0, np.nan), 1e-3, "center: expected finite numbers"),
+        ("abc", 1e-3, "center: expected numbers"),
+        ((0, 0, 0), 0.0, "radius: expected a finite number above zero in m, got 0.0"),
+    ],
+)
+def test_bad_arguments(block, center, radius, message):
+    with pytest.raises(InputError, match=message):
+        ep.Partition.ball(block, center, radius)
+
+
+def test_contact_radius_above_the_region(block):
+    with pytest.raises(InputError, match="contact_radius: expected at most radius"):
+        ep.Partition.ball(block, (0, 0, 0.03), 8e-3, contact_radius=9e-3)

@@ -1,0 +1,258 @@
+"""Runs in Exudyn: oracle, conservation, both integrators, other items, errors, and what is kept when a run ends early."""
+
+import os
+import signal
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+import scipy.linalg
+from conftest import TOP, relative
+
+import exudyn_partition as ep
+from exudyn_partition.contact.complementarity import Complementarity
+from exudyn_partition.errors import ContactPatchWarning, InputError, RunError, StepSizeError, StoppedRunWarning
+
+END = 60e-6
+
+
+def verlet(law, bodies, position_velocity, step, steps):
+    """The oracle: the same reduced model by central differences in a dozen lines of NumPy."""
+    stiffness = np.concatenate([body.stiffness.diagonal() for body in bodies])
+    problem = Complementarity(law.problem.F)
+    q, v = np.zeros(len(stiffness)), position_velocity.copy()
+    a, force = np.zeros(len(q)), np.zeros(steps + 1)
+    for n in range(steps):
+        q = q + step * v + step**2 / 2 * a
+        lam = problem.solve(law.rows.gap + law.H @ q)
+        new = law.H.T @ lam - stiffness * q
+        v, a, force[n + 1] = v + step / 2 * (a + new), new, lam.sum()
+    return q, v, force
+
+
+def test_exudyn_integrates_what_numpy_does(impact, bodies):
+    mbs, striker, target, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6)
+    assert result.status == "finished"
+    assert result.steps == 120
+    start = np.concatenate([-bodies[0].rigid[:, 2], np.zeros(bodies[1].n_dofs)])
+    q, v, force = verlet(contact.law, bodies, start, 0.5e-6, 120)
+    assert contact.force(result).max() > 1e3
+    np.testing.assert_allclose(contact.force(result), force, atol=1e-8 * force.max())
+    got = np.hstack([striker.coordinates(result)[-1], target.coordinates(result)[-1]])
+    np.testing.assert_allclose(got, q, atol=1e-9 * abs(q).max())
+    got = np.hstack([striker.coordinates_t(result)[-1], target.coordinates_t(result)[-1]])
+    np.testing.assert_allclose(got, v, atol=1e-8 * abs(v).max())
+
+
+def test_momentum_and_energy(impact):
+    mbs, striker, target, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
+    history = result.history(contact)
+    change = [item.momentum(result)[-1] - item.momentum(result)[0] for item in (striker, target)]
+    np.testing.assert_allclose(change[0], [0, 0, history.impulse], atol=1e-9 * history.impulse)
+    np.testing.assert_allclose(change[1], -change[0], atol=1e-9 * history.impulse)
+    energy = striker.energy(result) + target.energy(result) + contact.energy(result)
+    assert energy[0] == pytest.approx(0.5 * striker.body.total_mass)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
+    assert contact.closed_rows(result).max() > 1
+    assert contact.force(result).min() >= 0
+
+
+def test_energy_error_is_of_second_order_in_the_step(mbs, bodies):
+    errors = []
+    for step in (0.4e-6, 0.2e-6):
+        model = exu.SystemContainer().AddSystem()
+        striker = ep.CreatePartitionBody(model, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
+        target = ep.CreatePartitionBody(model, bodies[1])
+        contact = ep.CreatePartitionContact(model, striker, target)
+        model.Assemble()
+        result = ep.solve_dynamic(model, end_time=20e-6, step=step)
+        energy = striker.energy(result) + target.energy(result) + contact.energy(result)
+        errors.append(abs(energy / energy[0] - 1).max())
+    assert 2.5 < errors[0] / errors[1] < 6
+
+
+def test_explicit_and_implicit_agree_and_converge(impact):
+    mbs, striker, target, contact = impact
+    explicit = contact.force(ep.solve_dynamic(mbs, end_time=END, step=0.05e-6, sample_period=1e-6))
+    errors = []
+    for step in (0.4e-6, 0.1e-6):
+        result = ep.solve_dynamic(
+            mbs, end_time=END, step=step, sample_period=1e-6, method="implicit", spectral_radius=1.0
+        )
+        force = np.interp(np.linspace(0, END, len(explicit)), result.t, contact.force(result))
+        errors.append(relative(force, explicit))
+    assert errors[1] < 0.01
+    assert errors[1] < errors[0]
+
+
+def test_velocity_of_a_rigid_body_before_contact(mbs, bodies):
+    body = ep.CreatePartitionBody(
+        mbs, bodies[0], referencePosition=[1, 2, 3], initialVelocity=[1, 2, 3], initialAngularVelocity=[0.1, 0, 0]
+    )
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-6)
+    point = bodies[0].points[bodies[0].nearest_node((0.008, 0.0, 0.015))]
+    expected = np.array([1, 2, 3]) + np.cross([0.1, 0, 0], point - [0, 0, 0.010])
+    np.testing.assert_allclose(body.velocity(result, point)[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(body.displacement(result, point)[-1], 1e-6 * expected, rtol=1e-4)
+
+
+def test_the_caller_s_model_keeps_working(impact):
+    """A mass on a spring beside the impact, its sensor, and a PreStep function of the user's own."""
+    mbs, _, _, contact = impact
+    mass = mbs.AddObject(
+        items.MassPoint(physicsMass=1.0, nodeNumber=mbs.AddNode(items.NodePoint(initialVelocities=[1, 0, 0])))
+    )
+    ground = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.ObjectGround())))
+    end = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mass))
+    omega = 2 * np.pi / END
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=[ground, end], stiffness=[omega**2] * 3, damping=[0] * 3))
+    sensor = mbs.AddSensor(
+        items.SensorBody(bodyNumber=mass, outputVariableType=exu.OutputVariableType.Position, storeInternal=True)
+    )
+    calls = []
+    mbs.SetPreStepUserFunction(lambda mbs, t: calls.append(t) or True)
+    own = mbs.GetPreStepUserFunction()["function"]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
+    assert len(calls) == 600
+    assert mbs.GetPreStepUserFunction()["function"] is own
+    np.testing.assert_allclose(result.sensor(sensor)[:, 0], np.sin(omega * result.t) / omega, atol=1e-3 / omega)
+    assert contact.force(result).max() > 1e3
+
+
+def test_plain_solve_dynamic_gives_the_same(impact):
+    mbs, _, _, contact = impact
+    ours = contact.force(ep.solve_dynamic(mbs, end_time=END, step=0.5e-6))
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = END, 120
+    settings.timeIntegration.verboseMode = 0
+    settings.solution.sensors.writePeriod = END / 120
+    settings.solution.file.write = False
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    np.testing.assert_allclose(contact.force(ep.collect(mbs)), ours, atol=1e-9 * ours.max())
+
+
+def test_stability_limit_against_dense_eigenvalues(impact, bodies):
+    mbs, _, _, contact = impact
+    K = scipy.linalg.block_diag(*(body.stiffness.toarray() for body in bodies)) + contact.law.closed_stiffness()
+    assert ep.stability_limit(mbs) == pytest.approx(2 / np.sqrt(np.linalg.eigvalsh(K)[-1]), rel=1e-3)
+
+
+def test_step_above_the_stability_limit(impact):
+    mbs, *_ = impact
+    limit = ep.stability_limit(mbs)
+    with pytest.raises(StepSizeError, match=r"above the stability limit .* Take at most"):
+        ep.solve_dynamic(mbs, end_time=END, step=1.05 * limit)
+    assert ep.solve_dynamic(mbs, end_time=END, step=0.95 * limit).status == "finished"
+
+
+@pytest.fixture(scope="module")
+def nodal_bodies(ball, block, top):
+    return [ep.reduce(fem, partition, basis="free", f_cut=150e3) for fem, partition in (ball, (block, top))]
+
+
+def nodal_impact(mbs, nodal_bodies):
+    striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
+    target = ep.CreatePartitionBody(mbs, nodal_bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange", name="tip")
+    mbs.Assemble()
+    return striker, target, contact
+
+
+def test_multipliers_conserve_momentum_and_agree_with_compliance(nodal_bodies, impact):
+    mbs = exu.SystemContainer().AddSystem()
+    striker, target, contact = nodal_impact(mbs, nodal_bodies)
+    result = ep.solve_dynamic(mbs, end_time=30e-6)
+    change = [item.momentum(result)[-1, 2] - item.momentum(result)[0, 2] for item in (striker, target)]
+    assert change[0] == pytest.approx(-change[1], rel=1e-9)
+    impulse = contact.force(result)[1:].sum() * result.step
+    assert change[0] == pytest.approx(impulse, rel=1e-9)
+    energy = striker.energy(result) + target.energy(result)
+    assert energy[-1] == pytest.approx(energy[0], rel=0.02)
+    # The paper's basis is the stiffer one: its impulse comes earlier.
+    compliance = ep.solve_dynamic(impact[0], end_time=30e-6, step=0.1e-6)
+    other = impact[1].momentum(compliance)[-1, 2] - impact[1].momentum(compliance)[0, 2]
+    assert 1.0 < change[0] / other < 1.25
+
+
+def test_multipliers_keep_gaps_closed(mbs, nodal_bodies):
+    _, _, contact = nodal_impact(mbs, nodal_bodies)
+    result = ep.solve_dynamic(mbs, end_time=3e-6)
+    q = np.hstack([contact.slave.coordinates(result), contact.master.coordinates(result)])
+    gaps = contact.law.rows.gap[:, None] + contact.law.G @ q.T
+    assert gaps.min() > -1e-15
+    assert contact.force(result).max() > 100
+
+
+def test_multipliers_are_refused_in_implicit_runs(mbs, nodal_bodies):
+    nodal_impact(mbs, nodal_bodies)
+    with pytest.raises(InputError, match="contact 'tip' has formulation 'lagrange'"):
+        ep.solve_dynamic(mbs, end_time=END, method="implicit")
+
+
+def test_ctrl_c_keeps_what_was_computed(impact):
+    mbs, _, _, contact = impact
+    before = signal.getsignal(signal.SIGINT)
+    interrupted = []
+
+    def press_ctrl_c(share):
+        if share > 0.5 and not interrupted:
+            interrupted.append(share)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to"):
+        result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6, progress=press_ctrl_c)
+    assert result.status == "interrupted"
+    assert 0.45 * END < result.t[-1] < 0.6 * END
+    assert contact.force(result).max() > 1e3
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_unstable_run_keeps_what_was_computed(impact):
+    """Made unstable by a user's own force, which no check beforehand can see."""
+    mbs, striker, _, contact = impact
+    n = striker.body.n_dofs
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=[striker["nModal"]],
+            forceUserFunction=lambda mbs, t, i, q, v: (1e16 * np.asarray(q) if t > 30e-6 else np.zeros(n)),
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
+    mbs.Assemble()
+    with pytest.warns(StoppedRunWarning, match="results are kept up to t = "):
+        result = ep.solve_dynamic(mbs, end_time=2000e-6, step=0.5e-6)
+    assert result.status == "unstable"
+    assert 30e-6 <= result.t[-1] < 1500e-6
+    assert np.isfinite(contact.force(result)).all()
+    assert np.isfinite(striker.coordinates(result)).all()
+
+
+def test_sliding_out_of_the_frozen_pairs_warns(mbs, bodies):
+    striker = ep.CreatePartitionBody(
+        mbs, bodies[0], referencePosition=TOP, initialVelocity=[200.0, 0, -1.0]
+    )
+    ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, bodies[1]), name="tip")
+    mbs.Assemble()
+    with pytest.warns(ContactPatchWarning, match="contact 'tip' slid by"):
+        ep.solve_dynamic(mbs, end_time=20e-6)
+
+
+def test_misuse(mbs, bodies, block):
+    with pytest.raises(InputError, match="expected what reduce"):
+        ep.CreatePartitionBody(mbs, block)
+    with pytest.raises(InputError, match="frame: expected one of 'inertial'"):
+        ep.CreatePartitionBody(mbs, bodies[0], frame="floating")
+    with pytest.raises(InputError, match=r"initialVelocity: expected shape \(3,\)"):
+        ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[1.0])
+    body = ep.CreatePartitionBody(mbs, bodies[0])
+    with pytest.raises(InputError, match="expected two bodies, got the same twice"):
+        ep.CreatePartitionContact(mbs, body, body)
+    with pytest.raises(InputError, match="formulation: expected one of"):
+        ep.CreatePartitionContact(mbs, body, ep.CreatePartitionBody(mbs, bodies[1]), formulation="glue")
+    with pytest.raises(RunError, match=r"call mbs.Assemble\(\)"):
+        ep.solve_dynamic(mbs, end_time=1e-3)
