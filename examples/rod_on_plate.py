@@ -29,7 +29,9 @@ STORED = Path(__file__).with_name("rod_on_plate_reference.npz")
 
 def fe_models(quick):
     """FE models of rod and plate with their partitions, and the times of meshing and assembly."""
-    rod = occ.Cylinder(occ.Pnt(0, 0, RADIUS), occ.Z, r=RADIUS, h=LENGTH - RADIUS) + occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
+    rod = occ.Cylinder(occ.Pnt(0, 0, RADIUS), occ.Z, r=RADIUS, h=LENGTH - RADIUS) + occ.Sphere(
+        occ.Pnt(0, 0, RADIUS), RADIUS
+    )
     plate = occ.Box(occ.Pnt(-SIDE / 2, -SIDE / 2, -THICKNESS), occ.Pnt(SIDE / 2, SIDE / 2, 0))
     maxh, h_rod, h_plate = (12e-3, 0.35e-3, 0.45e-3) if quick else (6e-3, 0.20e-3, 0.25e-3)
     begin = time.perf_counter()
@@ -106,9 +108,18 @@ def summary(fems, times, run, reduce_s, reference, source):
         "contact_nodes": len(contact.law.rows),
         "step_s": result.step,
         "steps": result.steps,
-        "time": {**times, "reduce_s": reduce_s, "online_s": result.time_s, "reference_s": errors.reference_time_s},
+        "time": {
+            **times,
+            "reduce_s": reduce_s,
+            "online_s": result.time_s,
+            "reference_s": errors.reference_time_s,
+        },
         "reference": source,
-        "error": {"force": errors.error["force"], "velocity_p1": errors.error["P1"], "velocity_p2": errors.error["P2"]},
+        "error": {
+            "force": errors.error["force"],
+            "velocity_p1": errors.error["P1"],
+            "velocity_p2": errors.error["P2"],
+        },
         "peak_force_N": history.peak_force,
         "contact_duration_s": history.contact_duration,
         "impulse_Ns": history.impulse,
@@ -129,7 +140,10 @@ def show(result):
         table.add_row(key, f"{100 * value:.2f} %")
     table.add_section()
     for key, value in result["time"].items():
-        table.add_row(key.replace("_s", ""), f"{value:.3g} s" + (f" ({result['reference']})" if "reference" in key else ""))
+        table.add_row(
+            key.replace("_s", ""),
+            f"{value:.3g} s" + (f" ({result['reference']})" if "reference" in key else ""),
+        )
     table.add_row("reference / online", f"{result['time']['reference_s'] / result['time']['online_s']:.0f}")
     Console().print(table)
 
@@ -140,7 +154,9 @@ def main(argv=None):
     parser.add_argument("--basis", default="contact-adapted", choices=["contact-adapted", "residual", "free"])
     parser.add_argument("--f-cut", type=float, default=40e3, metavar="HZ")
     parser.add_argument("--method", default="explicit", choices=["explicit", "implicit"])
-    parser.add_argument("--end-time", type=float, metavar="S", help="default 5 ms; 0.5 ms with --quick; 0.3 ms with free")
+    parser.add_argument(
+        "--end-time", type=float, metavar="S", help="default 5 ms; 0.5 ms with --quick; 0.3 ms with free"
+    )
     parser.add_argument("--quick", action="store_true", help="coarser mesh, 0.5 ms, its own reference")
     parser.add_argument("--reference", action="store_true", help="compute the full FE reference anew")
     parser.add_argument("--out", type=Path, default=Path("out/rod_on_plate"), metavar="DIR")

@@ -1,4 +1,4 @@
-"""Partitioned flexible bodies with trustworthy contact for Exudyn; see `reduce`, `CreatePartitionBody`, `solve_dynamic`.
+"""Partitioned flexible bodies with trustworthy contact for Exudyn.
 
 Names are imported on first use, so that importing the package is instant and needs neither Exudyn nor NGSolve.
 """

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from ._checks import read_only
 from .errors import FrequencyRangeError
 from .fem import FEModel
-from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, eigenmodes, mass_normalised
+from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, RitzPairs, eigenmodes, mass_normalised
 from .partition import Partition
 
 Array = np.ndarray
@@ -118,26 +118,22 @@ def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
 
 
 def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
-    """Build the residual-flexibility basis: free modes up to `f_cut`, and the static answer of all others at the contact.
+    """Build the residual-flexibility basis: free modes up to `f_cut`, the static answer of all others at the contact.
 
-    MacNeal (1971), Rubin (1975); the contact coordinates carry no mass, F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2.
+    MacNeal (1971), Rubin (1975). The contact coordinates carry no mass; see `_with_residual_flexibility`.
     """
     rigid = mass_normalised(fem.rigid_modes, fem.mass)
     modes = _modes_to(fem, fem.mass, rigid, f_cut, progress)
     static = _static_answers(fem, partition, rigid)
-    return _with_residual_flexibility(
-        "residual", fem, partition, rigid, modes.vectors, modes.omega, static,
-        (f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz",),
-    )  # fmt: skip
+    left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz"
+    return _with_residual_flexibility("residual", fem, partition, rigid, modes, static, (left_out,))
 
 
-def contact_adapted(
-    fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None
-) -> ReducedBasis:
-    """Build the contact-adapted basis: Krylov vectors of the contact's own load, and the residual flexibility of the rest.
+def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
+    """Build the contact-adapted basis: Krylov vectors of the contact's load, and the residual flexibility of the rest.
 
-    Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, started from the answer to a uniform pressure on the patch, followed
-    by Rayleigh-Ritz. It grows until the patch's mobility below `f_cut` has settled; what that load cannot excite is never
+    Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, started from the answer to a uniform pressure on the patch, then
+    Rayleigh-Ritz. It grows until the patch's mobility below `f_cut` has settled; what that load cannot excite is never
     computed (method.md, section 2). Ritz pairs far above `f_cut` are left to the residual flexibility.
     """
     rigid = mass_normalised(fem.rigid_modes, fem.mass)
@@ -147,32 +143,30 @@ def contact_adapted(
     with ThreadPoolExecutor(1) as pool:
         # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
         static_answers = pool.submit(_static_answers, fem, partition, rigid)
-        krylov = BlockKrylov(Factorisation(fem.stiffness + shift * fem.mass).solve, fem.mass, shift, rigid, load[:, None])
+        solve = Factorisation(fem.stiffness + shift * fem.mass).solve
+        krylov = BlockKrylov(solve, fem.mass, shift, rigid, load[:, None])
         krylov.grow(2 * _GROWTH)
         static = static_answers.result()
     band = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:])
-    rest = load @ (static @ (_patch_rows(fem, partition) @ load)) - np.sum((load @ rigid) ** 2) / band**2
-    previous = np.zeros(_BAND_SAMPLES)
-    while True:
+    rest = load @ (static @ (patch_rows(fem, partition) @ load)) - np.sum((load @ rigid) ** 2) / band**2
+    mobility, growing = np.zeros(_BAND_SAMPLES, dtype=complex), True
+    while growing:
         omega, combination = krylov.rayleigh_ritz(fem.stiffness)
         keep = omega < _DROP_ABOVE * omega_cut
         participation = (load @ krylov.vectors) @ combination[:, keep]
-        mobility = band * _dynamic_receptance(omega[keep], participation, band)
-        change = np.linalg.norm(mobility - previous) / np.linalg.norm(mobility + band * rest)
-        previous = mobility
+        previous, mobility = mobility, band * _dynamic_receptance(omega[keep], participation, band)
+        change = float(np.linalg.norm(mobility - previous) / np.linalg.norm(mobility + band * rest))
+        growing = change > _SETTLED and krylov.grow(krylov.size + _GROWTH)
         if progress:
-            progress(float(min(1.0, _SETTLED / max(change, _SETTLED))))
-        if change < _SETTLED or not krylov.grow(krylov.size + _GROWTH):
-            break
+            progress(min(1.0, _SETTLED / change) if change else 1.0)
     if not (omega < omega_cut).any():
-        raise no_mode_below(fem, f_cut)
-    return _with_residual_flexibility(
-        "contact-adapted", fem, partition, rigid, krylov.vectors @ combination[:, keep], omega[keep], static,
-        (
-            f"modes below {f_cut:.6g} Hz that a load on the contact patch does not excite",
-            f"the dynamics, but not the static answer, of motion above {_DROP_ABOVE * f_cut:.6g} Hz",
-        ),
-    )  # fmt: skip
+        raise _no_mode_below(fem, f_cut)
+    pairs = RitzPairs(krylov.vectors @ combination[:, keep], omega[keep])
+    left_out = (
+        f"modes below {f_cut:.6g} Hz that a load on the contact patch does not excite",
+        f"the dynamics, but not the static answer, of motion above {_DROP_ABOVE * f_cut:.6g} Hz",
+    )
+    return _with_residual_flexibility("contact-adapted", fem, partition, rigid, pairs, static, left_out)
 
 
 def _dynamic_receptance(omega: Array, participation: Array, s: Array) -> Array:
@@ -191,25 +185,23 @@ def _pressure(fem: FEModel, partition: Partition) -> Array:
     return np.outer(share / share.sum(), partition.direction).ravel()
 
 
-def _modes_to(fem: FEModel, M: sp.spmatrix, rigid: Array, f_cut: float, progress: Progress | None):  # noqa: ANN202
+def _modes_to(fem: FEModel, M: sp.csr_matrix, rigid: Array, f_cut: float, progress: Progress | None) -> RitzPairs:
     modes = eigenmodes(fem.stiffness, M, rigid, 2 * np.pi * f_cut, progress=progress)
     if not len(modes.omega):
-        raise no_mode_below(fem, f_cut)
+        raise _no_mode_below(fem, f_cut)
     return modes
 
 
-def no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
-    """Return the error for a band without elastic modes."""
+def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
     size = np.ptp(fem.points, axis=0).max()
     return FrequencyRangeError(
         f"f_cut: no elastic mode lies below {f_cut:.6g} Hz. The body is {size:.4g} m long, longitudinal waves cross it "
-        f"{fem.material.bar_wave_speed / (2 * size):.4g} times a second there and back; take f_cut well above that, or a "
-        "rigid body"
+        f"{fem.material.bar_wave_speed / (2 * size):.4g} times a second there and back; take f_cut well above that"
     )
 
 
-def _patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
-    """(np, 3n) rows: displacement of each patch node along the patch's direction."""
+def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
+    """(np, 3n) rows G: displacement of each patch node along the patch's direction."""
     nodes = partition.patch_nodes
     columns = (3 * nodes[:, None] + np.arange(3)).ravel()
     rows = np.repeat(np.arange(len(nodes)), 3)
@@ -219,19 +211,28 @@ def _patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
 def _static_answers(fem: FEModel, partition: Partition, rigid: Array) -> Array:
     """Elastic answers of the free body to unit loads on the patch nodes, (3n, np) [m/N]."""
     flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
-    return flexibility(_patch_rows(fem, partition).T.toarray())
+    return flexibility(patch_rows(fem, partition).T.toarray())
 
 
-def _with_residual_flexibility(name, fem, partition, rigid, vectors, omega, static, left_out):  # noqa: ANN001, ANN202
-    G = _patch_rows(fem, partition)
-    at_patch = G @ vectors
-    F = G @ static - (at_patch / omega**2) @ at_patch.T
+def _with_residual_flexibility(
+    name: str,
+    fem: FEModel,
+    partition: Partition,
+    rigid: Array,
+    pairs: RitzPairs,
+    static: Array,
+    left_out: tuple[str, ...],
+) -> ReducedBasis:
+    """Basis of rigid motion and `pairs`, with the flexibility F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2."""
+    G = patch_rows(fem, partition)
+    at_patch = G @ pairs.vectors
+    F = G @ static - (at_patch / pairs.omega**2) @ at_patch.T
     return ReducedBasis(
         name=name,
-        shapes=np.hstack([rigid, vectors]),
-        omega=np.r_[np.zeros(6), omega],
-        labels=("rigid",) * 6 + tuple(f"elastic {w / (2 * np.pi):.1f} Hz" for w in omega),
-        rigid=np.vstack([rigid.T @ (fem.mass @ fem.rigid_modes), np.zeros((len(omega), 6))]),
+        shapes=np.hstack([rigid, pairs.vectors]),
+        omega=np.r_[np.zeros(6), pairs.omega],
+        labels=("rigid",) * 6 + tuple(f"elastic {w / (2 * np.pi):.1f} Hz" for w in pairs.omega),
+        rigid=np.vstack([rigid.T @ (fem.mass @ fem.rigid_modes), np.zeros((len(pairs.omega), 6))]),
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
         flexibility=(F + F.T) / 2,

@@ -25,6 +25,8 @@ _TET_FACES = {
 # the consistent element mass, scaled to the element's mass; positive also for quadratic elements.
 _HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)]}
 
+# A material with less than this is not given in SI units: foam rubber has E = 1e5 Pa, aerogel rho = 50 kg/m3.
+_SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
 _LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
 _LARGEST_PLAUSIBLE_MASS = 1e5  # kg; a 10 mm cube of steel taken for one of 10 m has 8e6 kg
 
@@ -87,6 +89,8 @@ class FEModel:
 
     def warn_if_units_slipped(self) -> None:
         """Warn (`UnitsWarning`) if size and density give an implausible frequency or mass: millimetres for metres."""
+        if self.material.E < _SOFTEST_SI or self.material.rho < _LIGHTEST_SI:
+            return  # another system of units, mm-t-s or dimensionless
         size = np.ptp(self.points, axis=0).max()
         lowest = self.material.bar_wave_speed / (2 * size)
         if lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:

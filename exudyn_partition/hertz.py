@@ -35,7 +35,9 @@ class HertzImpact:
     contact_radius: float
 
 
-def _combined(radius_1: float, radius_2: float, material_1: Material, material_2: Material | None) -> tuple[float, float]:
+def _combined(
+    radius_1: float, radius_2: float, material_1: Material, material_2: Material | None
+) -> tuple[float, float]:
     for name, radius in (("radius_1", radius_1), ("radius_2", radius_2)):
         if not radius > 0:
             raise InputError(f"{name}: expected a radius above zero [m], math.inf for a plane, got {radius!r}")

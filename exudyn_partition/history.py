@@ -65,14 +65,22 @@ class History:
         """Return the part up to `end_time` [s]."""
         keep = self.t <= end_time * (1 + 1e-9)
         return History(
-            self.t[keep].copy(), self.force[keep].copy(), {k: v[keep].copy() for k, v in self.velocity.items()}, self.info
+            self.t[keep].copy(),
+            self.force[keep].copy(),
+            {k: v[keep].copy() for k, v in self.velocity.items()},
+            self.info,
         )
 
     def save(self, path: str | Path) -> None:
         """Write to an npz file, in single precision but for the times."""
-        arrays = {f"velocity_{k}": v.astype(np.float32) for k, v in self.velocity.items()}
+        arrays: dict[str, Any] = {f"velocity_{k}": v.astype(np.float32) for k, v in self.velocity.items()}
         np.savez_compressed(
-            path, format=_FORMAT, t=self.t, force=self.force.astype(np.float32), info=json.dumps(self.info), **arrays
+            path,
+            format=_FORMAT,
+            t=self.t,
+            force=self.force.astype(np.float32),
+            info=json.dumps(self.info),
+            **arrays,
         )
 
     @classmethod

@@ -147,8 +147,8 @@ def CreatePartitionBody(
     """Add a reduced body to a model.
 
     A NodeGenericODE2 holds the shape coordinates, a second one the nodal coordinates of the paper's basis, an
-    ObjectGenericODE2 the matrices: identity mass and diagonal stiffness go to Exudyn as they are; the coupling of shapes
-    and nodes is applied as a sparse product on Exudyn's own coordinates.
+    ObjectGenericODE2 the matrices: identity mass and diagonal stiffness go to Exudyn as they are; the coupling of
+    shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
 
     Parameters
     ----------
@@ -242,9 +242,11 @@ def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) ->
 
 
 def _slices(mbs: Any, nodes: list[Any]) -> list[slice]:
-    """Places of the nodes' coordinates in the system vector; asked anew each time, for a model may be assembled anew."""
+    """Places of the nodes' coordinates in the system vector, asked anew: a model may be assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in nodes]
-    return [slice(a, a + mbs.GetNodeParameter(n, "numberOfODE2Coordinates")) for a, n in zip(starts, nodes, strict=True)]
+    return [
+        slice(a, a + mbs.GetNodeParameter(n, "numberOfODE2Coordinates")) for a, n in zip(starts, nodes, strict=True)
+    ]
 
 
 def CreatePartitionContact(
@@ -257,8 +259,8 @@ def CreatePartitionContact(
 ) -> PartitionContact:
     """Add frictionless contact between the patches of two partition bodies.
 
-    Each patch node of the slave faces the closest point of the master's facets (node-to-segment, paper section 3). Pairs
-    are frozen in the reference configuration.
+    Each patch node of the slave faces the closest point of the master's facets (node-to-segment, paper section 3).
+    Pairs are frozen in the reference configuration.
 
     Parameters
     ----------
@@ -355,8 +357,10 @@ def _add_lagrange(mbs: Any, contact: PartitionContact) -> None:
             law.reset()
         step = t - start_of_step
         slices = _slices(mbs, nodes)
-        q, q_t, q_tt = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        increment = law.increment(*(np.concatenate([x[s] for s in slices]) for x in (q, q_t, q_tt)), step)
+        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
+        views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
+        q_now, q_t_now, q_tt_now = (np.concatenate([view[s] for s in slices]) for view in views)
+        increment = law.increment(q_now, q_t_now, q_tt_now, step)
         if increment is not None:
             start = 0
             for s in slices:

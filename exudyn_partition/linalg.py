@@ -53,7 +53,9 @@ class Factorisation:
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:
-            raise IndefiniteMatrixError(f"the matrix of order {matrix.shape[0]} cannot be factorised: {error}") from error
+            raise IndefiniteMatrixError(
+                f"the matrix of order {matrix.shape[0]} cannot be factorised: {error}"
+            ) from error
 
     def solve(self, rhs: Array) -> Array:
         """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks."""
@@ -102,21 +104,17 @@ class FreeBodyFlexibility:
 
 @dataclass(frozen=True, eq=False)
 class RitzPairs:
-    """Mass-normalised Ritz vectors and what is known of them.
+    """Mass-normalised Ritz vectors and their frequencies.
 
     Parameters
     ----------
     vectors : (n, k) array
     omega : (k,) array
         Circular frequencies, ascending [rad/s].
-    residual : (k,) array
-        Norm of the operator residual relative to the Ritz value of (K + s M)^-1 M: the relative error of an
-        eigenvalue is below it.
     """
 
     vectors: Array
     omega: Array
-    residual: Array
 
 
 class BlockKrylov:
@@ -210,7 +208,10 @@ class BlockKrylov:
         return self._store[:, : self.size]
 
     def ritz_values(self) -> tuple[Array, Array, Array]:
-        """Frequencies ascending [rad/s], their residuals and the combinations of `vectors` that belong to them."""
+        """Frequencies ascending [rad/s], residuals and combinations of `vectors`, from the shifted operator.
+
+        A residual is relative to the Ritz value of (K + s M)^-1 M; the relative error of that value is below it.
+        """
         theta, combination = np.linalg.eigh(self._operator)
         theta, combination = theta[::-1], combination[:, ::-1]
         keep = theta > 0
@@ -223,7 +224,7 @@ class BlockKrylov:
     def rayleigh_ritz(self, stiffness: sp.csr_matrix) -> tuple[Array, Array]:
         """Frequencies ascending [rad/s] and combinations of `vectors` by projecting K itself.
 
-        Other than `ritz_values`, whose unsettled pairs may lie anywhere, these frequencies are never below the true ones.
+        Unlike those of `ritz_values`, which lie anywhere until settled, these frequencies are never below the true.
         """
         known = len(self._projected)
         if known < self.size:
@@ -285,5 +286,5 @@ def eigenmodes(
         if progress:
             progress(float(settled.mean()) * min(1.0, krylov.size / (2 * inside + 1)))
         if (len(omega) > inside and settled.all()) or not more:
-            return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside], residual[:inside])
+            return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
         size = max(krylov.size + 4 * block, int(1.1 * krylov.size), inside + 4 * block)

@@ -204,9 +204,7 @@ def _nodal_basis(ngsolve: Any, mesh: Any, order: int) -> tuple[sp.csr_matrix, Ar
     c = float(max(np.array(midpoint_values)[4:], key=abs))
     ne = len(edges)
     rows = nv + np.arange(ne)
-    weights = sp.csr_matrix(
-        (np.full(2 * ne, -0.5 / c), (np.r_[rows, rows], edges.T.ravel())), shape=(nv + ne, nv + ne)
-    )
+    weights = sp.csr_matrix((np.full(2 * ne, -0.5 / c), (np.r_[rows, rows], edges.T.ravel())), shape=(nv + ne, nv + ne))
     return (weights + sp.diags(np.r_[np.ones(nv), np.full(ne, 1 / c)])).tocsr(), edges
 
 

@@ -61,7 +61,7 @@ class _HHT:
     The contact force stands at the end of the step alone, so that a step ends with its gaps closed exactly.
     """
 
-    def __init__(self, body: FullBody, G: Array, step: float, alpha: float) -> None:
+    def __init__(self, body: FullBody, G: sp.csr_matrix, step: float, alpha: float) -> None:
         fem = body.fem
         self.K = fem.stiffness
         self.M = fem.mass if body.mass == "consistent" else fem.lumped_mass_matrix
@@ -108,7 +108,7 @@ def simulate(
     rows: ContactRows | None = None,
     progress: Progress | None = None,
 ) -> History:
-    """Integrate two full FE bodies in contact: HHT, one factorisation a body, the rows' complementarity exact each step.
+    """Integrate two full FE bodies in contact by HHT: one factorisation a body, exact complementarity each step.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def simulate(
         dofs = (3 * body.partition.patch_nodes[:, None] + np.arange(3)).ravel()
         wide = G @ _selection(dofs, body.fem.n_dofs)
         sides.append(_HHT(body, wide, step, alpha))
-    contact = Complementarity(sum(side.compliance() for side in sides))
+    contact = Complementarity(sides[0].compliance() + sides[1].compliance())
     nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}
 
     t = step * np.arange(steps + 1)

@@ -20,8 +20,8 @@ from ._optional import require
 from .contact.compliance import ComplianceContact
 from .errors import ContactPatchWarning, InputError, RunError, StepSizeError, StoppedRunWarning
 from .history import History
-from .linalg import one_blas_thread
 from .items import PartitionBody, PartitionContact, partition_items
+from .linalg import one_blas_thread
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -264,7 +264,7 @@ def collect(mbs: Any) -> Result:
 
 
 def _checked_step(mbs: Any, step: float | None, method: str) -> float:
-    bodies, contacts = partition_items(mbs)
+    bodies, _ = partition_items(mbs)
     limit = stability_limit(mbs) if method == "explicit" else float("inf")
     if step is None:
         if not bodies:
@@ -283,8 +283,8 @@ def _refuse_multipliers(mbs: Any) -> None:
     for contact in partition_items(mbs)[1]:
         if contact.explicit_only:
             raise InputError(
-                f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in explicit "
-                "central differences; use method='explicit', or bodies and a contact with formulation 'compliance'"
+                f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in "
+                "explicit central differences; use method='explicit', or bodies and a contact with formulation 'compliance'"
             )
 
 
@@ -334,9 +334,7 @@ def _root(error: BaseException) -> str:
     return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
 
 
-def _finish(
-    result: Result, mbs: Any, status: str, message: str, step: float, method: str, time_s: float
-) -> Result:
+def _finish(result: Result, mbs: Any, status: str, message: str, step: float, method: str, time_s: float) -> Result:
     """Complete a result and say what needs saying."""
     last = float(result.t[-1]) if len(result.t) else 0.0
     if status == "finished" and result.status == "unstable":
@@ -345,7 +343,13 @@ def _finish(
         message = f"{message}; results are kept up to t = {last:.6g} s"
         warnings.warn(message, StoppedRunWarning, stacklevel=3)
     result = replace(
-        result, status=status, message=message, step=step, steps=round(last / step), method=method, time_s=time_s
+        result,
+        status=status,
+        message=message,
+        step=step,
+        steps=round(last / step),
+        method=method,
+        time_s=time_s,
     )
     for contact in partition_items(mbs)[1]:
         _warn_of_patch(contact, result)
@@ -365,8 +369,8 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     size = contact.law.rows.facet_size
     if slide > size:
         warnings.warn(
-            f"{name} slid by {slide:.3g} m at t = {when:.6g} s while closed, more than a facet ({size:.3g} m): its pairs "
-            "are frozen in the reference configuration and no longer true",
+            f"{name} slid by {slide:.3g} m at t = {when:.6g} s while closed, more than a facet ({size:.3g} m): its "
+            "pairs are frozen in the reference configuration and no longer true",
             ContactPatchWarning,
             stacklevel=4,
         )

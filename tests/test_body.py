@@ -39,9 +39,7 @@ def test_reduced_matrices_are_those_of_a_dense_product(block, body):
 
 def test_rigid_motion_is_in_every_basis(block, body):
     motion = np.array([0.1, -0.2, 0.3, 4.0, 5.0, -6.0])
-    np.testing.assert_allclose(
-        body.displacement(body.rigid @ motion).ravel(), block.rigid_modes @ motion, atol=1e-9
-    )
+    np.testing.assert_allclose(body.displacement(body.rigid @ motion).ravel(), block.rigid_modes @ motion, atol=1e-9)
 
 
 def test_rows_are_rows_of_the_basis(body):
@@ -95,7 +93,7 @@ def receptance_defect(block, body, top, frequency):
 @pytest.mark.parametrize("f_cut", [80e3, 150e3])
 @pytest.mark.parametrize("frequency", [5e3, 20e3, 33e3])
 def test_residual_basis_lacks_only_the_inertia_of_what_is_cut(block, top, f_cut, frequency):
-    """sum over cut modes of p^2 (1/(w_k^2 - w^2) - 1/w_k^2): positive, below w^2/(w_cut^2 - w^2) times their static answer."""
+    """Their p^2 (1/(w_k^2 - w^2) - 1/w_k^2) > 0 is below w^2 / (w_cut^2 - w^2) times their static answer."""
     body = ep.reduce(block, top, basis="residual", f_cut=f_cut)
     defect, _ = receptance_defect(block, body, top, frequency)
     assert 0 < defect < frequency**2 / (f_cut**2 - frequency**2) * body.basis.flexibility.sum()

@@ -8,7 +8,13 @@ from conftest import box
 
 import exudyn_partition as ep
 from exudyn_partition.errors import IndefiniteMatrixError
-from exudyn_partition.linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, eigenmodes, mass_normalised
+from exudyn_partition.linalg import (
+    BlockKrylov,
+    Factorisation,
+    FreeBodyFlexibility,
+    eigenmodes,
+    mass_normalised,
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""Contact between reduced or full bodies: surfaces, gap rows, complementarity, and the laws on them."""

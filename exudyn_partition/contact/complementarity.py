@@ -1,4 +1,4 @@
-"""Linear complementarity with a symmetric positive definite matrix: find lambda >= 0 with w = F lambda + h >= 0, lambda'w = 0."""
+"""Linear complementarity with a positive definite matrix: lambda >= 0, w = F lambda + h >= 0, lambda'w = 0."""
 
 from __future__ import annotations
 

@@ -1,0 +1,111 @@
+"""Architecture, README, and the examples as a user runs them."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition._optional import require
+from exudyn_partition.errors import MissingPackageError
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "exudyn_partition"
+ORDER = [  # data flows this way; imports point back along it
+    "errors", "_checks", "_optional", "_progress", "material", "fem", "ngsolve_fem", "linalg", "hertz", "partition",
+    "basis", "contact.surface", "contact.rows", "contact.complementarity", "body", "contact.compliance", "contact.lagrange",
+    "history", "items", "solve", "reference", "report", "plot", "__init__", "contact.__init__",
+]  # fmt: skip
+
+
+def imports(path):
+    """Modules of the package, and packages outside, that a module imports, also through `require`."""
+    module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+    inside, outside = set(), set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = module.split(".")[: -node.level]
+            names = [node.module] if node.module else [alias.name for alias in node.names]
+            inside |= {".".join([*base, name]) for name in names}
+        elif isinstance(node, ast.ImportFrom):
+            outside.add(node.module.split(".")[0])
+        elif isinstance(node, ast.Import):
+            outside |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "require":
+            outside.add(node.args[0].value.split(".")[0])
+    return module, inside, outside
+
+
+def test_imports_point_back_along_the_data_flow():
+    modules = [imports(path) for path in PACKAGE.rglob("*.py")]
+    assert {module for module, *_ in modules} == set(ORDER)
+    for module, inside, _ in modules:
+        late = {name for name in inside if ORDER.index(name) >= ORDER.index(module)}
+        late -= {"solve"} if module == "items" else set()  # for type checking alone
+        assert not late, f"{module} imports {late}"
+
+
+def test_ngsolve_and_exudyn_have_one_door_each():
+    users = {"ngsolve": set(), "netgen": set(), "exudyn": set()}
+    for path in PACKAGE.rglob("*.py"):
+        module, _, outside = imports(path)
+        for package in outside & users.keys():
+            users[package].add(module)
+    assert users == {"ngsolve": {"ngsolve_fem"}, "netgen": {"ngsolve_fem"}, "exudyn": {"items", "solve"}}
+
+
+def test_import_needs_neither_exudyn_nor_ngsolve():
+    code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"exudyn", "ngsolve", "netgen", "matplotlib", "scipy.sparse", "rich"} & set(loaded)
+
+
+def test_every_public_name_is_there_and_documented():
+    for name in ep.__all__:
+        assert getattr(ep, name).__doc__, name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        ep.nothing  # noqa: B018
+
+
+def test_a_missing_package_is_named_with_its_pip_line():
+    with pytest.raises(MissingPackageError, match="pip install no_such_package"):
+        require("no_such_package")
+
+
+def test_readme_starts_with_two_shell_blocks_that_name_what_exists():
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+    assert [language for language, _ in blocks[:2]] == ["sh", "sh"]
+    assert sum(language == "sh" for language, _ in blocks) == 2
+    assert "python examples/rod_on_plate.py" in blocks[0][1]
+    assert blocks[1][1].strip().splitlines()[-1] == "python -m pytest"
+
+
+def test_the_program_in_the_readme_runs(tmp_path):
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+    assert blocks
+    for block in blocks:
+        subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, timeout=120)
+
+
+def test_rod_on_plate_in_quick_mode(tmp_path):
+    command = [sys.executable, str(ROOT / "examples" / "rod_on_plate.py"), "--quick", "--out", str(tmp_path)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    picture = Path(printed.strip().splitlines()[-1])
+    assert picture.parent == tmp_path.resolve()
+    assert matplotlib.image.imread(picture).std() > 0.05
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["error"]["force"] < 0.01
+    assert result["error"]["velocity_p1"] < 0.01
+    assert result["error"]["velocity_p2"] < 0.03
+    assert result["dofs"] <= 150 < result["fe_dofs"]
+    assert result["momentum_error"] < 1e-6
+    assert abs(result["energy_error"]) < 1e-3
+    # A wave returns from the rod's far end after 0.31 ms; until the plate answers, the force is that of two impedances.
+    assert 450 < result["peak_force_N"] < 800
+    assert result["time"]["reference_s"] > 50 * result["time"]["online_s"]
+    assert set(result["time"]) == {"mesh_s", "fem_s", "reduce_s", "online_s", "reference_s"}
