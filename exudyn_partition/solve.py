@@ -284,7 +284,7 @@ def _refuse_multipliers(mbs: Any) -> None:
         if contact.explicit_only:
             raise InputError(
                 f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in "
-                "explicit central differences; use method='explicit', or bodies and a contact with formulation 'compliance'"
+                "explicit central differences; use method='explicit', or formulation='compliance' with its bases"
             )
 
 
