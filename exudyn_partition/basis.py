@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ._checks import read_only
 from .errors import FrequencyRangeError
-from .fem import FEModel
+from .fem import FEModel, node_dofs
 from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, RitzPairs, eigenmodes, mass_normalised
 from .partition import Partition
 
@@ -83,12 +83,11 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     rigid = mass_normalised(fem.rigid_modes, M)
     modes = _modes_to(fem, M, rigid, f_cut, progress)
     shapes = np.hstack([rigid, modes.vectors])
-    shapes.reshape(fem.n_nodes, 3, -1)[partition.nodes] = 0.0
+    shapes[node_dofs(partition.nodes)] = 0.0
     omega_squared, combination = scipy.linalg.eigh(shapes.T @ (fem.stiffness @ shapes), shapes.T @ (M @ shapes))
     # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
-    outside = np.delete(np.arange(fem.n_nodes), partition.nodes)
-    rigid_outside = np.zeros((fem.n_nodes, 3, 6))
-    rigid_outside[outside] = fem.rigid_modes.reshape(-1, 3, 6)[outside]
+    rigid_outside = np.array(fem.rigid_modes)
+    rigid_outside[node_dofs(partition.nodes)] = 0.0
     shapes = shapes @ combination
     omega = np.sqrt(np.maximum(omega_squared, 0.0))
     return ReducedBasis(
@@ -96,7 +95,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         shapes=shapes,
         omega=omega,
         labels=tuple(f"region I shape {w / (2 * np.pi):.1f} Hz" for w in omega),
-        rigid=shapes.T @ (M @ rigid_outside.reshape(-1, 6)),
+        rigid=shapes.T @ (M @ rigid_outside),
         nodal=partition.nodes,
         mass="lumped",
         left_out=(f"elastic modes above {f_cut:.6g} Hz, outside the impact region",),
@@ -114,6 +113,45 @@ def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
         nodal=partition.nodes,
         mass="lumped",
         left_out=("all modes: the impact region covers the body",),
+    )
+
+
+def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
+    """Build the Craig-Bampton basis: modes with the contact patch held, and its static constraint modes.
+
+    Craig and Bampton (1968), boundary = the three displacements of each patch node. The reduced matrices are
+    diagonalised, which changes neither the space of motions nor any result; the patch keeps as many independent
+    displacements as it has, with their mass, and contact is by multipliers.
+    """
+    boundary = node_dofs(partition.patch_nodes)
+    interior = np.delete(np.arange(fem.n_dofs), boundary)
+    K, M = fem.stiffness[interior][:, interior], fem.mass[interior][:, interior]
+    columns = np.zeros((fem.n_dofs, len(boundary)), order="F")
+    columns[interior] = -Factorisation(K).solve(fem.stiffness[interior][:, boundary].toarray())
+    columns[boundary, np.arange(len(boundary))] = 1.0
+    held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
+    fixed = np.zeros((fem.n_dofs, len(held.omega)), order="F")
+    fixed[interior] = held.vectors
+    columns = np.hstack([fixed, columns])
+    omega_squared, combination = scipy.linalg.eigh(
+        columns.T @ (fem.stiffness @ columns), columns.T @ (fem.mass @ columns)
+    )
+    # The six lowest are rigid motion, which constraint modes hold exactly but round-off does not.
+    rigid = mass_normalised(fem.rigid_modes, fem.mass)
+    shapes = columns @ combination[:, 6:]
+    shapes -= rigid @ ((fem.mass @ rigid).T @ shapes)
+    omega = np.sqrt(omega_squared[6:])
+    if not (omega < 2 * np.pi * f_cut).any():
+        raise _no_mode_below(fem, f_cut)
+    return ReducedBasis(
+        name="craig-bampton",
+        shapes=np.hstack([rigid, shapes]),
+        omega=np.r_[np.zeros(6), omega],
+        labels=("rigid",) * 6 + tuple(f"fixed-interface and constraint {w / (2 * np.pi):.1f} Hz" for w in omega),
+        rigid=np.vstack([rigid.T @ (fem.mass @ fem.rigid_modes), np.zeros((len(omega), 6))]),
+        nodal=np.empty(0, dtype=np.int64),
+        mass="consistent",
+        left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its contact patch",),
     )
 
 
@@ -203,9 +241,9 @@ def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
 def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     """(np, 3n) rows G: displacement of each patch node along the patch's direction."""
     nodes = partition.patch_nodes
-    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
     rows = np.repeat(np.arange(len(nodes)), 3)
-    return sp.csr_matrix((np.tile(partition.direction, len(nodes)), (rows, columns)), shape=(len(nodes), fem.n_dofs))
+    values = np.tile(partition.direction, len(nodes))
+    return sp.csr_matrix((values, (rows, node_dofs(nodes))), shape=(len(nodes), fem.n_dofs))
 
 
 def _static_answers(fem: FEModel, partition: Partition, rigid: Array) -> Array:

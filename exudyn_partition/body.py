@@ -14,14 +14,18 @@ from ._checks import read_only, validate_choice, validate_positive, validate_vec
 from .basis import Progress, ReducedBasis
 from .contact.rows import Surface
 from .errors import FrequencyRangeError, InputError
-from .fem import FEModel, rigid_modes
+from .fem import FEModel, node_dofs, rigid_modes
 from .linalg import one_blas_thread
 from .partition import Partition
 
 Array = np.ndarray
 
-# craig-bampton joins here.
-BASES = {"free": bases.free, "residual": bases.residual, "contact-adapted": bases.contact_adapted}
+BASES = {
+    "free": bases.free,
+    "craig-bampton": bases.craig_bampton,
+    "residual": bases.residual,
+    "contact-adapted": bases.contact_adapted,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ class ReducedBody:
         ----------
         nodes : (k,) int array
         """
-        dofs = (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
+        dofs = node_dofs(nodes)
         shapes = self.basis.shapes[dofs]
         nodal = self.basis.nodal
         if not len(nodal):
@@ -157,9 +161,10 @@ def reduce(
     f_cut : float
         Truncation frequency [Hz]: motion below it is kept. The paper's principle: twice the highest frequency of the
         response (section 5.2).
-    basis : {"contact-adapted", "residual", "free"}
-        "free" is the paper's, "residual" all modes below `f_cut` with the residual flexibility of the contact,
-        "contact-adapted" only what the contact excites, with the same residual flexibility.
+    basis : {"contact-adapted", "residual", "craig-bampton", "free"}
+        "free" is the paper's, "craig-bampton" keeps the patch's nodes as boundary with their static answer, "residual"
+        all modes below `f_cut` with the residual flexibility of the contact, "contact-adapted" only what the contact
+        excites, with the same residual flexibility.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -207,7 +212,7 @@ def _reduced_matrices(fem: FEModel, basis: ReducedBasis) -> tuple[sp.csr_matrix,
     stiffness = sp.diags(basis.omega**2, format="csr")
     if not len(basis.nodal):
         return mass, stiffness
-    dofs = (3 * basis.nodal[:, None] + np.arange(3)).ravel()
+    dofs = node_dofs(basis.nodal)
     columns = fem.stiffness[:, dofs]
     coupling = sp.csr_matrix(columns.T @ basis.shapes)
     mass = sp.block_diag([mass, sp.diags(np.repeat(fem.lumped_mass[basis.nodal], 3))], format="csr")

@@ -180,6 +180,11 @@ class FEModel:
         )
 
 
+def node_dofs(nodes: Array) -> Array:
+    """(3k,) int array: the dofs x, y, z of each of k nodes."""
+    return (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
+
+
 def rigid_modes(arms: Array) -> Array:
     """Unit translations and rotations of points at `arms`, (n, 3) [m], as a (3n, 6) array."""
     n = len(arms)

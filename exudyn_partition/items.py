@@ -303,6 +303,8 @@ def _add_force_sensor(mbs: Any, contact: PartitionContact) -> None:
 
     def force(mbs: Any, t: float, sensors: Any, factors: Any, configuration: Any) -> list[float]:
         index = law.problem.index
+        if t == 0.0:  # a new run
+            contact.reached_edge_at = None
         if contact.reached_edge_at is None and index.size and edge[index].any():
             contact.reached_edge_at = t
         return [float(law.lam.sum()), float(index.size)]

@@ -214,7 +214,7 @@ def test_formulations_name_the_bases_that_they_need(block, top, bodies, law):
     free = ep.reduce(block, top, basis="free", f_cut=80e3)
     with pytest.raises(InputError, match="'compliance' needs a residual flexibility"):
         ComplianceContact(law.rows, bodies[0], free)
-    with pytest.raises(InputError, match="'lagrange' needs nodal coordinates"):
+    with pytest.raises(InputError, match="'lagrange' needs a contact patch that moves"):
         LagrangeContact(law.rows, *bodies)
 
 

@@ -12,8 +12,8 @@ from exudyn_partition.errors import InputError
 def bars():
     """Two equal square bars without lateral contraction, end to end (Saint-Venant)."""
     material = ep.Material(E=1.0, nu=0.0, rho=1.0)
-    upper = ep.fe_model(box(2, 2, 10), material, maxh=1.2)
-    lower = ep.fe_model(box(2, 2, 10).Move((0, 0, -10)), material, maxh=1.3)
+    upper = ep.fe_model(box(2, 2, 10), material, maxh=0.7)
+    lower = ep.fe_model(box(2, 2, 10).Move((0, 0, -10)), material, maxh=0.77)
     return [(fem, ep.Partition.ball(fem, (0, 0, 0), 3.0)) for fem in (upper, lower)]
 
 
@@ -26,12 +26,18 @@ def impact(bars):
 
 def test_two_bars(impact):
     """cases.md: force 0.4 for 20 units of time; the velocities swap exactly."""
-    plateau = (impact.t > 3) & (impact.t < 17)
-    assert impact.force[plateau].mean() == pytest.approx(0.4, rel=0.01)
-    assert impact.impulse == pytest.approx(0.4 * 20, rel=0.01)
-    assert impact.force[impact.t > 22].max() == 0
-    assert impact.velocity["far end"][impact.t > 22, 2].mean() == pytest.approx(0.1, abs=0.01)
-    assert impact.velocity["other end"][impact.t > 22, 2].mean() == pytest.approx(-0.1, abs=0.01)
+    plateau = (impact.t > 2) & (impact.t < 14)
+    assert impact.force[plateau].mean() == pytest.approx(0.4, rel=5e-3)
+    assert impact.force[plateau].std() < 0.02 * 0.4
+    assert impact.contact_duration == pytest.approx(20, rel=0.01)
+    assert impact.impulse == pytest.approx(0.4 * 20, rel=0.015)
+    assert impact.velocity["far end"][impact.t > 22, 2].mean() == pytest.approx(0.1, rel=0.03)
+    assert impact.velocity["other end"][impact.t > 22, 2].mean() == pytest.approx(-0.1, rel=0.03)
+
+
+def test_flat_faces_take_energy_but_give_none(impact):
+    """With the contact's part in Newmark's acceleration, these bars gained three times their energy."""
+    assert -0.02 < impact.info["energy_error"] <= 1e-9
 
 
 def test_histories_survive_saving(impact, tmp_path):

@@ -28,22 +28,23 @@ class LagrangeContact:
     Raises
     ------
     InputError
-        If a contact patch is not made of nodal coordinates with diagonal mass.
+        If a basis gives its patch a residual flexibility instead of coordinates with mass.
     """
 
     def __init__(self, rows: ContactRows, slave: ReducedBody, master: ReducedBody) -> None:
         self.rows = rows
         bodies = (slave, master)
         for body in bodies:
-            if not np.isin(body.partition.patch_nodes, body.basis.nodal).all():
+            if body.basis.flexibility is not None:
                 raise InputError(
-                    f"formulation: 'lagrange' needs nodal coordinates with mass on the contact patch, which basis "
+                    f"formulation: 'lagrange' needs a contact patch that moves by coordinates with mass, which basis "
                     f"{body.basis.name!r} does not have; take formulation='compliance', or basis='free'"
                 )
         patches = [body.partition.patch_nodes for body in bodies]
         G = rows.matrices(*map(len, patches))
         self.G = sp.hstack(
-            [g @ body.rows(nodes) for g, body, nodes in zip(G, bodies, patches, strict=True)], format="csr"
+            [sp.csr_matrix(g @ body.rows(nodes)) for g, body, nodes in zip(G, bodies, patches, strict=True)],
+            format="csr",
         )
         inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in bodies])
         self.push = sp.csr_matrix(self.G.multiply(inverse_mass)).T.tocsr()
