@@ -8,14 +8,14 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__version__ = "0.1.0"
+from ._version import __version__ as __version__
 
 _HOMES = {
     "material": ("Material", "STEEL", "ALUMINIUM"),
     "ngsolve_fem": ("Refine", "generate_mesh", "fe_model"),
     "fem": ("FEModel",),
     "partition": ("Partition",),
-    "body": ("ReducedBody", "reduce"),
+    "body": ("ReducedBody", "load_body", "reduce"),
     "items": ("CreatePartitionBody", "CreatePartitionContact"),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),

@@ -67,6 +67,8 @@ class ReducedBasis:
 
     def __post_init__(self) -> None:
         read_only(self.shapes, self.omega, self.rigid, self.nodal)
+        if self.flexibility is not None:
+            read_only(self.flexibility)
 
 
 def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:

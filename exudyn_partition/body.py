@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 
 from . import basis as bases
 from ._checks import read_only, validate_choice, validate_positive, validate_vector
+from .archive import Format
 from .basis import Progress, ReducedBasis
+from .cache import cached
 from .contact.rows import Surface
 from .errors import FrequencyRangeError, InputError
 from .fem import FEModel, node_dofs, rigid_modes
@@ -59,6 +62,9 @@ class ReducedBody:
     centre_of_mass: Array
     f_cut: float
     reduce_s: float
+
+    def __post_init__(self) -> None:
+        read_only(self.points, self.centre_of_mass)
 
     @property
     def n_dofs(self) -> int:
@@ -136,11 +142,56 @@ class ReducedBody:
         ]
         return "\n".join(lines)
 
+    def save(self, path: str | Path) -> None:
+        """Write to an npz file, all fields in full precision; `load_body` reads it.
+
+        The file is written under another name and then renamed, so that a process that is killed leaves no half file.
+
+        Parameters
+        ----------
+        path : str or Path
+            Taken as it is, nothing is appended.
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or `path` is one.
+        """
+        _FILE.save(path, self)
+
     def __repr__(self) -> str:
         return (
             f"ReducedBody({self.basis.name!r}, {self.n_dofs} of {self.fe_dofs} dofs, f_cut {self.f_cut:.6g} Hz, "
             f"{len(self.partition.patch_nodes)} patch nodes)"
         )
+
+
+_FILE = Format(
+    name="reduced body",
+    version=1,
+    units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
+    classes=(ReducedBody, ReducedBasis, Partition),
+)
+
+
+def load_body(path: str | Path) -> ReducedBody:
+    """Read a body that `ReducedBody.save` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    ReducedBody
+        Equal to the saved one in every bit.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, of another kind, or of another version of the format.
+    """
+    return _FILE.load(path)
 
 
 def reduce(
@@ -150,6 +201,7 @@ def reduce(
     f_cut: float,
     basis: str = "contact-adapted",
     progress: Progress | None = None,
+    cache: bool | str | Path = False,
 ) -> ReducedBody:
     """Reduce a free body.
 
@@ -167,6 +219,10 @@ def reduce(
         excites, with the same residual flexibility.
     progress : callable, optional
         Called with the share done, 0 to 1.
+    cache : bool or path
+        Whether to keep the body for the next run that reduces the same FE model in the same way, `reduce_s` included.
+        True: in the folder that the environment variable EXUDYN_PARTITION_CACHE names, or in the user's folder for
+        caches; a path: in that folder. Nothing there is ever deleted; it may be, at any time.
 
     Returns
     -------
@@ -178,6 +234,11 @@ def reduce(
         If the mesh does not resolve `f_cut`, or no elastic mode lies below it.
     InputError
         If another argument is out of range.
+
+    Warns
+    -----
+    CacheWarning
+        If a kept file is damaged, or the folder cannot be written; the body is computed.
     """
     validate_choice("basis", basis, BASES)
     f_cut = validate_positive("f_cut", f_cut, "Hz")
@@ -189,6 +250,15 @@ def reduce(
             f"element, of size {fem.max_size:.4g} m), got {f_cut:.6g} Hz. Refine it to elements of "
             f"{fem.max_size * fem.resolved_frequency / f_cut:.3g} m or lower f_cut"
         )
+    # Whatever changes the body belongs here.
+    inputs = {"fem": fem, "partition": partition, "basis": basis, "f_cut": f_cut}
+    body = cached(cache, inputs, _FILE, lambda: _reduce(fem, partition, f_cut, basis, progress))
+    if progress:
+        progress(1.0)
+    return body
+
+
+def _reduce(fem: FEModel, partition: Partition, f_cut: float, basis: str, progress: Progress | None) -> ReducedBody:
     begin = time.perf_counter()
     with one_blas_thread():
         reduced = BASES[basis](fem, partition, f_cut, progress)

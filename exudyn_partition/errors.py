@@ -57,5 +57,9 @@ class ContactPatchWarning(PartitionWarning):
     """A contact that reaches the edge of its patch, or slides further than frozen pairs allow."""
 
 
+class CacheWarning(PartitionWarning):
+    """A cache that cannot be read or written; what it should hold is computed anew."""
+
+
 class StoppedRunWarning(PartitionWarning):
     """A run that was interrupted or became unstable; its results up to there are kept."""

@@ -1,0 +1,211 @@
+"""Values of the library as npz files: dataclasses of arrays, sparse matrices, numbers and text, without pickle.
+
+A file holds every array as a member of its own, and a member `about`: JSON that names format, version and units and
+describes the value field by field. So NumPy alone is enough to look into it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import secrets
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ._version import __version__
+from .errors import InputError
+
+Array = np.ndarray
+
+_CSR = {"csr_matrix": sp.csr_matrix, "csr_array": sp.csr_array}
+_CSR_PARTS = ("data", "indices", "indptr")
+_ZIP_START = b"PK\x03\x04"
+# What zipfile, NumPy and JSON raise on bytes that are not what they were.
+_DAMAGE = (
+    OSError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Parameters
+    ----------
+    name : str
+        What the files hold, for messages.
+    version : int
+        Raised whenever the meaning of a field changes; only files of this version are read.
+    units : str
+        Note for people who look into a file.
+    classes : tuple of type
+        Dataclasses that may occur in it, the value's own and nested ones. All their fields are stored.
+    """
+
+    name: str
+    version: int
+    units: str
+    classes: tuple[type, ...]
+
+    @property
+    def _title(self) -> str:
+        return f"exudyn_partition {self.name}"
+
+    def save(self, path: str | Path, value: Any) -> None:
+        """Write `value`; `path` holds it whole or as it was before, whenever the process ends.
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or `path` is one.
+        """
+        path = Path(path)
+        if not path.parent.is_dir():
+            raise InputError(f"path: there is no folder {path.parent} to write {path.name} into; make it first")
+        if path.is_dir():
+            raise InputError(f"path: expected the name of a file, got the folder {path}")
+        arrays: dict[str, Any] = {}
+        about = {
+            "format": self._title,
+            "version": self.version,
+            "library": __version__,
+            "units": self.units,
+            "content": _describe(value, "", arrays),
+        }
+        # Not tempfile: its files are for their owner's eyes alone, and stay so under their final name.
+        temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+        try:
+            with temporary.open("xb") as file:
+                np.savez(file, about=np.array(json.dumps(about)), **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def load(self, path: str | Path) -> Any:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, of another kind or of another version.
+        """
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                if file.read(len(_ZIP_START)) != _ZIP_START:
+                    raise InputError(f"path: {path} is not an npz file; expected a saved {self.name}")
+                with zipfile.ZipFile(file) as archive:
+                    return _restore(self._content(path, archive), archive, {c.__name__: c for c in self.classes})
+        except InputError:
+            raise
+        except FileNotFoundError as error:
+            raise InputError(f"path: expected a saved {self.name}, but there is no file {path}") from error
+        except _DAMAGE as error:
+            raise InputError(
+                f"path: {path} is damaged or cannot be read: {error or type(error).__name__}. "
+                f"Restore it from a copy, or compute and save the {self.name} anew"
+            ) from error
+
+    def _content(self, path: Path, archive: zipfile.ZipFile) -> Any:
+        """Description of the value, if the file is of this kind and version."""
+        members = archive.namelist()
+        about = json.loads(str(_member("about", archive))) if "about.npy" in members else {}
+        if not isinstance(about, dict) or about.get("format") != self._title:
+            held = ", ".join(name.removesuffix(".npy") for name in members[:5])
+            raise InputError(f"path: {path} is an npz file of another kind, with {held}; expected a saved {self.name}")
+        version = about["version"]
+        if version != self.version:
+            remedy = "update the library, or " if version > self.version else ""
+            raise InputError(
+                f"path: {path} is of version {version}, from exudyn_partition {about['library']}; this one, "
+                f"{__version__}, reads version {self.version}: {remedy}compute and save the {self.name} anew"
+            )
+        return about["content"]
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of a value: of its structure, field by field, and of every array's type, shape and numbers."""
+    arrays: dict[str, Array] = {}
+    sha = hashlib.sha256(json.dumps(_describe(value, "", arrays)).encode())
+    for array in arrays.values():
+        sha.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+    return sha.hexdigest()
+
+
+def _describe(value: Any, name: str, arrays: dict[str, Array]) -> Any:
+    """Description of `value` in JSON types; its arrays are put into `arrays` by their dotted names."""
+
+    def each(children: dict[str, Any]) -> dict[str, Any]:
+        return {key: _describe(x, f"{name}.{key}" if name else key, arrays) for key, x in children.items()}
+
+    match value:
+        case None | bool() | int() | float() | str():
+            return value
+        case np.ndarray() if not value.dtype.hasobject:
+            arrays[name] = value
+            return {"array": name, "dtype": value.dtype.str, "shape": list(value.shape)}
+        case sp.csr_matrix() | sp.csr_array():
+            parts = each({part: getattr(value, part) for part in _CSR_PARTS})
+            return {"sparse": type(value).__name__, "parts": parts, "shape": list(value.shape)}
+        case tuple():
+            return {"tuple": list(each({str(i): x for i, x in enumerate(value)}).values())}
+        case dict():
+            return {"dict": each(value)}
+        case _ if dataclasses.is_dataclass(value):
+            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            return {"class": type(value).__name__, "fields": each(fields)}
+    raise TypeError(f"{name}: a {type(value).__name__} cannot be stored")
+
+
+def _restore(node: Any, archive: zipfile.ZipFile, classes: dict[str, type]) -> Any:
+    """Value that `_describe` described as `node`."""
+
+    def each(nodes: dict[str, Any]) -> dict[str, Any]:
+        return {key: _restore(x, archive, classes) for key, x in nodes.items()}
+
+    match node:
+        case {"array": name, "dtype": dtype, "shape": shape}:
+            array = _member(name, archive)
+            if (array.dtype.str, list(array.shape)) != (dtype, shape):
+                raise ValueError(
+                    f"{name}: expected {dtype} of shape {tuple(shape)}, got {array.dtype.str} of shape {array.shape}"
+                )
+            return array
+        case {"sparse": kind, "parts": parts, "shape": shape}:
+            found = each(parts)
+            return _CSR[kind](tuple(found[part] for part in _CSR_PARTS), shape=tuple(shape))
+        case {"tuple": items}:
+            return tuple(_restore(x, archive, classes) for x in items)
+        case {"dict": items}:
+            return each(items)
+        case {"class": name, "fields": fields}:
+            differing = fields.keys() ^ {field.name for field in dataclasses.fields(classes[name])}
+            if differing:
+                raise ValueError(f"fields of {name} that only the file or only the library has: {sorted(differing)}")
+            return classes[name](**each(fields))
+    return node
+
+
+def _member(name: str, archive: zipfile.ZipFile) -> Array:
+    """One array of a file; `read` checks the member's CRC before NumPy looks at it."""
+    return np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)

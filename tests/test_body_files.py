@@ -1,0 +1,398 @@
+"""Bodies in files, and the cache: what is read is what was written, or is refused by name."""
+
+import dataclasses
+import inspect
+import json
+import multiprocessing
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import TOP
+
+import exudyn_partition as ep
+from exudyn_partition import archive, cache
+from exudyn_partition import body as body_module
+from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.lagrange import LagrangeContact
+from exudyn_partition.contact.rows import node_to_segment
+from exudyn_partition.errors import CacheWarning, InputError
+
+BASES = ["free", "residual", "contact-adapted"]
+F_CUT = 150e3
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A small value with a field of every kind."""
+
+    name: str
+    array: np.ndarray
+    matrix: sp.csr_matrix
+    labels: tuple[str, ...] = ("µ", "")
+    nothing: np.ndarray | None = None
+    limits: tuple[float, ...] = (0.1, float("inf"), -0.0)
+    named: dict[str, np.ndarray] = dataclasses.field(default_factory=lambda: {"a b": np.empty((0, 3))})
+
+
+SAMPLES = archive.Format("sample", 3, "none", (Sample,))
+
+
+def sample(number=1.0, n=5):
+    return Sample("s", np.full((n, n), number), sp.diags(np.full(n, number), format="csr"))
+
+
+def assert_same(x, y):
+    """Same types, bits, memory order and write protection, down to the last field."""
+    assert type(x) is type(y)
+    if dataclasses.is_dataclass(x):
+        for f in dataclasses.fields(x):
+            assert_same(getattr(x, f.name), getattr(y, f.name))
+    elif isinstance(x, np.ndarray):
+        assert (x.dtype, x.shape) == (y.dtype, y.shape)
+        assert x.tobytes() == y.tobytes()
+        for flag in ("C_CONTIGUOUS", "F_CONTIGUOUS", "WRITEABLE"):
+            assert x.flags[flag] == y.flags[flag]
+    elif sp.issparse(x):
+        assert x.shape == y.shape
+        for part in ("data", "indices", "indptr"):
+            assert_same(getattr(x, part), getattr(y, part))
+    elif isinstance(x, dict):
+        assert_same(tuple(x), tuple(y))
+        assert_same(tuple(x.values()), tuple(y.values()))
+    elif isinstance(x, tuple):
+        assert len(x) == len(y)
+        for a, b in zip(x, y, strict=True):
+            assert_same(a, b)
+    else:
+        assert repr(x) == repr(y)
+
+
+@pytest.fixture(scope="module", params=BASES)
+def pair(request, ball, block, top):
+    """Ball and block."""
+    return tuple(ep.reduce(*parts, basis=request.param, f_cut=F_CUT) for parts in (ball, (block, top)))
+
+
+def reloaded(body, folder):
+    body.save(folder / "body.npz")
+    return ep.load_body(str(folder / "body.npz"))
+
+
+def test_a_loaded_body_is_the_saved_one(pair, tmp_path):
+    for body in pair:
+        again = reloaded(body, tmp_path)
+        assert_same(again, body)
+        assert_same(again.rigid, body.rigid)
+        assert (again.table(), repr(again), again.left_out) == (body.table(), repr(body), body.left_out)
+
+
+def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
+    def answer(striker, target):
+        rows = node_to_segment(striker.surface(np.array(TOP)), target.surface(np.zeros(3)))
+        down = np.r_[0, 0, -1.0, 0, 0, 0]
+        q = np.r_[striker.rigid @ (2e-6 * down), np.zeros(target.n_dofs)]
+        if striker.basis.name == "free":
+            q_t = np.r_[striker.rigid @ down, np.zeros(target.n_dofs)]
+            return LagrangeContact(rows, striker, target).increment(q, q_t, np.zeros(len(q)), 1e-8)
+        return ComplianceContact(rows, striker, target).force(q)
+
+    expected = answer(*pair)
+    assert np.abs(expected).max() > 0
+    assert answer(*(reloaded(body, tmp_path) for body in pair)).tobytes() == expected.tobytes()
+
+
+def test_every_kind_of_field_survives(tmp_path):
+    value = replace(sample(), matrix=sp.csr_array(np.eye(3)), array=np.asfortranarray([[1, 2], [3, 4]]))
+    SAMPLES.save(tmp_path / "any name", value)
+    assert_same(SAMPLES.load(tmp_path / "any name"), value)
+    for odd in (object(), np.array([None])):
+        with pytest.raises(TypeError, match=r"array: a .* cannot be stored"):
+            SAMPLES.save(tmp_path / "odd", replace(value, array=odd))
+    assert [path.name for path in tmp_path.iterdir()] == ["any name"]
+
+
+def test_a_file_says_what_it_is(pair, tmp_path):
+    pair[0].save(tmp_path / "body.npz")
+    with np.load(tmp_path / "body.npz", allow_pickle=False) as data:
+        about = json.loads(str(data["about"]))
+        np.testing.assert_array_equal(data["basis.shapes"], pair[0].basis.shapes)
+    assert about["format"] == "exudyn_partition reduced body"
+    assert about["library"] == ep.__version__
+    assert "kg" in about["units"]
+    assert about["content"]["fields"].keys() == {f.name for f in dataclasses.fields(ep.ReducedBody)}
+
+
+def rewrite(path, change):
+    """Pass the arrays of an npz file, and what it says about itself, through `change`."""
+    with np.load(path) as data:
+        arrays = dict(data)
+    about = json.loads(str(arrays["about"]))
+    change(arrays, about)
+    np.savez(path, **{**arrays, "about": np.array(json.dumps(about))})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a, about: about.update(version=4), "is of version 4, .* reads version 3: update the library, or comp"),
+        (lambda a, about: about.update(version=2), "is of version 2, .* reads version 3: compute and save the sample"),
+        (lambda a, about: about.update(format="trace"), "npz file of another kind, with .*; expected a saved sample"),
+        (lambda a, about: about.pop("version"), "is damaged or cannot be read"),
+        (lambda a, about: a.pop("array"), "is damaged .*array.*compute and save the sample anew"),
+        (lambda a, about: about["content"]["fields"].pop("name"), r"only the file or only the library has: \['name'\]"),
+        (lambda a, about: about["content"]["fields"].update(more=1), r"only the library has: \['more'\]"),
+        (lambda a, about: about["content"].update({"class": "Path"}), "is damaged"),
+        (lambda a, about: a.update(array=np.ones((5, 4))), r"array: expected <f8 of shape \(5, 5\), got .*\(5, 4\)"),
+        (lambda a, about: a.update(array=np.ones((5, 5), int)), "array: expected <f8 .*, got <i8"),
+        (lambda a, about: a.update({"matrix.indptr": np.full(6, 99, np.int32)}), "is damaged"),
+    ],
+)
+def test_refusal_of_what_is_not_understood(tmp_path, change, message):
+    path = tmp_path / "sample.npz"
+    SAMPLES.save(path, sample())
+    rewrite(path, change)
+    with pytest.raises(InputError, match=message):
+        SAMPLES.load(path)
+
+
+def test_refusal_of_other_files(tmp_path):
+    with pytest.raises(InputError, match=r"expected a saved reduced body, but there is no file .*nothing\.npz"):
+        ep.load_body(tmp_path / "nothing.npz")
+    with pytest.raises(InputError, match=r"cannot be read: .*directory"):
+        ep.load_body(tmp_path)
+    (tmp_path / "text.npz").write_text("x")
+    with pytest.raises(InputError, match=r"text\.npz is not an npz file; expected a saved reduced body"):
+        ep.load_body(tmp_path / "text.npz")
+    ep.History(np.zeros(2), np.zeros(2), {}).save(tmp_path / "history.npz")
+    with pytest.raises(InputError, match=r"npz file of another kind, with format, t, force, info; expected a saved"):
+        ep.load_body(tmp_path / "history.npz")
+    np.savez(tmp_path / "pickled.npz", about=np.array([{}], dtype=object))
+    with pytest.raises(InputError, match="cannot be read"):
+        ep.load_body(tmp_path / "pickled.npz")
+    SAMPLES.save(tmp_path / "sample.npz", sample())
+    with pytest.raises(InputError, match="of another kind"):
+        ep.load_body(tmp_path / "sample.npz")
+
+
+def test_refusal_of_bad_places(pair, tmp_path):
+    with pytest.raises(InputError, match=r"there is no folder .*nowhere to write body\.npz into; make it first"):
+        pair[0].save(tmp_path / "nowhere" / "body.npz")
+    with pytest.raises(InputError, match="expected the name of a file, got the folder"):
+        pair[0].save(tmp_path)
+
+
+def test_any_damage_is_refused_or_changes_nothing(tmp_path):
+    """Every byte flipped, every length cut."""
+    path = tmp_path / "sample.npz"
+    value = Sample("s", np.arange(3.0), sp.csr_matrix((1, 1)), (), None, (), {})
+    SAMPLES.save(path, value)
+    whole = path.read_bytes()
+    for length in range(0, len(whole), 7):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=r"not an npz file|is damaged"):
+            SAMPLES.load(path)
+    harmless = 0
+    for i, byte in enumerate(whole):
+        path.write_bytes(whole[:i] + bytes([byte ^ 0xFF]) + whole[i + 1 :])
+        try:
+            assert_same(SAMPLES.load(path), value)
+            harmless += 1
+        except InputError:
+            pass
+    # Dates, attributes and the padding of zip's directory.
+    assert harmless < 0.15 * len(whole)
+
+
+def save_for_ever(path, number):
+    while True:
+        SAMPLES.save(path, sample(number, n=300))
+
+
+def assert_whole(value):
+    number = value.array[0, 0]
+    assert_same(value, sample(number, n=300))
+    return number
+
+
+def test_two_processes_that_write_one_file_and_are_killed(tmp_path):
+    """Whenever it is read, during and after, it is the one's or the other's, whole."""
+    path = tmp_path / "shared.npz"
+    SAMPLES.save(path, sample(0.0, n=300))
+    spawn = multiprocessing.get_context("spawn")
+    writers = [spawn.Process(target=save_for_ever, args=(path, number)) for number in (1.0, 2.0)]
+    for writer in writers:
+        writer.start()
+    try:
+        seen = set()
+        for _ in range(20_000):
+            seen.add(assert_whole(SAMPLES.load(path)))
+            if {1.0, 2.0} <= seen:
+                break
+    finally:
+        for writer in writers:
+            writer.kill()
+            writer.join()
+    assert {1.0, 2.0} <= seen
+    assert_whole(SAMPLES.load(path))
+
+
+def test_a_save_that_fails_keeps_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "sample.npz"
+    SAMPLES.save(path, sample(1.0))
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        SAMPLES.save(path, sample(2.0))
+    assert_same(SAMPLES.load(path), sample(1.0))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.fixture(scope="module")
+def store(block, top):
+    return {basis: body_module.BASES[basis](block, top, F_CUT) for basis in BASES}
+
+
+@pytest.fixture
+def computed(monkeypatch, store):
+    """Names of the bases that were computed; here they come from a store."""
+    calls = []
+
+    def counting(basis):
+        def make(fem, partition, f_cut, progress):
+            calls.append(basis)
+            return store[basis]
+
+        return make
+
+    monkeypatch.setattr(body_module, "BASES", {basis: counting(basis) for basis in BASES})
+    return calls
+
+
+def test_a_reduction_is_kept(block, top, computed, tmp_path):
+    said = []
+    first, second = (ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path, progress=said.append) for _ in range(2))
+    assert len(computed) == 1
+    assert_same(second, first)
+    assert said == [1.0, 1.0]
+    ep.reduce(block, top, f_cut=F_CUT)
+    assert len(computed) == 2
+
+
+def test_an_equal_model_made_anew_finds_what_was_kept(block, top, computed, tmp_path):
+    for _ in range(2):
+        copy = replace(block, points=block.points.copy(), mass=block.mass.copy(), cells=block.cells.copy())
+        ep.reduce(copy, replace(top, nodes=top.nodes.copy()), f_cut=F_CUT, cache=str(tmp_path))
+    assert len(computed) == 1
+
+
+def nudged(matrix):
+    """The same but for the last bit of one number."""
+    data = matrix.data.copy()
+    data[0] = np.nextafter(data[0], np.inf)
+    return sp.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape)
+
+
+MODELS = {
+    "points": lambda fem: fem.points + np.array([0, 0, 1e-12]),
+    "cells": lambda fem: fem.cells[::-1].copy(),
+    "mass": lambda fem: nudged(fem.mass),
+    "stiffness": lambda fem: nudged(fem.stiffness),
+    "cell_mass": lambda fem: fem.cell_mass * (1 + 1e-15),
+    "material": lambda fem: replace(fem.material, nu=0.29),
+    "boundaries": lambda fem: {**fem.boundaries, "more": np.arange(2)},
+}
+PARTITIONS = {
+    "nodes": lambda part: np.union1d(part.nodes, [part.nodes[0] - 1, 0]),
+    "facets": lambda part: part.facets[1:].copy(),
+    "direction": lambda part: np.array([0, 0.6, 0.8]),
+}
+OPTIONS = {"f_cut": 1.001 * F_CUT, "basis": "residual"}
+
+
+def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed, tmp_path, monkeypatch):
+    options = {"f_cut": F_CUT, "basis": "contact-adapted"}
+    variants = [(block, top, options)]
+    variants += [(replace(block, **{name: change(block)}), top, options) for name, change in MODELS.items()]
+    variants += [(block, replace(top, **{name: change(top)}), options) for name, change in PARTITIONS.items()]
+    variants += [(block, top, {**options, name: value}) for name, value in OPTIONS.items()]
+    for _ in range(2):
+        for fem, partition, others in variants:
+            ep.reduce(fem, partition, **others, cache=tmp_path)
+    assert len(computed) == len(variants) == len(list(tmp_path.iterdir()))
+
+    for owner, name, value in (
+        (cache, "__version__", "99"),
+        (cache, "_code", lambda: "other"),
+        (body_module, "_FILE", replace(body_module._FILE, version=99)),
+    ):
+        monkeypatch.setattr(owner, name, value)
+        ep.reduce(block, top, **options, cache=tmp_path)
+        variants.append(name)
+        assert len(computed) == len(variants), name
+
+
+def test_no_input_is_forgotten_in_the_test_above():
+    assert MODELS.keys() == {f.name for f in dataclasses.fields(ep.FEModel)}
+    assert PARTITIONS.keys() == {f.name for f in dataclasses.fields(ep.Partition)}
+    assert OPTIONS.keys() == inspect.signature(ep.reduce).parameters.keys() - {"fem", "partition", "progress", "cache"}
+
+
+@pytest.mark.parametrize("damage", [lambda whole: whole[: len(whole) // 2], lambda whole: b"", lambda whole: b"x" * 99])
+def test_a_damaged_file_is_computed_anew(block, top, computed, tmp_path, damage):
+    body = ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(damage(path.read_bytes()))
+    (tmp_path / f".{path.name}.0123.tmp").write_bytes(b"of a process that was killed")
+    with pytest.warns(CacheWarning, match=r"npz is .*\. It is computed anew") as warned:
+        again = ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path)
+    assert warned[0].filename == __file__
+    assert_same(replace(again, reduce_s=body.reduce_s), body)
+    assert_same(ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path), again)
+    assert len(computed) == 2
+
+
+def test_a_folder_that_cannot_be_written_warns(block, top, computed, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.warns(CacheWarning, match=r"cannot be used: .*by cache= or by EXUDYN_PARTITION_CACHE"):
+        ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path / "file" / "folder")
+
+    def denied(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "fsync", denied)  # whoever runs the tests may be root, who may write anywhere
+    with pytest.warns(CacheWarning, match=r"is not kept: .*Permission denied"):
+        ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path)
+    assert len(computed) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_cache_is_a_bool_or_a_folder(block, top):
+    with pytest.raises(InputError, match="cache: expected True, False or a folder, got 3"):
+        ep.reduce(block, top, f_cut=F_CUT, cache=3)
+
+
+def test_the_user_s_folder(block, top, computed, tmp_path, monkeypatch):
+    monkeypatch.setenv("EXUDYN_PARTITION_CACHE", str(tmp_path / "own"))
+    ep.reduce(block, top, f_cut=F_CUT, cache=True)
+    assert len(list((tmp_path / "own").iterdir())) == 1
+
+    monkeypatch.delenv("EXUDYN_PARTITION_CACHE")
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/big")
+    assert cache.user_folder() == Path("/big/exudyn_partition")
+    for ignored in ("", "relative"):
+        monkeypatch.setenv("XDG_CACHE_HOME", ignored)
+        assert cache.user_folder() == Path("/home/me/.cache/exudyn_partition")
+    monkeypatch.setattr("sys.platform", "darwin")
+    assert cache.user_folder() == Path("/home/me/Library/Caches/exudyn_partition")
+    monkeypatch.setattr("sys.platform", "win32")
+    monkeypatch.delenv("LOCALAPPDATA", raising=False)
+    assert cache.user_folder() == Path("/home/me/AppData/Local/exudyn_partition")
