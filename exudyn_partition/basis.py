@@ -179,7 +179,7 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     rigid = mass_normalised(fem.rigid_modes, fem.mass)
     omega_cut = 2 * np.pi * f_cut
     shift = (omega_cut / 2) ** 2
-    load = _pressure(fem, partition)
+    load = pressure(fem, partition)
     with ThreadPoolExecutor(1) as pool:
         # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
         static_answers = pool.submit(_static_answers, fem, partition, rigid)
@@ -188,17 +188,19 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
         krylov.grow(2 * _GROWTH)
         static = static_answers.result()
     band = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:])
-    rest = load @ (static @ (patch_rows(fem, partition) @ load)) - np.sum((load @ rigid) ** 2) / band**2
-    mobility, growing = np.zeros(_BAND_SAMPLES, dtype=complex), True
-    while growing:
+    rest = load @ (static @ (patch_rows(fem, partition) @ load)) + np.sum((load @ rigid) ** 2) / band**2
+    mobility = np.zeros(_BAND_SAMPLES, dtype=complex)
+    while True:
         omega, combination = krylov.rayleigh_ritz(fem.stiffness)
         keep = omega < _DROP_ABOVE * omega_cut
         participation = (load @ krylov.vectors) @ combination[:, keep]
         previous, mobility = mobility, band * _dynamic_receptance(omega[keep], participation, band)
         change = float(np.linalg.norm(mobility - previous) / np.linalg.norm(mobility + band * rest))
-        growing = change > _SETTLED and krylov.grow(krylov.size + _GROWTH)
         if progress:
             progress(min(1.0, _SETTLED / change) if change else 1.0)
+        size = krylov.size
+        if change <= _SETTLED or not (krylov.grow(size + _GROWTH) or krylov.size > size):
+            break
     if not (omega < omega_cut).any():
         raise _no_mode_below(fem, f_cut)
     pairs = RitzPairs(krylov.vectors @ combination[:, keep], omega[keep])
@@ -214,7 +216,7 @@ def _dynamic_receptance(omega: Array, participation: Array, s: Array) -> Array:
     return (1 / (omega**2 + s[:, None] ** 2) - 1 / omega**2) @ participation**2
 
 
-def _pressure(fem: FEModel, partition: Partition) -> Array:
+def pressure(fem: FEModel, partition: Partition) -> Array:
     """(3n,) load of a unit resultant, a uniform pressure on the contact patch along its direction."""
     facets = partition.facets
     a, b, c = (fem.points[facets[:, i]] for i in range(3))

@@ -11,13 +11,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from . import basis as bases
-from ._checks import read_only, validate_choice, validate_positive, validate_vector
+from ._checks import read_only, validate_choice, validate_positive
 from .archive import Format
 from .basis import Progress, ReducedBasis
 from .cache import cached
 from .contact.rows import Surface
 from .errors import FrequencyRangeError, InputError
-from .fem import FEModel, node_dofs, rigid_modes
+from .fem import FEModel, nearest_node, node_dofs, rigid_modes
 from .linalg import one_blas_thread
 from .partition import Partition
 
@@ -125,8 +125,8 @@ class ReducedBody:
         return u
 
     def nearest_node(self, point: Array) -> int:
-        """Index of the node nearest to `point`, (3,) [m], in the body's reference configuration."""
-        return int(np.argmin(np.linalg.norm(self.points - validate_vector("point", point), axis=1)))
+        """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `fem.nearest_node`."""
+        return nearest_node(self.points, point)
 
     def surface(self, position: Array) -> Surface:
         """Contact patch with the body shifted by `position`, (3,) [m]."""
@@ -242,8 +242,10 @@ def reduce(
     """
     validate_choice("basis", basis, BASES)
     f_cut = validate_positive("f_cut", f_cut, "Hz")
-    if partition.nodes[-1] >= fem.n_nodes:
-        raise InputError(f"partition: it was made for another mesh: node {partition.nodes[-1]} of {fem.n_nodes}")
+    if partition.n_nodes != fem.n_nodes:
+        raise InputError(
+            f"partition: it was made for another mesh, with {partition.n_nodes} nodes; this one has {fem.n_nodes}"
+        )
     if f_cut > fem.resolved_frequency:
         raise FrequencyRangeError(
             f"f_cut: the mesh resolves {fem.resolved_frequency:.4g} Hz (four node spacings a shear wave in its largest "

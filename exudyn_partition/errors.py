@@ -61,5 +61,9 @@ class CacheWarning(PartitionWarning):
     """A cache that cannot be read or written; what it should hold is computed anew."""
 
 
+class ModelLimitWarning(PartitionWarning):
+    """A motion beyond what the model holds for, such as large rotation in an inertial frame."""
+
+
 class StoppedRunWarning(PartitionWarning):
     """A run that was interrupted or became unstable; its results up to there are kept."""

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import read_only, validate_array
-from .errors import MeshError, UnitsWarning
+from ._checks import read_only, validate_array, validate_vector
+from .errors import InputError, MeshError, UnitsWarning
 from .material import Material
 
 Array = np.ndarray
@@ -67,6 +67,17 @@ class FEModel:
     def __post_init__(self) -> None:
         points = validate_array("points", self.points, (None, 3))
         object.__setattr__(self, "points", points)
+        cells = np.array(self.cells)
+        if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
+            raise MeshError(f"cells: expected integers of shape (ne, 4) or (ne, 10), got {cells.dtype} {cells.shape}")
+        if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
+            raise MeshError(
+                f"cells: expected node numbers from 0 to {len(points) - 1}, got {cells.min()} to {cells.max()}"
+            )
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "cell_mass", validate_array("cell_mass", self.cell_mass, (len(cells),)))
+        if not (self.cell_mass > 0).all():
+            raise MeshError(f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative")
         if self.cells.shape[1] not in _TET_FACES:
             raise MeshError(f"cells: expected tetrahedra with 4 or 10 nodes, got {self.cells.shape[1]} nodes")
         for name, matrix in (("mass", self.mass), ("stiffness", self.stiffness)):
@@ -74,7 +85,9 @@ class FEModel:
                 raise MeshError(f"{name}: expected shape {(3 * len(points),) * 2}, got {matrix.shape}")
             if not np.isfinite(matrix.data).all():
                 raise MeshError(f"{name}: holds numbers that are not finite")
-        read_only(self.cells, self.cell_mass)
+            if not (matrix.diagonal() > 0).all():
+                raise MeshError(f"{name}: {np.count_nonzero(matrix.diagonal() <= 0)} diagonal entries are not positive")
+        read_only(self.cells)
         if self.order == 1:
             unused = self.n_nodes - len(np.unique(self.cells))
             if unused:
@@ -170,8 +183,8 @@ class FEModel:
         return self.material.shear_wave_speed * self.order / (4 * self.max_size)
 
     def nearest_node(self, point: Array) -> int:
-        """Index of the node nearest to `point`, (3,) [m]."""
-        return int(np.argmin(np.linalg.norm(self.points - validate_array("point", point, (3,)), axis=1)))
+        """Index of the node nearest to `point`, (3,) [m]; see `nearest_node`."""
+        return nearest_node(self.points, point)
 
     def __repr__(self) -> str:
         return (
@@ -183,6 +196,24 @@ class FEModel:
 def node_dofs(nodes: Array) -> Array:
     """(3k,) int array: the dofs x, y, z of each of k nodes."""
     return (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
+
+
+def nearest_node(points: Array, point: Array) -> int:
+    """Index of the node of a body, points (n, 3), that is nearest to `point`, (3,) [m].
+
+    Raises
+    ------
+    InputError
+        If every node is further away than a tenth of the body's size.
+    """
+    distance = np.linalg.norm(points - validate_vector("point", point), axis=1)
+    size = np.ptp(points, axis=0).max()
+    if distance.min() > 0.1 * size:
+        raise InputError(
+            f"point: {point} is {distance.min():.4g} m away from the nearest node of a body of {size:.4g} m; points "
+            "are given in the body's own coordinates, without referencePosition"
+        )
+    return int(distance.argmin())
 
 
 def rigid_modes(arms: Array) -> Array:

@@ -14,7 +14,7 @@ from .body import ReducedBody
 from .contact.compliance import ComplianceContact
 from .contact.lagrange import LagrangeContact
 from .contact.rows import node_to_segment
-from .errors import InputError
+from .errors import InputError, RunError
 
 if TYPE_CHECKING:
     from .solve import Result
@@ -27,7 +27,7 @@ _REGISTRY = "exudynPartition"  # key in mbs.sys
 class PartitionBody(dict):
     """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
 
-    Keys: `nModal`, and `nNodal` where the basis has nodal columns; `oGenericODE2`; `sCoordinates` and
+    Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns; `oGenericODE2`; `sCoordinates` and
     `sCoordinates_t`, lists with a sensor for each node.
     """
 
@@ -67,6 +67,17 @@ class PartitionBody(dict):
         kinetic = np.einsum("ij,ij->i", v, (self.body.mass @ v.T).T)
         return 0.5 * (kinetic + np.einsum("ij,ij->i", q, (self.body.stiffness @ q.T).T))
 
+    def rigid_motion(self, q: Array) -> Array:
+        """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body."""
+        M_rigid = self.body.mass @ self.body.rigid
+        return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
+
+    def deformation(self, q: Array) -> Array:
+        """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
+        elastic = q - self.rigid_motion(q) @ self.body.rigid.T
+        u = self.body.rows(self.body.partition.patch_nodes) @ elastic.T
+        return abs(u).max(axis=0)
+
     def _row(self, point: Array) -> Any:
         return self.body.rows(np.array([self.body.nearest_node(point)]))
 
@@ -74,17 +85,80 @@ class PartitionBody(dict):
 class PartitionContact(dict):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact` with compliance, `sForce` (total normal force [N] and number of closed rows).
+    Keys: `oContact` with compliance; `sForce`, a sensor of the total normal force [N], the number of closed rows and
+    the force on the slave [N].
     """
 
     def __init__(self, name: str, slave: PartitionBody, master: PartitionBody, law: Any, **indices: Any) -> None:
         super().__init__(**indices)
         self.name, self.slave, self.master, self.law = name, slave, master, law
+        self._restart(0.0)
+
+    def _restart(self, t: float) -> None:
+        """Forget the last run."""
+        self.law.reset()
         self.reached_edge_at: float | None = None
+        self._sampled_at = self._stepped_to = t
+        self._impulse = np.zeros(len(self.law.rows))
+        self._mean = np.zeros(len(self.law.rows))
+
+    def before_step(self, mbs: Any, t: float) -> None:
+        """Apply multipliers ahead of the step that ends at t, once.
+
+        Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity
+        at mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the contact's acceleration c.
+        """
+        if not self.explicit_only or t == self._stepped_to:
+            return
+        exu, data = require("exudyn"), mbs.systemData
+        step = t - data.GetTime(exu.ConfigurationType.StartOfStep)
+        slices = _slices(mbs, self.nodes)
+        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
+        views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
+        increment = self.law.increment(*[np.concatenate([view[s] for s in slices]) for view in views], step=step)
+        if increment is not None:
+            self._impulse += step * self.law.lam
+            start = 0
+            for s in slices:
+                part = increment[start : start + s.stop - s.start]
+                q_t[s] += 0.5 * step * part
+                q_tt[s] += part
+                start += len(part)
+        self._stepped_to = t
+
+    def sample(self, t: float) -> list[float]:
+        """Total normal force, closed rows, force on the slave at t; of multipliers the mean since the last sample."""
+        if t < self._sampled_at:
+            self._restart(t)
+        lam, index = self.law.lam, self.law.problem.index
+        if self.explicit_only:
+            if t > self._stepped_to:
+                raise RunError(
+                    f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
+                    "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
+                    "CreatePartitionContact, or run the model by solve_dynamic"
+                )
+            if t > self._sampled_at:
+                self._mean = self._impulse / (t - self._sampled_at)
+                self._impulse = np.zeros(len(lam))
+            lam = self._mean
+        self._sampled_at = t
+        if self.reached_edge_at is None and index.size and self.law.rows.at_edge[index].any():
+            self.reached_edge_at = t
+        return [float(lam.sum()), float(index.size), *(lam @ self.law.rows.normal).tolist()]
+
+    @property
+    def nodes(self) -> list[Any]:
+        """Exudyn nodes of slave and master."""
+        return self.slave.nodes + self.master.nodes
 
     def force(self, result: Result) -> Array:
-        """Total normal force, (n,) [N], >= 0, at the times of `result`."""
+        """Sum of normal forces, (n,) [N], >= 0, at the times of `result`; of multipliers the mean of each sample."""
         return result.sensor(self["sForce"])[:, 0]
+
+    def force_on_slave(self, result: Result) -> Array:
+        """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
+        return result.sensor(self["sForce"])[:, 2:5]
 
     def closed_rows(self, result: Result) -> Array:
         """Number of closed contact rows, (n,)."""
@@ -129,9 +203,18 @@ class PartitionContact(dict):
 
 
 def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
-    """Partition bodies and contacts of a model."""
-    found = mbs.sys.setdefault(_REGISTRY, ([], []))
-    return found
+    """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
+    bodies, contacts = mbs.sys.setdefault(_REGISTRY, ({}, {}))
+    objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
+    for number, item in list(bodies.items()):
+        nodes = mbs.GetObject(item["oGenericODE2"]).get("nodeNumbers", []) if number < objects else []
+        if [*map(int, nodes)] != [*map(int, item.nodes)]:
+            del bodies[number]
+    for number, contact in list(contacts.items()):
+        both_there = all(any(item is body for body in bodies.values()) for item in (contact.slave, contact.master))
+        if number >= sensors or not both_there:
+            del contacts[number]
+    return list(bodies.values()), list(contacts.values())
 
 
 def CreatePartitionBody(
@@ -194,14 +277,13 @@ def CreatePartitionBody(
             )
         )
 
-    indices = {"nModal": add_node(q_t[: body.n_shapes])}
-    if body.n_dofs > body.n_shapes:
-        indices["nNodal"] = add_node(q_t[body.n_shapes :])
+    parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
+    indices = {key: add_node(part) for key, part in parts.items() if len(part)}
     nodes = list(indices.values())
 
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions = {}
-    if len(nodes) > 1:
+    if "nNodal" in indices:
         functions = _coupling_functions(exu, nodes, body.stiffness - diagonal)
     indices["oGenericODE2"] = mbs.AddObject(
         items.ObjectGenericODE2(
@@ -221,7 +303,7 @@ def CreatePartitionBody(
             mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True)) for n in nodes
         ]
     item = PartitionBody(body, name, position, **indices)
-    partition_items(mbs)[0].append(item)
+    mbs.sys.setdefault(_REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
     return item
 
 
@@ -280,44 +362,49 @@ def CreatePartitionContact(
     ------
     EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
     """
+    bodies, contacts = partition_items(mbs)
     for role, item in (("slave", slave), ("master", master)):
         if not isinstance(item, PartitionBody):
             raise InputError(f"{role}: expected what CreatePartitionBody returns, got {type(item).__name__}")
+        if not any(item is body for body in bodies):
+            raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_choice("formulation", formulation, ("compliance", "lagrange"))
+    if formulation == "compliance":
+        _refuse_shared_flexibility(contacts, slave, master)
     rows = node_to_segment(slave.body.surface(slave.position), master.body.surface(master.position))
     law = (ComplianceContact if formulation == "compliance" else LagrangeContact)(rows, slave.body, master.body)
     contact = PartitionContact(name, slave, master, law)
+    items = require("exudyn.itemInterface")
     if formulation == "compliance":
-        _add_compliance(mbs, contact)
+        contact["oContact"] = _add_force_element(mbs, contact)
     else:
-        _add_lagrange(mbs, contact)
-    partition_items(mbs)[1].append(contact)
+        _chain_before_step(mbs, contact)
+    contact["sForce"] = mbs.AddSensor(
+        items.SensorUserFunction(
+            name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(t), storeInternal=True
+        )
+    )
+    mbs.sys[_REGISTRY][1][int(contact["sForce"])] = contact
     return contact
 
 
-def _add_force_sensor(mbs: Any, contact: PartitionContact) -> None:
-    items = require("exudyn.itemInterface")
-    law, edge = contact.law, contact.law.rows.at_edge
-
-    def force(mbs: Any, t: float, sensors: Any, factors: Any, configuration: Any) -> list[float]:
-        index = law.problem.index
-        if t == 0.0:  # a new run
-            contact.reached_edge_at = None
-        if contact.reached_edge_at is None and index.size and edge[index].any():
-            contact.reached_edge_at = t
-        return [float(law.lam.sum()), float(index.size)]
-
-    contact["sForce"] = mbs.AddSensor(
-        items.SensorUserFunction(name=contact.name, sensorUserFunction=force, storeInternal=True)
-    )
+def _refuse_shared_flexibility(contacts: list[PartitionContact], *bodies: PartitionBody) -> None:
+    for contact in contacts:
+        for body in bodies:
+            if not contact.explicit_only and (body is contact.slave or body is contact.master):
+                raise InputError(
+                    f"body {body.name!r} already has the contact {contact.name!r}: two contacts on one patch would "
+                    "each take its residual flexibility for themselves. Take basis='free' or 'craig-bampton' with "
+                    "formulation='lagrange' for several contacts on one body"
+                )
 
 
-def _add_compliance(mbs: Any, contact: PartitionContact) -> None:
+def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
+    """Massless object over the nodes of both bodies, with the contact's force and its Jacobian."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     law: ComplianceContact = contact.law
-    nodes = contact.slave.nodes + contact.master.nodes
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         return law.force(np.asarray(q))
@@ -326,51 +413,24 @@ def _add_compliance(mbs: Any, contact: PartitionContact) -> None:
         law.force(np.asarray(q))
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
 
-    contact["oContact"] = mbs.AddObject(
+    return mbs.AddObject(
         items.ObjectGenericODE2(
             name=contact.name,
-            nodeNumbers=nodes,
+            nodeNumbers=contact.nodes,
             forceUserFunction=force,
             jacobianUserFunction=jacobian,
             visualization=items.VObjectGenericODE2(show=False),
         )
     )
-    _add_force_sensor(mbs, contact)
 
 
-def _add_lagrange(mbs: Any, contact: PartitionContact) -> None:
-    """Multipliers before each step of VelocityVerlet, behind the model's own PreStep function.
-
-    Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity at
-    mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the contact acceleration c.
-    """
-    exu = require("exudyn")
-    law: LagrangeContact = contact.law
-    nodes = contact.slave.nodes + contact.master.nodes
+def _chain_before_step(mbs: Any, contact: PartitionContact) -> None:
+    """Put the contact's work before each step in front of the model's own PreStep function."""
     own = mbs.GetPreStepUserFunction()
     own_function = own["function"] if isinstance(own, dict) else None
 
     def before_step(mbs: Any, t: float) -> bool:
-        if own_function is not None and not own_function(mbs, t):
-            return False
-        data = mbs.systemData
-        start_of_step = data.GetTime(exu.ConfigurationType.StartOfStep)
-        if start_of_step == 0.0:
-            law.reset()
-        step = t - start_of_step
-        slices = _slices(mbs, nodes)
-        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
-        q_now, q_t_now, q_tt_now = (np.concatenate([view[s] for s in slices]) for view in views)
-        increment = law.increment(q_now, q_t_now, q_tt_now, step)
-        if increment is not None:
-            start = 0
-            for s in slices:
-                part = increment[start : start + s.stop - s.start]
-                q_t[s] += 0.5 * step * part
-                q_tt[s] += part
-                start += len(part)
-        return True
+        contact.before_step(mbs, t)
+        return own_function is None or own_function(mbs, t)
 
     mbs.SetPreStepUserFunction(before_step)
-    _add_force_sensor(mbs, contact)

@@ -26,14 +26,21 @@ class Partition:
     direction : (3,) array
         Unit outward normal of the patch, area-weighted mean: the line of contact, along which the residual
         flexibility is computed.
+    rim : (k,) int array
+        Nodes of the patch at which the body's surface goes on towards the other body: contact that reaches them
+        leaves the patch.
+    n_nodes : int
+        Nodes of the FE model.
     """
 
     nodes: Array
     facets: Array
     direction: Array
+    rim: Array
+    n_nodes: int
 
     def __post_init__(self) -> None:
-        read_only(self.nodes, self.facets, self.direction)
+        read_only(self.nodes, self.facets, self.direction, self.rim)
 
     @property
     def patch_nodes(self) -> Array:
@@ -86,21 +93,30 @@ class Partition:
                 f"{_show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
             )
         centres = fem.points[fem.facets[:, :3]].mean(axis=1)
-        facets = fem.facets[np.linalg.norm(centres - center, axis=1) <= reach]
-        if not len(facets):
+        within = np.linalg.norm(centres - center, axis=1) <= reach
+        if not within.any():
             raise EmptyRegionError(
                 f"no surface facet lies within {reach:.4g} m of {_show(center)}, so nothing there can touch: "
                 f"{len(nodes)} nodes are in the region. Put the center on the surface, or refine the mesh to elements "
                 f"below {reach:.2g} m"
             )
-        normals = _area_normals(fem, facets)
-        line = _direction(normals, direction)
+        normals = _area_normals(fem, fem.facets)
+        # The normal at the center leads; the mean of all would be lost on a patch that goes around an edge.
+        surface = np.unique(fem.facets)
+        foot = surface[distance[surface].argmin()]
+        line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
         # Side walls beyond an edge cannot touch along the line of contact.
         facing = normals @ line > 0.5 * np.linalg.norm(normals, axis=1)
-        facets = facets[facing]
         if direction is None:
-            line = _direction(normals[facing], None)
-        return cls(np.union1d(nodes, facets), facets, line)
+            line = _direction(normals[within & facing], None)
+        facets = fem.facets[within & facing]
+        if not len(facets):
+            raise EmptyRegionError(
+                f"no facet within {reach:.4g} m of {_show(center)} faces the line of contact {_show(line)}; give "
+                "another direction or center"
+            )
+        rim = np.intersect1d(facets, fem.facets[~within & facing])
+        return cls(np.union1d(nodes, facets), facets, line, rim, fem.n_nodes)
 
 
 def _area_normals(fem: FEModel, facets: Array) -> Array:

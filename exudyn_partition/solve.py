@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import signal
 import threading
 import time
@@ -18,7 +19,14 @@ import scipy.sparse.linalg
 from ._checks import validate_choice, validate_positive
 from ._optional import require
 from .contact.compliance import ComplianceContact
-from .errors import ContactPatchWarning, InputError, RunError, StepSizeError, StoppedRunWarning
+from .errors import (
+    ContactPatchWarning,
+    InputError,
+    ModelLimitWarning,
+    RunError,
+    StepSizeError,
+    StoppedRunWarning,
+)
 from .history import History
 from .items import PartitionBody, PartitionContact, partition_items
 from .linalg import one_blas_thread
@@ -27,6 +35,8 @@ Array = np.ndarray
 Progress = Callable[[float], None]
 
 _STEPS_A_PERIOD = 25  # default step: of the highest truncation frequency, whose period is then 0.3 % off at most
+_LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
+_LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
 _SAFETY = 0.9  # default step: at most this share of the stability limit
 
 
@@ -117,13 +127,13 @@ def stability_limit(mbs: Any) -> float:
     for contact in contacts:
         if isinstance(contact.law, ComplianceContact):
             dofs = np.concatenate([place[id(contact.slave)], place[id(contact.master)]])
-            closed.append((dofs, contact.law.H, np.linalg.inv(contact.law.problem.F)))
+            closed.append((dofs, contact.law.closed_stiffness()))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
         y = K @ x
-        for dofs, H, stiffness in closed:
-            y[dofs] += H.T @ (stiffness @ (H @ x[dofs]))
+        for dofs, stiffness in closed:
+            y[dofs] += stiffness @ x[dofs]
         return scale * y
 
     n = K.shape[0]
@@ -160,11 +170,11 @@ def solve_dynamic(
     method : {"explicit", "implicit"}
         Exudyn's VelocityVerlet or generalized-alpha.
     sample_period : float, optional
-        Time between samples [s], a multiple of the step; default: every step.
+        Time between samples [s], rounded to a multiple of the step; default: every step.
     spectral_radius : float
         Of generalized-alpha at infinity; 1 does not damp.
     settings : exudyn.SimulationSettings, optional
-        Everything else; the entries named here are overwritten in it.
+        Everything else; end time, number of steps, spectral radius and the period of samples are set in it.
     progress : callable, optional
         Called with the share done, 0 to 1, a hundred times.
 
@@ -177,12 +187,14 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     RunError
-        If the model is not assembled or its solver fails at the start.
+        If the model is not assembled, or Exudyn cannot run its first step.
 
     Warns
     -----
     StoppedRunWarning
         If the run ended early; the result holds what was computed.
+    ModelLimitWarning
+        If a body rotated further than its frame allows.
     ContactPatchWarning
         If a contact reached the edge of its patch or slid further than its frozen pairs allow.
     """
@@ -194,19 +206,23 @@ def solve_dynamic(
     if method == "implicit":
         _refuse_multipliers(mbs)
     step = _checked_step(mbs, step, method)
-    steps = max(1, round(end_time / step))
+    steps = math.ceil(end_time / step * (1 - 1e-9))
     step = end_time / steps
-    settings = exu.SimulationSettings() if settings is None else settings
+    if settings is None:
+        settings = exu.SimulationSettings()
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+        settings.solution.file.write = False
+        settings.timeIntegration.verboseMode = 0
+        # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
+        settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
     integration = settings.timeIntegration
-    integration.startTime, integration.endTime, integration.numberOfSteps = 0.0, end_time, steps
+    if integration.startTime != 0.0:
+        raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
+    integration.endTime, integration.numberOfSteps = end_time, steps
     integration.generalizedAlpha.spectralRadius = spectral_radius
-    # Verlet's end-of-step accelerations double as the next step's; computing them again would double the cost.
-    integration.explicit.computeEndOfStepAccelerations = False
-    integration.verboseMode = 0
-    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-    settings.solution.file.write = False
     sample_period = step if sample_period is None else validate_positive("sample_period", sample_period, "s")
-    settings.solution.sensors.writePeriod = max(step, sample_period)
+    sample_period = step * max(1, round(sample_period / step))
+    settings.solution.sensors.writePeriod = sample_period
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
     status, message = "finished", f"reached {end_time:.6g} s"
@@ -215,11 +231,16 @@ def solve_dynamic(
         try:
             mbs.SolveDynamic(settings, solverType=solver)
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
+            if not watch.steps:
+                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}") from error
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
+    result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     if watch.interrupted:
         status, message = "interrupted", "interrupted by the user"
-    return _finish(collect(mbs), mbs, status, message, step, method, time_s)
+    elif status == "finished" and end_time - result.t[-1] > 1.5 * sample_period:
+        status, message = "interrupted", "a PreStep or other user function ended the run"
+    return _reviewed(mbs, replace(result, status=status, message=message))
 
 
 def collect(mbs: Any) -> Result:
@@ -232,13 +253,23 @@ def collect(mbs: Any) -> Result:
     Returns
     -------
     Result
-        Cut at the first sample that is not finite.
+        Cut where coordinates stop to be finite, or deformations to be small.
 
     Raises
     ------
     RunError
         If no sensor stored anything.
+
+    Warns
+    -----
+    StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
+        As `solve_dynamic`.
     """
+    return _reviewed(mbs, _samples(mbs))
+
+
+def _samples(mbs: Any) -> Result:
+    """What the sensors stored, up to the first sample at which a partition body's coordinates are not finite."""
     sensors = {}
     for number in range(mbs.systemData.NumberOfSensors()):
         if mbs.GetSensorParameter(number, "storeInternal"):
@@ -248,12 +279,10 @@ def collect(mbs: Any) -> Result:
     if not sensors:
         raise RunError("mbs: no sensor stored anything; run the model first")
     samples = min(len(data) for data in sensors.values())
-    finite = np.all([np.isfinite(data[:samples]).all(axis=1) for data in sensors.values()], axis=0)
-    samples = int(finite.argmin()) if not finite.all() else samples
     first = next(iter(sensors.values()))
     return Result(
         t=first[:samples, 0].copy(),
-        status="finished" if finite.all() else "unstable",
+        status="finished",
         message="",
         step=float("nan"),
         steps=0,
@@ -289,9 +318,10 @@ def _refuse_multipliers(mbs: Any) -> None:
 
 
 class _Watch:
-    """What the hook before each step knows: whether the user asked to stop."""
+    """What the hook before each step knows: how many there were, and whether the user asked to stop."""
 
     def __init__(self) -> None:
+        self.steps = 0
         self.interrupted = False
 
 
@@ -301,6 +331,7 @@ def _watched(mbs: Any, end_time: float, progress: Progress | None) -> Iterator[_
     watch = _Watch()
     own = mbs.GetPreStepUserFunction()
     own_function = own["function"] if isinstance(own, dict) else None
+    multipliers = [contact for contact in partition_items(mbs)[1] if contact.explicit_only]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:
@@ -310,6 +341,9 @@ def _watched(mbs: Any, end_time: float, progress: Progress | None) -> Iterator[_
             progress(min(t / end_time, 1.0))
         if watch.interrupted:
             return False
+        watch.steps += 1
+        for contact in multipliers:  # also where the model's own function was set after them
+            contact.before_step(mbs, t)
         return own_function is None or own_function(mbs, t)
 
     def interrupt(number: int, frame: Any) -> None:
@@ -334,26 +368,47 @@ def _root(error: BaseException) -> str:
     return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
 
 
-def _finish(result: Result, mbs: Any, status: str, message: str, step: float, method: str, time_s: float) -> Result:
-    """Complete a result and say what needs saying."""
-    last = float(result.t[-1]) if len(result.t) else 0.0
-    if status == "finished" and result.status == "unstable":
-        status, message = "unstable", "coordinates are no longer finite"
-    if status != "finished":
-        message = f"{message}; results are kept up to t = {last:.6g} s"
-        warnings.warn(message, StoppedRunWarning, stacklevel=3)
-    result = replace(
-        result,
-        status=status,
-        message=message,
-        step=step,
-        steps=round(last / step),
-        method=method,
-        time_s=time_s,
-    )
-    for contact in partition_items(mbs)[1]:
-        _warn_of_patch(contact, result)
+def _reviewed(mbs: Any, result: Result) -> Result:
+    """Cut a result where it stops to mean anything, and say what needs saying."""
+    bodies, contacts = partition_items(mbs)
+    valid = np.ones(len(result.t), dtype=bool)
+    for item in bodies:
+        q = item.coordinates(result)
+        finite = np.isfinite(q).all(axis=1)
+        q = np.where(finite[:, None], q, 0.0)
+        size = np.ptp(item.body.points, axis=0).max()
+        valid &= finite & (item.deformation(q) < _LARGEST_DEFORMATION * size)
+    if not valid.all():
+        result = _cut(result, int(valid.argmin()))
+        reason = result.message if result.status == "unstable" else "deformations have grown beyond all bounds"
+        result = replace(result, status="unstable", message=reason)
+    if result.status != "finished":
+        last = f"results are kept up to t = {result.t[-1]:.6g} s" if len(result.t) else "nothing could be kept"
+        result = replace(result, message=f"{result.message}; {last}")
+        warnings.warn(result.message, StoppedRunWarning, stacklevel=4)
+    if len(result.t):
+        for item in bodies:
+            _warn_of_rotation(item, result)
+        for contact in contacts:
+            _warn_of_patch(contact, result)
     return result
+
+
+def _cut(result: Result, samples: int) -> Result:
+    sensors = {number: data[:samples] for number, data in result.sensors.items()}
+    return replace(result, t=result.t[:samples], sensors=sensors)
+
+
+def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
+    angle = np.linalg.norm(item.rigid_motion(item.coordinates(result))[:, 3:], axis=1)
+    if angle.max() > _LARGEST_ROTATION:
+        when = result.t[int((angle > _LARGEST_ROTATION).argmax())]
+        warnings.warn(
+            f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at t = {when:.6g} s: "
+            "frame='inertial' takes rotations as small, results from then on are wrong by their square",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
@@ -363,7 +418,7 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
             f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s; the force is too small from "
             "then on. Enlarge the contact radius of both partitions",
             ContactPatchWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     slide, when = contact.largest_slide(result)
     size = contact.law.rows.facet_size
@@ -372,5 +427,5 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
             f"{name} slid by {slide:.3g} m at t = {when:.6g} s while closed, more than a facet ({size:.3g} m): its "
             "pairs are frozen in the reference configuration and no longer true",
             ContactPatchWarning,
-            stacklevel=4,
+            stacklevel=5,
         )

@@ -1,5 +1,7 @@
 """Surfaces, gap rows, complementarity and the contact laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -90,7 +92,7 @@ def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
     np.testing.assert_allclose(forces[0].sum(axis=0), -forces[1].sum(axis=0), atol=1e-12)
     np.testing.assert_allclose(G_s @ np.tile([0, 0, 1.0], len(slave.points)), rows.normal[:, 2], atol=1e-12)
     # Lifted by 3 um, the reference gaps of the same pairs are that much larger along their normals.
-    lifted = node_to_segment(Surface(slave.points + np.array([0, 0, 3e-6]), slave.facets, slave.direction), master)
+    lifted = node_to_segment(replace(slave, points=slave.points + np.array([0, 0, 3e-6])), master)
     assert relative(lifted.gap, rows.gap + 3e-6 * rows.normal[:, 2]) < 1e-3
 
 
@@ -102,7 +104,7 @@ def test_gap_between_two_spheres(surfaces):
 
 def test_penetration_at_the_start(surfaces):
     slave, master = surfaces
-    pushed = Surface(slave.points - [0, 0, 1e-4], slave.facets, slave.direction)
+    pushed = replace(slave, points=slave.points - [0, 0, 1e-4])
     with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by .* Move one body"):
         node_to_segment(pushed, master)
 
@@ -110,9 +112,9 @@ def test_penetration_at_the_start(surfaces):
 def test_patches_that_do_not_face_each_other(surfaces):
     slave, master = surfaces
     with pytest.raises(EmptyRegionError, match=r"none of the .* slave nodes faces a facet"):
-        node_to_segment(Surface(slave.points + np.array([0.05, 0, 0]), slave.facets, slave.direction), master)
+        node_to_segment(replace(slave, points=slave.points + np.array([0.05, 0, 0])), master)
     with pytest.raises(EmptyRegionError, match="outward normals"):
-        node_to_segment(Surface(slave.points, slave.facets, -slave.direction), master)
+        node_to_segment(replace(slave, direction=-slave.direction), master)
 
 
 def conditions(F, h, lam):

@@ -1,5 +1,7 @@
 """FE models: mass, surface, rigid motion, and frequencies against analytic values."""
 
+from dataclasses import replace
+
 import netgen.occ as occ
 import ngsolve
 import numpy as np
@@ -150,6 +152,23 @@ def test_not_finite_points(block):
     points[3, 1] = np.nan
     with pytest.raises(InputError, match=r"points: expected finite numbers, got nan at index \(3, 1\)"):
         ep.FEModel(points, block.cells, block.mass, block.stiffness, block.cell_mass, block.material, {})
+
+
+@pytest.mark.parametrize(
+    ("field", "change", "message"),
+    [
+        ("cell_mass", lambda x: x * np.nan, "cell_mass: expected finite numbers"),
+        ("cell_mass", lambda x: x[:3], r"cell_mass: expected shape \("),
+        ("cell_mass", lambda x: -x, "elements have no mass"),
+        ("cells", lambda x: x + 0.5, "cells: expected integers"),
+        ("cells", lambda x: x + 100, "cells: expected node numbers from 0 to"),
+        ("stiffness", lambda x: -x, "diagonal entries are not positive"),
+        ("mass", lambda x: 0 * x, "diagonal entries are not positive"),
+    ],
+)
+def test_inconsistent_models_are_refused(block, field, change, message):
+    with pytest.raises(InputError, match=message):
+        replace(block, **{field: change(getattr(block, field))})
 
 
 def test_surface_mesh_is_refused():

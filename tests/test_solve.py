@@ -15,6 +15,7 @@ from exudyn_partition.contact.complementarity import Complementarity
 from exudyn_partition.errors import (
     ContactPatchWarning,
     InputError,
+    ModelLimitWarning,
     PartitionWarning,
     RunError,
     StepSizeError,
@@ -252,6 +253,173 @@ def test_sliding_out_of_the_frozen_pairs_warns(mbs, bodies):
     mbs.Assemble()
     with pytest.warns(ContactPatchWarning, match="contact 'tip' slid by"):
         ep.solve_dynamic(mbs, end_time=20e-6)
+
+
+def collide(bodies, mbs=None, gap=0.0, formulation="compliance", **options):
+    """Ball and block at 1 m/s, assembled."""
+    mbs = mbs or exu.SystemContainer().AddSystem()
+    striker = ep.CreatePartitionBody(
+        mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, gap]), **{"initialVelocity": [0, 0, -1.0], **options}
+    )
+    target = ep.CreatePartitionBody(mbs, bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation=formulation)
+    mbs.Assemble()
+    return mbs, striker, target, contact
+
+
+def test_pairs_are_right_for_bodies_that_start_apart(sphere, other_sphere):
+    """Two spheres: closest points in the reference would pair nodes that never meet, and lose half the force."""
+    spheres = [ep.reduce(*pair, f_cut=200e3) for pair in (sphere, other_sphere)]
+    peaks = []
+    for gap in (0.0, 3e-3):
+        mbs = exu.SystemContainer().AddSystem()
+        striker = ep.CreatePartitionBody(mbs, spheres[0], referencePosition=[0, 0, gap], initialVelocity=[0, 0, -1.0])
+        contact = ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, spheres[1]))
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=gap + 40e-6, step=0.2e-6)
+        peaks.append(contact.force(result).max())
+    assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
+
+
+def test_a_prestep_function_set_after_the_multipliers(nodal_bodies):
+    mbs, _, _, contact = collide(nodal_bodies, formulation="lagrange")
+    calls = []
+    mbs.SetPreStepUserFunction(lambda mbs, t: calls.append(t) or True)
+    result = ep.solve_dynamic(mbs, end_time=2e-6)
+    assert contact.force(result).max() > 10
+    assert len(calls) == result.steps
+
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 2e-6, result.steps
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    with pytest.raises(Exception, match="its multipliers were not applied in the step"):
+        mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+
+
+def test_a_second_run_is_the_first_again(nodal_bodies, impact):
+    lagrange = collide(nodal_bodies, formulation="lagrange")
+    for mbs, *_, contact in (lagrange, impact):
+        first, second = (contact.force(ep.solve_dynamic(mbs, end_time=3e-6)) for _ in range(2))
+        np.testing.assert_array_equal(first, second)
+        assert first[0] == 0 < first.max()
+
+
+def test_force_on_the_slave_is_its_change_of_momentum(impact):
+    mbs, striker, _, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
+    impulse = np.trapezoid(contact.force_on_slave(result), result.t, axis=0)
+    change = striker.momentum(result)[-1] - striker.momentum(result)[0]
+    np.testing.assert_allclose(impulse, change, atol=1e-9 * change[2])
+
+
+def test_a_model_is_rebuilt_after_reset(impact, bodies):
+    mbs, *old = impact
+    mbs.Reset()
+    with pytest.raises(InputError, match="belongs to another model, or to this one before a Reset"):
+        ep.CreatePartitionContact(mbs, *old[:2])
+    alone = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, 1.0])
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-6)
+    assert alone.velocity(result, (0, 0, 0))[-1, 2] == pytest.approx(1.0)
+
+
+def test_bodies_of_another_model(impact, bodies):
+    other = exu.SystemContainer().AddSystem()
+    with pytest.raises(InputError, match="belongs to another model"):
+        ep.CreatePartitionContact(other, impact[1], ep.CreatePartitionBody(other, bodies[1]))
+
+
+def test_two_contacts_on_one_patch(impact, bodies):
+    mbs, _, target, _ = impact
+    second = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP)
+    with pytest.raises(InputError, match="already has the contact 'tip'"):
+        ep.CreatePartitionContact(mbs, second, target)
+
+
+def test_contact_at_the_rim_of_its_patch_warns(ball, block, top):
+    small = ep.Partition.ball(ball[0], (0, 0, 0), 0.3e-3)
+    bodies = [ep.reduce(*pair, basis="residual", f_cut=150e3) for pair in ((ball[0], small), (block, top))]
+    mbs, *_ = collide(bodies)
+    with pytest.warns(ContactPatchWarning, match=r"reached the edge of its patch .* Enlarge the contact radius"):
+        ep.solve_dynamic(mbs, end_time=END)
+
+
+def test_whole_faces_have_no_rim(block):
+    """A patch that ends where the body ends is complete."""
+    face = ep.Partition.ball(block, TOP, 0.02)
+    assert len(face.rim) == 0
+    assert set(block.points[face.patch_nodes, 2].round(9)) == {0.03}
+    assert len(ep.Partition.ball(block, TOP, 6e-3).rim) > 0
+
+
+def test_a_run_that_grows_beyond_all_bounds_is_not_finished(impact):
+    """Far above the stability limit by plain SolveDynamic, which nothing checks beforehand."""
+    mbs, *_ = impact
+    step = 3 * ep.stability_limit(mbs)
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 40 * step, 40
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    settings.solution.sensors.writePeriod = step
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    with pytest.warns(PartitionWarning) as caught:
+        result = ep.collect(mbs)
+    assert result.status == "unstable"
+    assert any("grown beyond all bounds" in str(warning.message) for warning in caught)
+    assert 0 < len(result.t) < 40
+
+
+def test_a_user_function_that_ends_the_run(impact):
+    mbs, *_ = impact
+    mbs.SetPreStepUserFunction(lambda mbs, t: t < 20e-6)
+    with pytest.warns(StoppedRunWarning, match="a PreStep or other user function ended the run; results are kept"):
+        result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6)
+    assert result.status == "interrupted"
+    assert result.t[-1] == pytest.approx(20e-6, abs=1e-6)
+
+
+def test_large_rotation_warns(mbs, bodies):
+    ep.CreatePartitionBody(mbs, bodies[0], name="ball", initialAngularVelocity=[500.0, 0, 0])
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match=r"body 'ball' has rotated by more than 0.1 rad at t = 0.0002"):
+        ep.solve_dynamic(mbs, end_time=0.4e-3)
+
+
+def test_the_step_that_is_taken_is_never_longer_than_asked_for(impact):
+    mbs, *_ = impact
+    limit = ep.stability_limit(mbs)
+    result = ep.solve_dynamic(mbs, end_time=3.4 * limit, step=0.99 * limit)
+    assert result.steps == 4
+    assert result.step <= 0.99 * limit
+
+
+def test_the_user_s_settings_are_kept(impact, tmp_path):
+    mbs, *_ = impact
+    settings = exu.SimulationSettings()
+    settings.solution.file.name = str(tmp_path / "solution.txt")
+    settings.timeIntegration.verboseMode = 0
+    ep.solve_dynamic(mbs, end_time=END, settings=settings)
+    assert (tmp_path / "solution.txt").stat().st_size > 1000
+    settings.timeIntegration.startTime = 1.0
+    with pytest.raises(InputError, match="expected timeIntegration.startTime 0, got 1.0"):
+        ep.solve_dynamic(mbs, end_time=END, settings=settings)
+
+
+def test_a_model_that_exudyn_cannot_run(mbs, bodies):
+    ep.CreatePartitionBody(mbs, bodies[0])
+    mbs.AddNode(items.NodePoint())  # without mass
+    mbs.Assemble()
+    with pytest.raises(RunError, match="Exudyn cannot run the model"):
+        ep.solve_dynamic(mbs, end_time=1e-6)
+
+
+def test_a_body_that_is_nodes_alone(mbs, block):
+    """Region of the whole body: the full FE model in Exudyn, in free flight."""
+    everything = ep.Partition.ball(block, TOP, 1.0, contact_radius=6e-3)
+    body = ep.reduce(block, everything, basis="free", f_cut=80e3)
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, 1.0])
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=0.1e-6)
+    np.testing.assert_allclose(item.velocity(result, (0, 0, 0))[-1], [0, 0, 1], atol=1e-9)
 
 
 def test_misuse(mbs, bodies, block):

@@ -62,6 +62,11 @@ class ComplianceContact:
         index = self.problem.index
         return self.lam[index] @ self.H[index] if index.size else self._zero
 
+    def reset(self) -> None:
+        """Forget the last state, before a new run."""
+        self.problem.reset()
+        self.lam = np.zeros(len(self.rows))
+
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q of the present active set, (n, n): H_A' F_AA^-1 H_A."""
         H = self.H[self.problem.index]

@@ -86,4 +86,5 @@ class LagrangeContact:
     def reset(self) -> None:
         """Forget the last step, before a new run."""
         self._expected = None
+        self.lam = np.zeros(len(self.rows))
         self.problem.reset()

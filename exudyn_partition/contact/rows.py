@@ -15,6 +15,9 @@ from .surface import closest_points
 Array = np.ndarray
 
 _EDGE_TOLERANCE = 0.02  # of a facet's size: how far a node may look past the patch's edge and still be paired
+_FACING = 0.9  # cosine between the slave's line of contact and the master's normal, below which nodes do not meet
+_TOUCHING = 1e-3  # of a facet's size: as close as patches are brought before pairing
+_APPROACHES = 10  # projections at most to get there
 _PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 
 
@@ -30,17 +33,21 @@ class Surface:
         Facets as rows of `points`, outward.
     direction : (3,) array
         Outward unit vector, the patch's line of contact.
+    rim : (k,) int array
+        Rows of `points` beyond which the body's surface goes on.
     """
 
     points: Array
     facets: Array
     direction: Array
+    rim: Array
 
     @classmethod
     def of(cls, points: Array, partition: Partition, position: Array) -> Surface:
         """Contact patch of `partition` with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
         nodes = partition.patch_nodes
-        return cls(points[nodes] + position, np.searchsorted(nodes, partition.facets), partition.direction)
+        facets, rim = (np.searchsorted(nodes, part) for part in (partition.facets, partition.rim))
+        return cls(points[nodes] + position, facets, partition.direction, rim)
 
     @property
     def facet_size(self) -> float:
@@ -105,7 +112,11 @@ class ContactRows:
 
 
 def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
-    """Pair every slave node with the closest point of the master patch in the reference configuration.
+    """Pair every slave node with the point of the master patch that it will meet.
+
+    The slave is first moved along its line of contact until it touches, there each node takes the closest point of the
+    master, and the way is given back to the gaps: so pairs are right for bodies that start apart and approach along
+    that line.
 
     Raises
     ------
@@ -114,51 +125,44 @@ def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
     PenetrationError
         If a pair overlaps.
     """
-    projection = closest_points(slave.points, master.points[master.facets])
-    size = master.facet_size
-    facing = projection.normal @ slave.direction < -0.5
-    paired = (projection.offset <= _EDGE_TOLERANCE * size) & facing
+    facets, size = master.points[master.facets], master.facet_size
+    way = 0.0
+    for _ in range(_APPROACHES):
+        projection = closest_points(slave.points + way * slave.direction, facets)
+        facing = projection.normal @ slave.direction < -_FACING
+        paired = (projection.offset <= _EDGE_TOLERANCE * size) & facing
+        if way == 0.0 and paired.any() and projection.gap[paired].min() < -_PENETRATION_TOLERANCE * size:
+            gap = projection.gap[paired]
+            worst = np.flatnonzero(paired)[gap.argmin()]
+            raise PenetrationError(
+                f"{np.count_nonzero(gap < 0)} of {len(gap)} contact nodes start inside the other body, the worst by "
+                f"{-gap.min():.4g} m at {slave.points[worst]} m. Move one body by at least that along its normal "
+                "(referencePosition)"
+            )
+        clearance = projection.gap[paired].min(initial=np.inf)
+        if not paired.any():  # far apart and aside: let the nearest node decide
+            clearance = float(np.hypot(projection.gap, projection.offset).min())
+        if abs(clearance) <= _TOUCHING * size:
+            break
+        way += clearance
     if not paired.any():
         raise EmptyRegionError(
             f"none of the {len(slave.points)} slave nodes faces a facet of the master patch: their centres are "
             f"{slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
             f"{slave.direction} and {master.direction}. Check referencePosition and the centers of the partitions"
         )
-    gap = projection.gap[paired]
-    if gap.min() < -_PENETRATION_TOLERANCE * size:
-        worst = np.flatnonzero(paired)[gap.argmin()]
-        raise PenetrationError(
-            f"{np.count_nonzero(gap < 0)} of {len(gap)} contact nodes start inside the other body, the worst by "
-            f"{-gap.min():.4g} m at {slave.points[worst]} m. Move one body by at least that along its normal "
-            "(referencePosition)"
-        )
-    nodes = np.flatnonzero(paired)
-    edge = np.isin(nodes, _boundary_nodes(slave.facets)) | (~paired).any() & _near_unpaired(slave.facets, paired)[nodes]
+    nodes, facet = np.flatnonzero(paired), projection.facet[paired]
+    normal = projection.normal[paired]
+    # Nodes whose neighbour looks past the rim of the master's patch, where its body goes on, are at the edge too.
+    lost = ~paired & np.isin(master.facets[projection.facet], master.rim).any(axis=1)
+    beside = np.unique(slave.facets[lost[slave.facets].any(axis=1)])
     return ContactRows(
         slave=nodes,
-        master=master.facets[projection.facet[paired]],
+        master=master.facets[facet],
         weights=projection.weights[paired],
-        normal=projection.normal[paired],
-        gap=gap,
-        at_edge=edge,
+        normal=normal,
+        gap=projection.gap[paired] - way * (normal @ slave.direction),
+        at_edge=np.isin(nodes, np.union1d(slave.rim, beside)),
         facet_size=size,
         unpaired=int(np.count_nonzero(~paired)),
     )
-
-
-def _boundary_nodes(facets: Array) -> Array:
-    """Nodes on the rim of a patch: on edges that belong to one facet only."""
-    edges = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
-    middle = facets[:, 3:].T.ravel() if facets.shape[1] == 6 else np.full(len(edges), -1)
-    _, first, counts = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
-    rim = first[counts == 1]
-    nodes = np.r_[edges[rim].ravel(), middle[rim]]
-    return np.unique(nodes[nodes >= 0])
-
-
-def _near_unpaired(facets: Array, paired: Array) -> Array:
-    """Mark nodes that share a facet with a node that has no pair."""
-    touched = np.unique(facets[(~paired)[facets].any(axis=1)])
-    mark = np.zeros(len(paired), dtype=bool)
-    mark[touched] = True
-    return mark
