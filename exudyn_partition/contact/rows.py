@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from .._checks import read_only
 from ..errors import EmptyRegionError, PenetrationError
+from ..fem import facet_corners
 from ..partition import Partition
 from .surface import closest_points
 
@@ -26,7 +27,7 @@ class Surface:
     ----------
     points : (np, 3) array
         Positions of the patch's nodes [m].
-    facets : (nf, 3) or (nf, 6) int array
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
         Facets as rows of `points`, outward.
     direction : (3,) array
         Outward unit vector, the patch's line of contact.
@@ -45,7 +46,7 @@ class Surface:
     @property
     def facet_size(self) -> float:
         """Mean edge length of the facets [m]."""
-        corners = self.points[self.facets[:, :3]]
+        corners = self.points[facet_corners(self.facets)]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
@@ -148,7 +149,8 @@ def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
 
 def _boundary_nodes(facets: Array) -> Array:
     """Nodes on the rim of a patch: on edges that belong to one facet only."""
-    edges = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
+    corners = facet_corners(facets)
+    edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).transpose(1, 0, 2).reshape(-1, 2)
     middle = facets[:, 3:].T.ravel() if facets.shape[1] == 6 else np.full(len(edges), -1)
     _, first, counts = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     rim = first[counts == 1]
