@@ -25,12 +25,10 @@ _FACE_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 
 _MIRRORED = {4: [1, 0, 2, 3], 10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
 _NO_VOLUME = 1e-10  # of the cube of an element's extent: six times the volume of what is a sliver of round-off
 
-_REMOVE_ORPHANS = "m.remove_lower_dimensional_cells(); m.remove_orphaned_nodes(); m.write(...)"
-
 
 @dataclass(frozen=True, eq=False)
 class VolumeMesh:
-    """Points and volume elements of a mesh file, one connected kind of element.
+    """Points and volume elements of a mesh file, all of one kind.
 
     Parameters
     ----------
@@ -75,7 +73,7 @@ def read_mesh(path: Path) -> VolumeMesh:
     counts: dict[str, int] = {}
     for block in mesh.cells:
         counts[block.type] = counts.get(block.type, 0) + len(block)
-    volumes = sorted({block.type for block in mesh.cells if block.dim == 3})
+    volumes = sorted({block.type for block in mesh.cells if block.dim == 3 and len(block)})
     if not volumes:
         raise MeshError(
             f"{path}: expected tetrahedra or hexahedra, got {_listing(counts) or 'no elements'}. Export the volume "
@@ -88,7 +86,7 @@ def read_mesh(path: Path) -> VolumeMesh:
         )
     points = validate_array(f"points of {path}", mesh.points, (None, 3))
     cells = np.asarray(mesh.cells_dict[volumes[0]], dtype=np.int64)
-    _check_nodes(path, len(points), cells)
+    _check_nodes(path, volumes[0], len(points), cells)
     return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, 4 if volumes[0] == "hexahedron" else 3))
 
 
@@ -130,7 +128,7 @@ def _refuse_what_meshio_drops(path: Path, mesh: Any) -> None:
         )
 
 
-def _check_nodes(path: Path, n: int, cells: Array) -> None:
+def _check_nodes(path: Path, kind: str, n: int, cells: Array) -> None:
     """Refuse nodes that do not exist, that no element has, or that an element has twice."""
     if cells.min() < 0 or cells.max() >= n:
         bad = np.flatnonzero(((cells < 0) | (cells >= n)).any(axis=1))
@@ -142,7 +140,9 @@ def _check_nodes(path: Path, n: int, cells: Array) -> None:
     if len(orphans):
         raise MeshError(
             f"{path}: {len(orphans)} of {n} nodes belong to no volume element, the first is node {orphans[0]} (counted "
-            f"from 0). Remove them: m = meshio.read({str(path)!r}); {_REMOVE_ORPHANS}"
+            f"from 0). Export the mesh without them, or number the others anew: m = meshio.read({str(path)!r}); used, "
+            f"cells = numpy.unique(m.cells_dict[{kind!r}], return_inverse=True); meshio.Mesh(m.points[used], "
+            f"{{{kind!r}: cells.reshape(-1, {cells.shape[1]})}}).write(...)"
         )
     collapsed = np.flatnonzero((np.diff(np.sort(cells, axis=1), axis=1) == 0).any(axis=1))
     if len(collapsed):
