@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,12 @@ def validate_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     if value not in options:
         raise InputError(f"{name}: expected one of {', '.join(map(repr, options))}, got {value!r}")
     return value
+
+
+def validate_file(name: str, path: Path) -> None:
+    """Raise unless there is a file at `path`."""
+    if not path.is_file():
+        raise InputError(f"{name}: expected a file, there is none at {path} (working directory {Path.cwd()})")
 
 
 def read_only(*arrays: Array) -> None:

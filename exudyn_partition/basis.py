@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ._checks import read_only
 from .errors import FrequencyRangeError
-from .fem import FEModel, node_dofs
+from .fem import FEModel, area_vectors, facet_corners, node_dofs
 from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, RitzPairs, eigenmodes, mass_normalised
 from .partition import Partition
 
@@ -219,11 +219,11 @@ def _dynamic_receptance(omega: Array, participation: Array, s: Array) -> Array:
 def pressure(fem: FEModel, partition: Partition) -> Array:
     """(3n,) load of a unit resultant, a uniform pressure on the contact patch along its direction."""
     facets = partition.facets
-    a, b, c = (fem.points[facets[:, i]] for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    area = np.linalg.norm(area_vectors(fem.points, facets), axis=1)
     # A quadratic triangle passes a uniform pressure to its mid-side nodes alone.
-    loaded = facets[:, -3:]
-    share = np.bincount(loaded.ravel(), np.repeat(area, 3), minlength=fem.n_nodes)
+    n_loaded = facet_corners(facets).shape[1]
+    loaded = facets[:, -n_loaded:]
+    share = np.bincount(loaded.ravel(), np.repeat(area, n_loaded), minlength=fem.n_nodes)
     return np.outer(share / share.sum(), partition.direction).ravel()
 
 

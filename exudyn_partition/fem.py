@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from ._checks import read_only, validate_array, validate_vector
 from .errors import InputError, MeshError, UnitsWarning
@@ -15,15 +16,20 @@ from .material import Material
 
 Array = np.ndarray
 
-# Local faces of a tetrahedron, outward for positive volume: corners, then the mid-side nodes of edges 01, 12, 20
-# (VTK order of the ten-node tetrahedron: 4=01, 5=12, 6=02, 7=03, 8=13, 9=23).
-_TET_FACES = {
+# Edges of a tetrahedron in the order in which VTK lists their mid-side nodes.
+TET_EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+# Local faces of an element by its number of nodes, outward for positive volume: corners, then the mid-side nodes of
+# edges 01, 12, 20.
+_FACES = {
     4: np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
     10: np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
+    8: np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
 }
 # Share of an element's mass that each node carries, HRZ lumping (Hinton, Rock, Zienkiewicz 1976): the diagonal of
 # the consistent element mass, scaled to the element's mass; positive also for quadratic elements.
-_HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)]}
+_HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)], 8: np.full(8, 1 / 8)}
+# Volume of the regular tetrahedron or of the cube with edges of length one.
+_UNIT_VOLUME = {4: 2**-0.5 / 6, 10: 2**-0.5 / 6, 8: 1.0}
 
 # A material with less than this is not given in SI units: foam rubber has E = 1e5 Pa, aerogel rho = 50 kg/m3.
 _SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
@@ -39,8 +45,8 @@ class FEModel:
     ----------
     points : (n, 3) array
         Nodal positions in the body's reference configuration [m].
-    cells : (ne, 4) or (ne, 10) int array
-        Tetrahedra, linear or quadratic, in VTK order with positive volume.
+    cells : (ne, 4), (ne, 10) or (ne, 8) int array
+        Tetrahedra, linear or quadratic, or linear hexahedra, in VTK order with positive volume.
     mass, stiffness : (3n, 3n) csr matrix
         Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z.
     cell_mass : (ne,) array
@@ -53,7 +59,7 @@ class FEModel:
     Raises
     ------
     MeshError
-        If shapes do not fit together, or rigid motion strains the body.
+        If shapes do not fit together, rigid motion strains the body, or it is in several parts.
     """
 
     points: Array
@@ -69,7 +75,7 @@ class FEModel:
         object.__setattr__(self, "points", points)
         cells = np.array(self.cells)
         if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
-            raise MeshError(f"cells: expected integers of shape (ne, 4) or (ne, 10), got {cells.dtype} {cells.shape}")
+            raise MeshError(f"cells: expected integers of shape (ne, 4), (ne, 10) or (ne, 8), got {cells.dtype} {cells.shape}")
         if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
             raise MeshError(
                 f"cells: expected node numbers from 0 to {len(points) - 1}, got {cells.min()} to {cells.max()}"
@@ -78,8 +84,10 @@ class FEModel:
         object.__setattr__(self, "cell_mass", validate_array("cell_mass", self.cell_mass, (len(cells),)))
         if not (self.cell_mass > 0).all():
             raise MeshError(f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative")
-        if self.cells.shape[1] not in _TET_FACES:
-            raise MeshError(f"cells: expected tetrahedra with 4 or 10 nodes, got {self.cells.shape[1]} nodes")
+        if self.cells.shape[1] not in _FACES:
+            raise MeshError(
+                f"cells: expected tetrahedra with 4 or 10 nodes or hexahedra with 8, got {self.cells.shape[1]} nodes"
+            )
         for name, matrix in (("mass", self.mass), ("stiffness", self.stiffness)):
             if matrix.shape != (3 * len(points),) * 2:
                 raise MeshError(f"{name}: expected shape {(3 * len(points),) * 2}, got {matrix.shape}")
@@ -92,6 +100,13 @@ class FEModel:
             unused = self.n_nodes - len(np.unique(self.cells))
             if unused:
                 raise MeshError(f"points: {unused} nodes belong to no element; remove them")
+        parts = _part_sizes(self.cells, self.n_nodes)
+        if len(parts) > 1:
+            raise MeshError(
+                f"cells: expected one connected body, got {len(parts)} parts that share no node, of "
+                f"{', '.join(map(str, parts[:5]))}{', ...' if len(parts) > 5 else ''} elements. Merge coincident nodes "
+                "where they touch, or make one FE model of each"
+            )
         scale = abs(self.stiffness).max() * np.ptp(points, axis=0).max()
         strain_force = abs(self.stiffness @ self.rigid_modes).max()
         if strain_force > 1e-8 * scale:
@@ -128,13 +143,14 @@ class FEModel:
     @property
     def order(self) -> int:
         """Polynomial order of the elements, 1 or 2."""
-        return 1 if self.cells.shape[1] == 4 else 2
+        return 2 if self.cells.shape[1] == 10 else 1
 
     @cached_property
     def facets(self) -> Array:
-        """(nf, 3) or (nf, 6) int array: surface triangles, outward, corners before mid-side nodes."""
-        faces = self.cells[:, _TET_FACES[self.cells.shape[1]]].reshape(-1, 3 * self.order)
-        corners = np.sort(faces[:, :3], axis=1)
+        """(nf, 3), (nf, 6) or (nf, 4) int array: outward surface triangles, corners before mid-sides, or quads."""
+        local = _FACES[self.cells.shape[1]]
+        faces = self.cells[:, local].reshape(-1, local.shape[1])
+        corners = np.sort(facet_corners(faces), axis=1)
         _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
         facets = faces[np.sort(first[counts == 1])]
         read_only(facets)
@@ -174,8 +190,9 @@ class FEModel:
 
     @property
     def max_size(self) -> float:
-        """Edge of the regular tetrahedron that has the volume of the largest element [m]."""
-        return float((6 * 2**0.5 * self.cell_mass.max() / self.material.rho) ** (1 / 3))
+        """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m]."""
+        volume = self.cell_mass.max() / self.material.rho
+        return float((volume / _UNIT_VOLUME[self.cells.shape[1]]) ** (1 / 3))
 
     @property
     def resolved_frequency(self) -> float:
@@ -187,8 +204,9 @@ class FEModel:
         return nearest_node(self.points, point)
 
     def __repr__(self) -> str:
+        shape = "hexahedra" if self.cells.shape[1] == 8 else "tetrahedra"
         return (
-            f"FEModel({self.n_nodes} nodes, {len(self.cells)} tetrahedra of order {self.order}, "
+            f"FEModel({self.n_nodes} nodes, {len(self.cells)} {shape} of order {self.order}, "
             f"{self.n_dofs} dofs, {self.total_mass:.4g} kg)"
         )
 
@@ -214,6 +232,26 @@ def nearest_node(points: Array, point: Array) -> int:
             "are given in the body's own coordinates, without referencePosition"
         )
     return int(distance.argmin())
+
+
+def facet_corners(facets: Array) -> Array:
+    """Corners, on axis 1, of triangles (nf, 3, ...), quadratic triangles (nf, 6, ...) or quads (nf, 4, ...)."""
+    return facets[:, : 4 if facets.shape[1] == 4 else 3]
+
+
+def area_vectors(points: Array, facets: Array) -> Array:
+    """(nf, 3) array: outward normals of the facets' corners, as long as the facets are large [m2]."""
+    a, b, c, *rest = points[facet_corners(facets)].transpose(1, 0, 2)
+    d = rest[0] if rest else a
+    return np.cross(c - a, d - b) / 2
+
+
+def _part_sizes(cells: Array, n_nodes: int) -> Array:
+    """Number of elements of each connected part, largest first."""
+    links = (cells[:, :-1].ravel(), cells[:, 1:].ravel())
+    graph = sp.csr_matrix((np.ones(len(links[0]), dtype=bool), links), shape=(n_nodes, n_nodes))
+    part = connected_components(graph, directed=False)[1]
+    return np.sort(np.unique(part[cells[:, 0]], return_counts=True)[1])[::-1]
 
 
 def rigid_modes(arms: Array) -> Array:

@@ -1,24 +1,25 @@
-"""From an OCC shape or NGSolve mesh to an `FEModel`; the only module that imports NGSolve and Netgen."""
+"""From an OCC shape, NGSolve mesh or file to an `FEModel`; the only module that imports NGSolve and Netgen."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import validate_positive, validate_vector
+from ._checks import validate_file, validate_positive, validate_vector
 from ._optional import require
 from .errors import InputError, MeshError
-from .fem import FEModel
+from .fem import TET_EDGES, FEModel, facet_corners
 from .material import Material
+from .mesh_files import VolumeMesh, read_mesh
 
 Array = np.ndarray
 
-# Edges of a tetrahedron in the order in which VTK lists their mid-side nodes.
-_TET_EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+_STEP_ENDINGS = (".step", ".stp")
 
 
 @dataclass(frozen=True)
@@ -92,10 +93,10 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
 
 
 def fe_model(
-    shape_or_mesh: Any,
+    source: Any,
     material: Material,
     *,
-    order: int = 2,
+    order: int | None = None,
     maxh: float | None = None,
     refine: Iterable[Refine] = (),
     grading: float = 0.3,
@@ -104,15 +105,20 @@ def fe_model(
 
     Parameters
     ----------
-    shape_or_mesh : netgen.occ.TopoDS_Shape or ngsolve.Mesh
+    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved with order 2 beforehand, as `generate_mesh` does.
+        A path leads to a shape in a STEP file (lengths come in the unit that Netgen reads them in, millimetres) or to a
+        mesh file of linear or quadratic tetrahedra or linear hexahedra, see `mesh_files.read_mesh`. The nodes of a mesh
+        file keep their order, quadratic elements their own mid-side nodes; its named faces become boundaries.
     material : Material
         In units that fit the geometry's, SI unless all are chosen otherwise.
-    order : {1, 2}
-        Linear elements with straight sides, or quadratic ones that follow the mesh's curvature.
+    order : {1, 2}, optional
+        Linear elements with straight sides, or quadratic ones that follow the mesh's curvature. Default: 2, and for a
+        mesh file the file's own. Linear tetrahedra of a file can be raised to order 2, with mid-side nodes after its
+        own.
     maxh, refine, grading :
-        For a shape, see `generate_mesh`.
+        For a shape or STEP file, see `generate_mesh`.
 
     Returns
     -------
@@ -128,31 +134,114 @@ def fe_model(
         If size and density give an implausible frequency or mass.
     """
     ngsolve = require("ngsolve")
-    if order not in (1, 2):
+    if order not in (None, 1, 2):
         raise InputError(f"order: expected 1 or 2, got {order!r}")
-    if isinstance(shape_or_mesh, ngsolve.Mesh):
-        mesh = shape_or_mesh
+    path = Path(source) if isinstance(source, str | Path) else None
+    if path and path.suffix.lower() not in _STEP_ENDINGS:
+        fem = _from_file(ngsolve, path, material, order)
     else:
-        if maxh is None:
-            raise InputError("maxh: a shape needs a largest element size [m]")
-        mesh = generate_mesh(shape_or_mesh, maxh=maxh, refine=refine, grading=grading)
+        mesh = _read_step(path) if path else source
+        if not isinstance(mesh, ngsolve.Mesh):
+            if maxh is None:
+                raise InputError("maxh: a shape needs a largest element size [m]")
+            mesh = generate_mesh(mesh, maxh=maxh, refine=refine, grading=grading)
+        fem = _from_mesh(ngsolve, mesh, material, order or 2)
+    fem.warn_if_units_slipped()
+    return fem
+
+
+def _read_step(path: Path) -> Any:
+    """OCC shape of a STEP file."""
+    occ, meshing = require("netgen.occ"), require("netgen.meshing")
+    validate_file("path", path)
+    try:
+        return occ.OCCGeometry(str(path)).shape
+    except meshing.NgException as error:
+        raise InputError(f"path: {path} could not be read by Netgen ({error}). Is it a complete STEP file?") from error
+
+
+def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEModel:
+    """FE model with NGSolve's own numbering: vertices, then edges."""
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
     curve_order = mesh.GetCurveOrder()
     if order == 1:
         mesh.Curve(1)
     try:
-        fem = _assemble(ngsolve, mesh, material, order)
+        to_hierarchical, edges = _nodal_basis(ngsolve, mesh, order)
+        position = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
+        with ngsolve.TaskManager():
+            position.Set(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z)))
+        points = np.column_stack(_nodal_values(position.vec, to_hierarchical))
+        corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
+        cells = _cells(corners, edges, points, mesh.nv)
+        fem = _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
     finally:
         if order == 1:
             mesh.Curve(curve_order)
-    fem.warn_if_units_slipped()
+    elements = mesh.ngmesh.Elements2D().NumPy()
+    triangles = elements["nodes"][:, :3].astype(np.int64) - 1
+    names = np.array(mesh.GetBoundaries())[elements["index"] - 1]
+    fem.boundaries.update(_boundaries(fem.facets, {str(name): triangles[names == name] for name in np.unique(names)}))
     return fem
 
 
-def _assemble(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEModel:
+def _from_file(ngsolve: Any, path: Path, material: Material, order: int | None) -> FEModel:
+    """FE model with the nodes of a mesh file in their order."""
+    file = read_mesh(path)
+    n_nodes = file.cells.shape[1]
+    if order not in (None, file.order) and n_nodes != 4:
+        raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")
+    if file.order == 2:
+        fem = _isoparametric(ngsolve, file, material)
+    else:
+        mesh = _volume_mesh(ngsolve, file.points, file.cells)
+        if order == 2:
+            fem = _from_mesh(ngsolve, mesh, material, 2)
+        else:
+            fem = _assemble(ngsolve, mesh, material, file.points, file.cells, _nodal_basis(ngsolve, mesh, 1)[0])
+    fem.boundaries.update(_boundaries(fem.facets, file.faces))
+    return fem
+
+
+def _volume_mesh(ngsolve: Any, points: Array, cells: Array) -> Any:
+    """`ngsolve.Mesh` of linear elements, its vertices in the order of `points`."""
+    mesh = require("netgen.meshing").Mesh(dim=3)
+    mesh.AddPoints(np.ascontiguousarray(points))
+    mesh.AddElements(dim=3, index=1, data=np.ascontiguousarray(cells, dtype=np.int32), base=0)
+    return ngsolve.Mesh(mesh)
+
+
+def _isoparametric(ngsolve: Any, file: VolumeMesh, material: Material) -> FEModel:
+    """FE model of quadratic tetrahedra with the mid-side nodes of a mesh file."""
+    points, cells = file.points, file.cells
+    vertices, corners = np.unique(cells[:, :4], return_inverse=True)
+    corners = corners.reshape(-1, 4)
+    mesh = _volume_mesh(ngsolve, points[vertices], corners)
+    to_hierarchical, edges = _nodal_basis(ngsolve, mesh, 2)
+    numbers = np.hstack([corners, _middle_nodes(corners, edges, mesh.nv)])
+    number_of = np.empty(len(points), dtype=np.int64)
+    number_of[cells] = numbers
+    if len(points) != to_hierarchical.shape[0] or (number_of[cells] != numbers).any():
+        raise MeshError(
+            f"mesh: {len(edges)} edges have {len(points) - mesh.nv} mid-side nodes, expected one each that all "
+            "elements on an edge share. Merge coincident nodes or mesh anew"
+        )
+    to_hierarchical = to_hierarchical[:, number_of]
+    # NGSolve can curve elements by a geometry alone; without one, a deformation carries straight ones to the nodes.
+    offsets = np.zeros_like(points)
+    offsets[cells[:, 4:]] = points[cells[:, 4:]] - points[cells[:, TET_EDGES]].mean(axis=2)
+    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
+    deformation.vec.FV().NumPy()[:] = (to_hierarchical @ offsets).T.ravel()
+    mesh.SetDeformation(deformation)
+    return _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
+
+
+def _assemble(
+    ngsolve: Any, mesh: Any, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
+) -> FEModel:
     """Matrices by NGSolve, changed from its hierarchical basis to nodal values and from x..y..z.. to xyz order."""
-    space = ngsolve.VectorH1(mesh, order=order)
+    space = ngsolve.VectorH1(mesh, order=2 if cells.shape[1] == 10 else 1)
     u, v = space.TnT()
 
     def strain(w: Any) -> Any:
@@ -163,18 +252,10 @@ def _assemble(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEMode
         stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, strain(v)) * ngsolve.dx).Assemble()
         mass = ngsolve.BilinearForm(material.rho * u * v * ngsolve.dx).Assemble()
         cell_mass = material.rho * np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
-        position = ngsolve.GridFunction(space)
-        position.Set(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z)))
-
-    numbering = mesh.ngmesh.Elements3D().NumPy()
-    corners = numbering["nodes"][:, :4].astype(np.int64) - 1
-    to_hierarchical, edges = _nodal_basis(ngsolve, mesh, order)
-    points = np.column_stack(_nodal_values(position.vec, to_hierarchical))
-    cells = _cells(corners, edges, points, mesh.nv)
     n = len(points)
     interleave = np.arange(3 * n).reshape(3, n).T.ravel()
     change = sp.block_diag([to_hierarchical] * 3, format="csr")[:, interleave]
-    fem = FEModel(
+    return FEModel(
         points=points,
         cells=cells,
         mass=_symmetric(change.T @ _csr(mass.mat) @ change),
@@ -183,8 +264,6 @@ def _assemble(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEMode
         material=material,
         boundaries={},
     )
-    fem.boundaries.update(_named_boundaries(mesh, fem.facets))
-    return fem
 
 
 def _nodal_basis(ngsolve: Any, mesh: Any, order: int) -> tuple[sp.csr_matrix, Array]:
@@ -228,22 +307,25 @@ def _cells(corners: Array, edges: Array, points: Array, nv: int) -> Array:
     corners[flip, :2] = corners[flip, 1::-1]
     if not len(edges):
         return corners
+    return np.hstack([corners, _middle_nodes(corners, edges, nv)])
+
+
+def _middle_nodes(corners: Array, edges: Array, nv: int) -> Array:
+    """(ne, 6) numbers of the tetrahedra's mid-side nodes in VTK order, where edge i has node nv + i."""
     key = np.sort(edges, axis=1) @ [nv, 1]
     order = np.argsort(key)
-    wanted = np.sort(corners[:, _TET_EDGES], axis=2) @ [nv, 1]
-    middle = nv + order[np.searchsorted(key[order], wanted)]
-    return np.hstack([corners, middle])
+    wanted = np.sort(corners[:, TET_EDGES], axis=2) @ [nv, 1]
+    return nv + order[np.searchsorted(key[order], wanted)]
 
 
-def _named_boundaries(mesh: Any, facets: Array) -> dict[str, Array]:
-    """Rows of `facets` on each named boundary of the mesh."""
-    elements = mesh.ngmesh.Elements2D().NumPy()
-    triangles = np.sort(elements["nodes"][:, :3].astype(np.int64) - 1, axis=1)
-    names = np.array(mesh.GetBoundaries())[elements["index"] - 1]
-    weights = np.array([mesh.nv**2, mesh.nv, 1], dtype=object if mesh.nv > 2_000_000 else np.int64)
-    own = np.sort(facets[:, :3], axis=1) @ weights
-    theirs = triangles @ weights
-    return {str(name): np.flatnonzero(np.isin(own, theirs[names == name])) for name in np.unique(names)}
+def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:
+    """Rows of `facets` on each named boundary, whose faces are given by their corner nodes."""
+    if not faces:
+        return {}
+    corners = np.vstack([facet_corners(facets), *faces.values()])
+    number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    own, *theirs = np.split(number, np.cumsum([len(facets), *map(len, faces.values())])[:-1])
+    return {name: np.flatnonzero(np.isin(own, their)) for name, their in zip(faces, theirs, strict=True)}
 
 
 def _csr(matrix: Any) -> sp.csr_matrix:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ._checks import read_only, validate_positive, validate_vector
 from .errors import EmptyRegionError, InputError
-from .fem import FEModel
+from .fem import FEModel, area_vectors, facet_corners
 
 Array = np.ndarray
 
@@ -21,7 +21,7 @@ class Partition:
     ----------
     nodes : (k,) int array
         Nodes of the impact region, ascending.
-    facets : (nf, 3) or (nf, 6) int array
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
         Surface facets of the contact patch, as nodes of the body.
     direction : (3,) array
         Unit outward normal of the patch, area-weighted mean: the line of contact, along which the residual
@@ -92,7 +92,7 @@ class Partition:
                 f"at {_show(fem.points[distance.argmin()])}; the body spans {_show(fem.points.min(axis=0))} to "
                 f"{_show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
             )
-        centres = fem.points[fem.facets[:, :3]].mean(axis=1)
+        centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
         within = np.linalg.norm(centres - center, axis=1) <= reach
         if not within.any():
             raise EmptyRegionError(
@@ -100,7 +100,7 @@ class Partition:
                 f"{len(nodes)} nodes are in the region. Put the center on the surface, or refine the mesh to elements "
                 f"below {reach:.2g} m"
             )
-        normals = _area_normals(fem, fem.facets)
+        normals = area_vectors(fem.points, fem.facets)
         # The normal at the center leads; the mean of all would be lost on a patch that goes around an edge.
         surface = np.unique(fem.facets)
         foot = surface[distance[surface].argmin()]
@@ -117,12 +117,6 @@ class Partition:
             )
         rim = np.intersect1d(facets, fem.facets[~within & facing])
         return cls(np.union1d(nodes, facets), facets, line, rim, fem.n_nodes)
-
-
-def _area_normals(fem: FEModel, facets: Array) -> Array:
-    """(nf, 3) array: outward normals of the facets' corners, as long as the facets are large."""
-    a, b, c = (fem.points[facets[:, i]] for i in range(3))
-    return np.cross(b - a, c - a) / 2
 
 
 def _direction(normals: Array, direction: Array | None) -> Array:

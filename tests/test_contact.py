@@ -35,10 +35,15 @@ def dome(height=0.1):
     return np.vstack([CORNERS, middle])
 
 
-@pytest.mark.parametrize("n_nodes", [3, 6])
+def saddle(height=0.1):
+    """One quad, not a parallelogram, with its corners up and down in turn."""
+    return np.array([[0.0, 0, height], [1, 0, -height], [1.1, 0.9, height], [0, 1, -height]])
+
+
+@pytest.mark.parametrize("n_nodes", [3, 6, 4])
 def test_shape_functions_reproduce_positions_and_their_derivatives(n_nodes):
     local = np.random.default_rng(0).random((20, 2)) / 2
-    nodes = dome(0.0)[:n_nodes]
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) if n_nodes == 4 else dome(0.0)[:n_nodes]
     values, derivatives = shape_functions(local, n_nodes)
     np.testing.assert_allclose(values.sum(axis=1), 1, atol=1e-14)
     np.testing.assert_allclose((values @ nodes)[:, :2], local, atol=1e-14)
@@ -47,19 +52,20 @@ def test_shape_functions_reproduce_positions_and_their_derivatives(n_nodes):
         np.testing.assert_allclose(derivatives[:, :, i], slope, atol=1e-9)
 
 
+@pytest.mark.parametrize("facet", [dome, saddle])
 @settings(max_examples=60, deadline=None)
 @given(
     foot=arrays(float, 2, elements=st.floats(-0.4, 1.2)),
     lift=st.floats(-0.3, 0.3),
     height=st.floats(-0.1, 0.1),
 )
-def test_closest_point_is_the_nearest_of_the_whole_facet(foot, lift, height):
+def test_closest_point_is_the_nearest_of_the_whole_facet(facet, foot, lift, height):
     """Within a third of a facet's size; further away a curved facet may have several nearest points."""
     point = np.array([*foot, lift])
-    nodes = dome(height)
+    nodes = facet(height)
     got = closest_points(point[None], nodes[None])
-    grid = np.array([(i / 60, j / 60) for i in range(61) for j in range(61 - i)])
-    nearest = np.linalg.norm(shape_functions(grid, 6)[0] @ nodes - point, axis=1).min()
+    grid = np.array([(i / 60, j / 60) for i in range(61) for j in range(61 if len(nodes) == 4 else 61 - i)])
+    nearest = np.linalg.norm(shape_functions(grid, len(nodes))[0] @ nodes - point, axis=1).min()
     distance = np.linalg.norm(got.weights[0] @ nodes - point)
     assert distance <= nearest + 1e-9
     assert np.hypot(got.gap[0], got.offset[0]) == pytest.approx(distance, abs=1e-12)

@@ -17,10 +17,10 @@ from exudyn_partition.errors import MissingPackageError
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
-    "_version", "errors", "_checks", "_optional", "_progress", "archive", "cache", "material", "fem", "ngsolve_fem",
-    "linalg", "hertz", "partition", "basis", "contact.surface", "contact.rows", "contact.complementarity", "body",
-    "contact.compliance", "contact.lagrange", "history", "items", "solve", "reference", "report", "plot", "__init__",
-    "contact.__init__",
+    "_version", "errors", "_checks", "_optional", "_progress", "archive", "cache", "material", "fem", "mesh_files",
+    "ngsolve_fem", "linalg", "hertz", "partition", "basis", "contact.surface", "contact.rows",
+    "contact.complementarity", "body", "contact.compliance", "contact.lagrange", "history", "items", "solve",
+    "reference", "report", "plot", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 
@@ -51,19 +51,24 @@ def test_imports_point_back_along_the_data_flow():
         assert not late, f"{module} imports {late}"
 
 
-def test_ngsolve_and_exudyn_have_one_door_each():
-    users = {"ngsolve": set(), "netgen": set(), "exudyn": set()}
+def test_outer_packages_have_one_door_each():
+    users = {"ngsolve": set(), "netgen": set(), "meshio": set(), "exudyn": set()}
     for path in PACKAGE.rglob("*.py"):
         module, _, outside = imports(path)
         for package in outside & users.keys():
             users[package].add(module)
-    assert users == {"ngsolve": {"ngsolve_fem"}, "netgen": {"ngsolve_fem"}, "exudyn": {"items", "solve"}}
+    assert users == {
+        "ngsolve": {"ngsolve_fem"},
+        "netgen": {"ngsolve_fem"},
+        "meshio": {"mesh_files"},
+        "exudyn": {"items", "solve"},
+    }
 
 
 def test_import_needs_neither_exudyn_nor_ngsolve():
     code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"exudyn", "ngsolve", "netgen", "matplotlib", "scipy.sparse", "rich"} & set(loaded)
+    assert not {"exudyn", "ngsolve", "netgen", "meshio", "matplotlib", "scipy.sparse", "rich"} & set(loaded)
 
 
 def test_every_public_name_is_there_and_documented():

@@ -400,7 +400,7 @@ def test_the_user_s_settings_are_kept(impact, tmp_path):
     ep.solve_dynamic(mbs, end_time=END, settings=settings)
     assert (tmp_path / "solution.txt").stat().st_size > 1000
     settings.timeIntegration.startTime = 1.0
-    with pytest.raises(InputError, match="expected timeIntegration.startTime 0, got 1.0"):
+    with pytest.raises(InputError, match=r"expected timeIntegration.startTime 0, got 1.0"):
         ep.solve_dynamic(mbs, end_time=END, settings=settings)
 
 

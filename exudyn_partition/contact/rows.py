@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from .._checks import read_only
 from ..errors import EmptyRegionError, PenetrationError
+from ..fem import facet_corners
 from ..partition import Partition
 from .surface import closest_points
 
@@ -29,7 +30,7 @@ class Surface:
     ----------
     points : (np, 3) array
         Positions of the patch's nodes [m].
-    facets : (nf, 3) or (nf, 6) int array
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
         Facets as rows of `points`, outward.
     direction : (3,) array
         Outward unit vector, the patch's line of contact.
@@ -52,7 +53,7 @@ class Surface:
     @property
     def facet_size(self) -> float:
         """Mean edge length of the facets [m]."""
-        corners = self.points[self.facets[:, :3]]
+        corners = self.points[facet_corners(self.facets)]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
