@@ -15,6 +15,7 @@ _HOMES = {
     "ngsolve_fem": ("Refine", "generate_mesh", "fe_model"),
     "fem": ("FEModel",),
     "partition": ("Partition",),
+    "recovery": ("StrainGauge",),
     "body": ("ReducedBody", "reduce"),
     "items": ("CreatePartitionBody", "CreatePartitionContact"),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
@@ -22,7 +23,7 @@ _HOMES = {
     "_progress": ("progress",),
     "report": ("Comparison", "compare", "versions"),
 }
-_MODULES = ("errors", "hertz", "plot", "reference", "report")
+_MODULES = ("errors", "hertz", "plot", "recovery", "reference", "report")
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted([*_HOME_OF, *_MODULES])
