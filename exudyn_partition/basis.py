@@ -139,7 +139,7 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     rigid = mass_normalised(fem.rigid_modes, fem.mass)
     omega_cut = 2 * np.pi * f_cut
     shift = (omega_cut / 2) ** 2
-    load = _pressure(fem, partition)
+    load = pressure(fem, partition)
     with ThreadPoolExecutor(1) as pool:
         # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
         static_answers = pool.submit(_static_answers, fem, partition, rigid)
@@ -174,7 +174,7 @@ def _dynamic_receptance(omega: Array, participation: Array, s: Array) -> Array:
     return (1 / (omega**2 + s[:, None] ** 2) - 1 / omega**2) @ participation**2
 
 
-def _pressure(fem: FEModel, partition: Partition) -> Array:
+def pressure(fem: FEModel, partition: Partition) -> Array:
     """(3n,) load of a unit resultant, a uniform pressure on the contact patch along its direction."""
     facets = partition.facets
     a, b, c = (fem.points[facets[:, i]] for i in range(3))

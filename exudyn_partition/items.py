@@ -59,6 +59,8 @@ class PartitionBody(dict):
     def recover(self, result: Result, rows: sp.csr_matrix) -> Array:
         """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
 
+        It is that of the kept shapes; see `recovery.static_correction` for what they lack.
+
         Parameters
         ----------
         result : Result

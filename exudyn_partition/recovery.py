@@ -5,10 +5,9 @@ same rows serve the full model, `rows @ u`, and a reduced one, `ReducedBody.redu
 
 Six components stand in Voigt order xx, yy, zz, yz, xz, xy; shear strains are engineering ones, gamma_xy = 2 eps_xy.
 
-With the residual and contact-adapted bases the recovered field is that of the kept shapes. The static answer of all
-others acts at the contact alone, as its flexibility, so that their local field around the contact is not recovered; by
-Saint-Venant's principle it fades within a few patch sizes. The paper's basis keeps the impact region's nodes and their
-field.
+With the residual and contact-adapted bases the recovered field is that of the kept shapes. What all others add to the
+static answer is at the contact alone, as its residual flexibility, and is missing here. That is much: it fades only
+beyond a wavelength at f_cut. `static_correction` gives it back (mode acceleration). The other bases have no such part.
 """
 
 from __future__ import annotations
@@ -22,9 +21,12 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from ._checks import read_only, validate_array, validate_positive, validate_vector
+from .basis import pressure
+from .body import ReducedBody
 from .contact.surface import closest_points
 from .errors import InputError, MeshError
 from .fem import FEModel
+from .linalg import FreeBodyFlexibility, one_blas_thread
 from .material import Material
 
 Array = np.ndarray
@@ -256,6 +258,51 @@ def von_mises(stress: Array) -> Array:
     normal, shear = stress[..., :3], stress[..., 3:]
     differences = normal - np.roll(normal, 1, axis=-1)
     return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
+
+
+def static_correction(fem: FEModel, body: ReducedBody) -> Array:
+    """Static displacement by a unit contact force that the kept shapes lack: the mode-acceleration correction.
+
+    The force presses on the contact patch with uniform pressure, so that it holds where the patch's size does not
+    matter. It completes a history, as `force` is positive in compression::
+
+        item.recover(result, rows) + np.outer(contact.force(result), rows @ static_correction(fem, body).ravel())
+
+    What is left is the inertia of the cut modes, as in the contact itself: of the order of (f / f_cut)^2.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+        Of `fem`, with the residual or contact-adapted basis.
+
+    Returns
+    -------
+    (n, 3) array
+        [m/N]
+
+    Raises
+    ------
+    InputError
+        If the basis has no residual flexibility, or the body is of another mesh.
+
+    References
+    ----------
+    R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, section 11.4.
+    """
+    basis = body.basis
+    if basis.flexibility is None:
+        raise InputError(f"body: basis {basis.name!r} has no residual flexibility, and so no static answer to add")
+    if body.fe_dofs != fem.n_dofs:
+        raise InputError(f"fem: expected the body's own mesh with {body.fe_dofs} dofs, got {fem.n_dofs}")
+    load = -pressure(fem, body.partition)
+    elastic = basis.omega > 0
+    amplitude = np.zeros(len(elastic))
+    amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
+    with one_blas_thread():
+        flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, basis.shapes[:, ~elastic])
+        answer = flexibility(load[:, None])[:, 0]
+    return (answer - basis.shapes @ amplitude).reshape(-1, 3)
 
 
 def _elasticity(material: Material) -> Array:
