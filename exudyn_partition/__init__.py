@@ -16,13 +16,14 @@ _HOMES = {
     "fem": ("FEModel",),
     "partition": ("Partition",),
     "body": ("ReducedBody", "load_body", "reduce"),
+    "recovery": ("StrainGauge",),
     "items": ("CreatePartitionBody", "CreatePartitionContact"),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),
     "_progress": ("progress",),
     "report": ("Comparison", "compare", "versions"),
 }
-_MODULES = ("errors", "hertz", "plot", "reference", "report")
+_MODULES = ("errors", "hertz", "plot", "recovery", "reference", "report")
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted([*_HOME_OF, *_MODULES])

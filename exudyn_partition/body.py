@@ -115,6 +115,20 @@ class ReducedBody:
         )
         return sp.hstack([sp.csr_matrix(shapes), identity], format="csr")
 
+    def reduced_rows(self, rows: sp.csr_matrix) -> Array:
+        """Rows on the coordinates, rows T, (k, n_dofs), of rows on the nodal displacements, (k, 3n).
+
+        Parameters
+        ----------
+        rows : (k, 3n) csr matrix
+            As `recovery` makes them; rows @ u of the recovered displacements u is the result times q.
+        """
+        if rows.shape[1] != self.fe_dofs:
+            raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
+        dofs = (3 * self.basis.nodal[:, None] + np.arange(3)).ravel()
+        rows = sp.csr_matrix(rows)
+        return np.hstack([rows @ self.basis.shapes, rows[:, dofs].toarray()])
+
     def displacement(self, q: Array) -> Array:
         """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise."""
         q = np.asarray(q, dtype=float)

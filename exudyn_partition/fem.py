@@ -75,7 +75,9 @@ class FEModel:
         object.__setattr__(self, "points", points)
         cells = np.array(self.cells)
         if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
-            raise MeshError(f"cells: expected integers of shape (ne, 4), (ne, 10) or (ne, 8), got {cells.dtype} {cells.shape}")
+            raise MeshError(
+                f"cells: expected integers of shape (ne, 4), (ne, 10) or (ne, 8), got {cells.dtype} {cells.shape}"
+            )
         if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
             raise MeshError(
                 f"cells: expected node numbers from 0 to {len(points) - 1}, got {cells.min()} to {cells.max()}"

@@ -56,6 +56,18 @@ class PartitionBody(dict):
         """Velocity of the node nearest to `point`, (n, 3) [m/s]; point (3,) in the body's own coordinates [m]."""
         return np.asarray((self._row(point) @ self.coordinates_t(result).T).T)
 
+    def recover(self, result: Result, rows: sp.csr_matrix) -> Array:
+        """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
+
+        It is that of the kept shapes; see `recovery.static_correction` for what they lack.
+
+        Parameters
+        ----------
+        result : Result
+        rows : (k, 3 nodes) csr matrix
+        """
+        return self.coordinates(result) @ self.body.reduced_rows(rows).T
+
     def momentum(self, result: Result) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""
         weights = self.body.mass @ self.body.rigid[:, :3]
