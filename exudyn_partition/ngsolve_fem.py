@@ -288,13 +288,11 @@ def _nodal_basis(ngsolve: Any, mesh: Any, order: int) -> tuple[sp.csr_matrix, Ar
 
 
 def _nodal_values(vector: Any, to_hierarchical: sp.csr_matrix) -> list[Array]:
-    """Nodal values of the three components of a VectorH1 function (the basis change is unit lower triangular)."""
-    n = to_hierarchical.shape[0]
-    coefficients = np.array(vector).reshape(3, n)
+    """Nodal values of the three components of a VectorH1 function; off its diagonal the change reads vertices alone."""
+    coefficients = np.array(vector).reshape(3, -1)
     diagonal = to_hierarchical.diagonal()
-    vertex_part = coefficients * (diagonal == 1.0)
     below = to_hierarchical - sp.diags(diagonal)
-    return [(c - below @ v) / diagonal for c, v in zip(coefficients, vertex_part, strict=True)]
+    return [(c - below @ c) / diagonal for c in coefficients]
 
 
 def _cells(corners: Array, edges: Array, points: Array, nv: int) -> Array:

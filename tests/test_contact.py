@@ -108,6 +108,18 @@ def test_gap_between_two_spheres(surfaces):
     np.testing.assert_allclose(rows.gap, r**2 / 0.01, atol=1e-7)
 
 
+@pytest.mark.parametrize("ball_is_slave", [True, False])
+def test_pairs_do_not_depend_on_the_way_to_go(bodies, ball_is_slave):
+    """From 0.2 m above: the flat patch gives the line, the ball's own normal is off by its mesh."""
+    target = bodies[1].surface(np.zeros(3))
+    touching, apart = (bodies[0].surface(np.add(TOP, [0, 0, height])) for height in (0.0, 0.2))
+    pairs = [(ball, target) if ball_is_slave else (target, ball) for ball in (touching, apart)]
+    near, far = (node_to_segment(*pair) for pair in pairs)
+    np.testing.assert_array_equal(near.slave, far.slave)
+    np.testing.assert_allclose(far.weights, near.weights, atol=2e-3)
+    np.testing.assert_allclose(far.gap, near.gap + 0.2 * abs(far.normal[:, 2]), atol=1e-7)
+
+
 def test_penetration_at_the_start(surfaces):
     slave, master = surfaces
     pushed = replace(slave, points=slave.points - [0, 0, 1e-4])

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from .._checks import read_only
 from ..errors import EmptyRegionError, PenetrationError
-from ..fem import facet_corners
+from ..fem import area_vectors, facet_corners
 from ..partition import Partition
 from .surface import closest_points
 
@@ -49,6 +49,12 @@ class Surface:
         nodes = partition.patch_nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (partition.facets, partition.rim))
         return cls(points[nodes] + position, facets, partition.direction, rim)
+
+    @property
+    def flatness(self) -> float:
+        """Length of the facets' mean unit normal, 1 for a plane: how well `direction` is known on a coarse mesh."""
+        normals = area_vectors(self.points, self.facets)
+        return float(np.linalg.norm(normals.sum(axis=0)) / np.linalg.norm(normals, axis=1).sum())
 
     @property
     def facet_size(self) -> float:
@@ -115,9 +121,9 @@ class ContactRows:
 def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
     """Pair every slave node with the point of the master patch that it will meet.
 
-    The slave is first moved along its line of contact until it touches, there each node takes the closest point of the
-    master, and the way is given back to the gaps: so pairs are right for bodies that start apart and approach along
-    that line.
+    The slave is first moved along the line of contact, the flatter patch's, until it touches; there each node takes the
+    closest point of the master, and the way is given back to the gaps: so pairs are right for bodies that start apart
+    and approach along that line.
 
     Raises
     ------
@@ -127,9 +133,10 @@ def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
         If a pair overlaps.
     """
     facets, size = master.points[master.facets], master.facet_size
+    approach = slave.direction if slave.flatness > master.flatness else -master.direction
     way = 0.0
     for _ in range(_APPROACHES):
-        projection = closest_points(slave.points + way * slave.direction, facets)
+        projection = closest_points(slave.points + way * approach, facets)
         facing = projection.normal @ slave.direction < -_FACING
         paired = (projection.offset <= _EDGE_TOLERANCE * size) & facing
         if way == 0.0 and paired.any() and projection.gap[paired].min() < -_PENETRATION_TOLERANCE * size:
@@ -162,7 +169,7 @@ def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
         master=master.facets[facet],
         weights=projection.weights[paired],
         normal=normal,
-        gap=projection.gap[paired] - way * (normal @ slave.direction),
+        gap=projection.gap[paired] - way * (normal @ approach),
         at_edge=np.isin(nodes, np.union1d(slave.rim, beside)),
         facet_size=size,
         unpaired=int(np.count_nonzero(~paired)),
