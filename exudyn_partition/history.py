@@ -18,6 +18,25 @@ Array = np.ndarray
 _FORMAT = 1
 
 
+def at_times(means: Array) -> Array:
+    """Values at times from means over the intervals before them.
+
+    Parameters
+    ----------
+    means : (n, ...) array
+        Entry i is the mean from time i - 1 to time i; entry 0 counts for nothing.
+
+    Returns
+    -------
+    (n, ...) array
+        Mean of the intervals on both sides, at the ends of the one there is: the trapezoidal rule over it gives the
+        sum of the means.
+    """
+    if len(means) < 2:
+        return means
+    return np.concatenate([means[1:2], (means[1:-1] + means[2:]) / 2, means[-1:]])
+
+
 @dataclass(frozen=True, eq=False)
 class History:
     """Contact force and velocities of one run.

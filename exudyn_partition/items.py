@@ -15,6 +15,7 @@ from .contact.compliance import ComplianceContact
 from .contact.lagrange import LagrangeContact
 from .contact.rows import node_to_segment
 from .errors import InputError, RunError
+from .history import at_times
 
 if TYPE_CHECKING:
     from .solve import Result
@@ -165,12 +166,16 @@ class PartitionContact(dict):
         return self.slave.nodes + self.master.nodes
 
     def force(self, result: Result) -> Array:
-        """Sum of normal forces, (n,) [N], >= 0, at the times of `result`; of multipliers the mean of each sample."""
-        return result.sensor(self["sForce"])[:, 0]
+        """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
+        return self._at_times(result.sensor(self["sForce"])[:, 0])
 
     def force_on_slave(self, result: Result) -> Array:
         """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return result.sensor(self["sForce"])[:, 2:5]
+        return self._at_times(result.sensor(self["sForce"])[:, 2:5])
+
+    def _at_times(self, samples: Array) -> Array:
+        """Multipliers are sampled as means over the intervals between samples, for single ones jump."""
+        return at_times(samples) if self.explicit_only else samples
 
     def closed_rows(self, result: Result) -> Array:
         """Number of closed contact rows, (n,)."""

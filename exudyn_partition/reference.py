@@ -14,7 +14,7 @@ from .contact.complementarity import Complementarity
 from .contact.rows import ContactRows, Surface, node_to_segment
 from .errors import InputError
 from .fem import FEModel, node_dofs
-from .history import History
+from .history import History, at_times
 from .linalg import Factorisation, one_blas_thread
 from .partition import Partition
 
@@ -162,7 +162,7 @@ def simulate(
     nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}
 
     t = step * np.arange(steps + 1)
-    force = np.zeros(steps + 2)  # force[n] acts from t[n - 1] to t[n]
+    force = np.zeros(steps + 1)  # force[n] acts from t[n - 1] to t[n]
     velocity = {name: np.empty((steps + 1, 3)) for name in nodes}
     for name, (index, node) in nodes.items():
         velocity[name][0] = sides[index].v[3 * node : 3 * node + 3]
@@ -184,8 +184,6 @@ def simulate(
     except KeyboardInterrupt:
         pass  # what has been computed is returned; info["steps"] says how far it came
     kept = slice(0, done + 1)
-    force[done + 1] = force[done]
-    at_times = (force[:-1] + force[1:]) / 2
     info = {
         "label": "full FE",
         "dofs": sum(body.fem.n_dofs for body in bodies),
@@ -197,7 +195,7 @@ def simulate(
         "setup_s": setup_s,
         "energy_error": sum(side.energy() for side in sides) / energy - 1 if energy else 0.0,
     }
-    return History(t[kept], at_times[kept], {name: v[kept] for name, v in velocity.items()}, info)
+    return History(t[kept], at_times(force[kept]), {name: v[kept] for name, v in velocity.items()}, info)
 
 
 def _selection(dofs: Array, n: int) -> sp.csr_matrix:

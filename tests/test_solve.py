@@ -181,8 +181,9 @@ def test_multipliers_conserve_momentum_and_agree_with_compliance(nodal_bodies, i
     result = ep.solve_dynamic(mbs, end_time=30e-6)
     change = [item.momentum(result)[-1, 2] - item.momentum(result)[0, 2] for item in (striker, target)]
     assert change[0] == pytest.approx(-change[1], rel=1e-9)
-    impulse = contact.force(result)[1:].sum() * result.step
-    assert change[0] == pytest.approx(impulse, rel=1e-9)
+    assert change[0] == pytest.approx(result.history(contact).impulse, rel=1e-9)
+    seldom = ep.solve_dynamic(mbs, end_time=30e-6, sample_period=1e-6)
+    assert change[0] == pytest.approx(seldom.history(contact).impulse, rel=1e-9)
     energy = striker.energy(result) + target.energy(result)
     assert energy[-1] == pytest.approx(energy[0], rel=0.02)
     # Bases without the static answer of what is cut are the stiffer ones: their impulse comes earlier.
@@ -301,7 +302,7 @@ def test_a_second_run_is_the_first_again(nodal_bodies, impact):
     for mbs, *_, contact in (lagrange, impact):
         first, second = (contact.force(ep.solve_dynamic(mbs, end_time=3e-6)) for _ in range(2))
         np.testing.assert_array_equal(first, second)
-        assert first[0] == 0 < first.max()
+        assert first[0] < 0.02 * first.max()
 
 
 def test_force_on_the_slave_is_its_change_of_momentum(impact):
