@@ -18,23 +18,27 @@ Array = np.ndarray
 _FORMAT = 1
 
 
-def at_times(means: Array) -> Array:
+def at_times(t: Array, means: Array) -> Array:
     """Values at times from means over the intervals before them.
 
     Parameters
     ----------
+    t : (n,) array
+        [s]
     means : (n, ...) array
-        Entry i is the mean from time i - 1 to time i; entry 0 counts for nothing.
+        Entry i is the mean from t[i - 1] to t[i]; entry 0 counts for nothing.
 
     Returns
     -------
     (n, ...) array
-        Mean of the intervals on both sides, at the ends of the one there is: the trapezoidal rule over it gives the
-        sum of the means.
+        Mean over the intervals on both sides, at the ends over the one there is: the trapezoidal rule over it gives
+        the integral of the means.
     """
-    if len(means) < 2:
+    if len(t) < 2:
         return means
-    return np.concatenate([means[1:2], (means[1:-1] + means[2:]) / 2, means[-1:]])
+    dt = np.diff(t).reshape(-1, *[1] * (means.ndim - 1))
+    integral = means[1:] * dt
+    return np.concatenate([means[1:2], (integral[:-1] + integral[1:]) / (dt[:-1] + dt[1:]), means[-1:]])
 
 
 @dataclass(frozen=True, eq=False)

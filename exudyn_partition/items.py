@@ -167,15 +167,16 @@ class PartitionContact(dict):
 
     def force(self, result: Result) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
-        return self._at_times(result.sensor(self["sForce"])[:, 0])
+        return self._at_times(result)[:, 0]
 
     def force_on_slave(self, result: Result) -> Array:
         """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return self._at_times(result.sensor(self["sForce"])[:, 2:5])
+        return self._at_times(result)[:, 2:5]
 
-    def _at_times(self, samples: Array) -> Array:
-        """Multipliers are sampled as means over the intervals between samples, for single ones jump."""
-        return at_times(samples) if self.explicit_only else samples
+    def _at_times(self, result: Result) -> Array:
+        """Samples of the contact; those of multipliers are means over intervals, for single ones jump."""
+        samples = result.sensor(self["sForce"])
+        return at_times(result.t, samples) if self.explicit_only else samples
 
     def closed_rows(self, result: Result) -> Array:
         """Number of closed contact rows, (n,)."""

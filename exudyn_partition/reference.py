@@ -195,7 +195,7 @@ def simulate(
         "setup_s": setup_s,
         "energy_error": sum(side.energy() for side in sides) / energy - 1 if energy else 0.0,
     }
-    return History(t[kept], at_times(force[kept]), {name: v[kept] for name, v in velocity.items()}, info)
+    return History(t[kept], at_times(t[kept], force[kept]), {name: v[kept] for name, v in velocity.items()}, info)
 
 
 def _selection(dofs: Array, n: int) -> sp.csr_matrix:
