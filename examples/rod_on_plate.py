@@ -186,6 +186,8 @@ def main(argv=None):
     own = options.quick or options.reference
     reference = full_reference(fems, partitions, end_time) if own else stored_reference(fems)
     source = "this run" if own else f"stored in {STORED.name}"
+    if reference.t[-1] < 0.999 * end_time:
+        source += f", which ended at {reference.t[-1]:.3g} s"
     history, result = summary(fems, times, run, reduce_s, reference, source)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "result.json").write_text(json.dumps(result, indent=2))

@@ -41,6 +41,14 @@ class PartitionBody(dict):
         """Exudyn nodes of the body, in the order of its coordinates."""
         return [self[key] for key in ("nModal", "nNodal") if key in self]
 
+    def is_in(self, mbs: Any) -> bool:
+        """Whether the model still holds this body's object on its nodes, of its size."""
+        nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
+        if [*map(int, nodes)] != [*map(int, self.nodes)]:
+            return False
+        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", 0) for node in nodes]
+        return sum(held) == self.body.n_dofs
+
     def coordinates(self, result: Result) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
         return np.hstack([result.sensor(s) for s in self["sCoordinates"]])
@@ -99,21 +107,20 @@ class PartitionContact(dict):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
     Keys: `oContact` with compliance; `sForce`, a sensor of the total normal force [N], the number of closed rows and
-    the force on the slave [N].
+    the force on the slave [N]; of multipliers also the impulses so far, total and on the slave [N s].
     """
 
     def __init__(self, name: str, slave: PartitionBody, master: PartitionBody, law: Any, **indices: Any) -> None:
         super().__init__(**indices)
         self.name, self.slave, self.master, self.law = name, slave, master, law
-        self._restart(0.0)
+        self.restart()
 
-    def _restart(self, t: float) -> None:
+    def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
         self.law.reset()
         self.reached_edge_at: float | None = None
         self._sampled_at = self._stepped_to = t
         self._impulse = np.zeros(len(self.law.rows))
-        self._mean = np.zeros(len(self.law.rows))
 
     def before_step(self, mbs: Any, t: float) -> None:
         """Apply multipliers ahead of the step that ends at t, once.
@@ -139,26 +146,30 @@ class PartitionContact(dict):
                 start += len(part)
         self._stepped_to = t
 
-    def sample(self, t: float) -> list[float]:
-        """Total normal force, closed rows, force on the slave at t; of multipliers the mean since the last sample."""
-        if t < self._sampled_at:
-            self._restart(t)
-        lam, index = self.law.lam, self.law.problem.index
-        if self.explicit_only:
-            if t > self._stepped_to:
-                raise RunError(
-                    f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
-                    "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
-                    "CreatePartitionContact, or run the model by solve_dynamic"
-                )
-            if t > self._sampled_at:
-                self._mean = self._impulse / (t - self._sampled_at)
-                self._impulse = np.zeros(len(lam))
-            lam = self._mean
+    def sample(self, mbs: Any, t: float) -> list[float]:
+        """Values of the sensor `sForce` at t."""
+        if t < max(self._sampled_at, self._stepped_to):
+            self.restart(t)
         self._sampled_at = t
-        if self.reached_edge_at is None and index.size and self.law.rows.at_edge[index].any():
+        lam, index, rows = self.law.lam, self.law.problem.index, self.law.rows
+        if self.reached_edge_at is None and index.size and rows.at_edge[index].any():
             self.reached_edge_at = t
-        return [float(lam.sum()), float(index.size), *(lam @ self.law.rows.normal).tolist()]
+        values = [lam.sum(), index.size, *(lam @ rows.normal)]
+        if self.explicit_only:
+            self._check_step(mbs, t)
+            values += [self._impulse.sum(), *(self._impulse @ rows.normal)]
+        return [float(value) for value in values]
+
+    def _check_step(self, mbs: Any, t: float) -> None:
+        """Refuse a run in which multipliers were not applied, or not by central differences."""
+        if t > self._stepped_to:
+            raise RunError(
+                f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
+                "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
+                "CreatePartitionContact, or run the model by solve_dynamic"
+            )
+        coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
+        self.law.check_gaps(np.concatenate([coordinates[s] for s in _slices(mbs, self.nodes)]))
 
     @property
     def nodes(self) -> list[Any]:
@@ -167,16 +178,20 @@ class PartitionContact(dict):
 
     def force(self, result: Result) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
-        return self._at_times(result)[:, 0]
+        return self._sampled(result, slice(0, 1), slice(5, 6))[:, 0]
 
     def force_on_slave(self, result: Result) -> Array:
         """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return self._at_times(result)[:, 2:5]
+        return self._sampled(result, slice(2, 5), slice(6, 9))
 
-    def _at_times(self, result: Result) -> Array:
-        """Samples of the contact; those of multipliers are means over intervals, for single ones jump."""
+    def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
+        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
         samples = result.sensor(self["sForce"])
-        return at_times(result.t, samples) if self.explicit_only else samples
+        if not self.explicit_only or len(result.t) < 2:
+            return samples[:, forces]
+        impulse = samples[:, impulses]
+        means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
+        return at_times(result.t, means)
 
     def closed_rows(self, result: Result) -> Array:
         """Number of closed contact rows, (n,)."""
@@ -205,9 +220,9 @@ class PartitionContact(dict):
             nodes = item.body.partition.patch_nodes
             u = item.body.rows(nodes) @ item.coordinates(result)[samples].T
             means.append(u.reshape(len(nodes), 3, -1).mean(axis=0))
-        normal = self.law.rows.normal.mean(axis=0)
+        line = self.law.rows.approach
         between = means[0] - means[1]
-        slide = np.linalg.norm(between - np.outer(normal, normal @ between), axis=0)
+        slide = np.linalg.norm(between - np.outer(line, line @ between), axis=0)
         return float(slide.max()), float(result.t[samples[slide.argmax()]])
 
     @property
@@ -225,8 +240,7 @@ def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContac
     bodies, contacts = mbs.sys.setdefault(_REGISTRY, ({}, {}))
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
     for number, item in list(bodies.items()):
-        nodes = mbs.GetObject(item["oGenericODE2"]).get("nodeNumbers", []) if number < objects else []
-        if [*map(int, nodes)] != [*map(int, item.nodes)]:
+        if number >= objects or not item.is_in(mbs):
             del bodies[number]
     for number, contact in list(contacts.items()):
         both_there = all(any(item is body for body in bodies.values()) for item in (contact.slave, contact.master))
@@ -401,7 +415,7 @@ def CreatePartitionContact(
         _chain_before_step(mbs, contact)
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(
-            name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(t), storeInternal=True
+            name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(mbs, t), storeInternal=True
         )
     )
     mbs.sys[_REGISTRY][1][int(contact["sForce"])] = contact

@@ -31,6 +31,8 @@ class Partition:
         leaves the patch.
     n_nodes : int
         Nodes of the FE model.
+    direction_given : bool
+        Whether the user gave `direction`.
     """
 
     nodes: Array
@@ -38,6 +40,7 @@ class Partition:
     direction: Array
     rim: Array
     n_nodes: int
+    direction_given: bool = False
 
     def __post_init__(self) -> None:
         read_only(self.nodes, self.facets, self.direction, self.rim)
@@ -70,7 +73,8 @@ class Partition:
             Radius of the patch where contact can happen, at most `radius` [m]; nodes that can never touch need no
             contact rows. Default: `radius`. `hertz.contact_radius` estimates how far a contact reaches.
         direction : (3,) array, optional
-            The line of contact, outward; default: the patch's mean normal.
+            The line of contact, outward; default: the patch's mean normal, which its mesh makes uncertain by some
+            1e-3 rad. Give it for curved patches that start far apart.
 
         Raises
         ------
@@ -116,7 +120,7 @@ class Partition:
                 "another direction or center"
             )
         rim = np.intersect1d(facets, fem.facets[~within & facing])
-        return cls(np.union1d(nodes, facets), facets, line, rim, fem.n_nodes)
+        return cls(np.union1d(nodes, facets), facets, line, rim, fem.n_nodes, direction is not None)
 
 
 def _direction(normals: Array, direction: Array | None) -> Array:

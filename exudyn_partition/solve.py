@@ -226,6 +226,8 @@ def solve_dynamic(
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
     status, message = "finished", f"reached {end_time:.6g} s"
+    for contact in partition_items(mbs)[1]:
+        contact.restart()
     with one_blas_thread(), _watched(mbs, end_time, progress) as watch:
         begin = time.perf_counter()
         try:
@@ -238,8 +240,11 @@ def solve_dynamic(
     result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     if watch.interrupted:
         status, message = "interrupted", "interrupted by the user"
-    elif status == "finished" and end_time - result.t[-1] > 1.5 * sample_period:
-        status, message = "interrupted", "a PreStep or other user function ended the run"
+    elif status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
+        status = "interrupted"
+        message = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
+    elif status == "finished" and progress is not None:
+        progress(1.0)
     return _reviewed(mbs, replace(result, status=status, message=message))
 
 
@@ -283,7 +288,7 @@ def _samples(mbs: Any) -> Result:
     return Result(
         t=first[:samples, 0].copy(),
         status="finished",
-        message="",
+        message="samples of the model's last run",
         step=float("nan"),
         steps=0,
         method="",
@@ -425,7 +430,7 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     if slide > size:
         warnings.warn(
             f"{name} slid by {slide:.3g} m at t = {when:.6g} s while closed, more than a facet ({size:.3g} m): its "
-            "pairs are frozen in the reference configuration and no longer true",
+            "pairs are frozen and no longer true. Bodies that start far apart need the partition's direction",
             ContactPatchWarning,
             stacklevel=5,
         )

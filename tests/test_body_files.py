@@ -313,6 +313,7 @@ PARTITIONS = {
     "facets": lambda part: part.facets[1:].copy(),
     "direction": lambda part: np.array([0, 0.6, 0.8]),
     "rim": lambda part: part.rim[1:].copy(),
+    "direction_given": lambda part: True,
 }
 OPTIONS = {"f_cut": 1.001 * F_CUT, "basis": "residual"}
 

@@ -120,6 +120,19 @@ def test_pairs_do_not_depend_on_the_way_to_go(bodies, ball_is_slave):
     np.testing.assert_allclose(far.gap, near.gap + 0.2 * abs(far.normal[:, 2]), atol=1e-7)
 
 
+def test_a_direction_that_is_given_leads(sphere, other_sphere):
+    """Two spheres a metre apart: along the mesh's own mean normals they would miss each other."""
+    (fem, part), (other, other_part) = sphere, other_sphere
+    given = ep.Partition.ball(fem, (0, 0, 0), 0.45e-3, direction=[0, 0, -1])
+    master = Surface.of(other.points, other_part, np.zeros(3))
+    touching = node_to_segment(Surface.of(fem.points, given, np.zeros(3)), master)
+    apart = node_to_segment(Surface.of(fem.points, given, np.array([0, 0, 1.0])), master)
+    np.testing.assert_array_equal(touching.slave, apart.slave)
+    np.testing.assert_allclose(apart.gap, touching.gap + abs(touching.normal[:, 2]), rtol=1e-6)
+    with pytest.raises(EmptyRegionError):
+        node_to_segment(Surface.of(fem.points, part, np.array([0, 0, 1.0])), master)
+
+
 def test_penetration_at_the_start(surfaces):
     slave, master = surfaces
     pushed = replace(slave, points=slave.points - [0, 0, 1e-4])

@@ -8,6 +8,7 @@ import exudyn.itemInterface as items
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 from conftest import TOP, relative
 
 import exudyn_partition as ep
@@ -21,6 +22,7 @@ from exudyn_partition.errors import (
     StepSizeError,
     StoppedRunWarning,
 )
+from exudyn_partition.items import partition_items
 
 END = 60e-6
 
@@ -272,7 +274,7 @@ def test_pairs_are_right_for_bodies_that_start_apart(sphere, other_sphere):
     """Two spheres: closest points in the reference would pair nodes that never meet, and lose half the force."""
     spheres = [ep.reduce(*pair, f_cut=200e3) for pair in (sphere, other_sphere)]
     peaks = []
-    for gap in (0.0, 3e-3):
+    for gap in (0.0, 3e-3):  # further away only with the partitions' direction given
         mbs = exu.SystemContainer().AddSystem()
         striker = ep.CreatePartitionBody(mbs, spheres[0], referencePosition=[0, 0, gap], initialVelocity=[0, 0, -1.0])
         contact = ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, spheres[1]))
@@ -303,6 +305,53 @@ def test_a_second_run_is_the_first_again(nodal_bodies, impact):
         first, second = (contact.force(ep.solve_dynamic(mbs, end_time=3e-6)) for _ in range(2))
         np.testing.assert_array_equal(first, second)
         assert first[0] < 0.02 * first.max()
+
+
+def test_an_interrupted_run_leaves_nothing_to_the_next(nodal_bodies):
+    mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
+    whole = contact.force(ep.solve_dynamic(mbs, end_time=3e-6))
+
+    def press_ctrl_c(share):
+        if 0.4 < share < 0.6:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
+        ep.solve_dynamic(mbs, end_time=3e-6, sample_period=3e-6, progress=press_ctrl_c)
+    np.testing.assert_array_equal(contact.force(ep.solve_dynamic(mbs, end_time=3e-6)), whole)
+
+
+def test_reading_the_force_during_a_run_changes_nothing(nodal_bodies):
+    mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
+    undisturbed = contact.force(ep.solve_dynamic(mbs, end_time=3e-6, sample_period=0.3e-6))
+    mbs.SetPreStepUserFunction(lambda mbs, t: len(mbs.GetSensorValues(contact["sForce"])) > 0)
+    read = contact.force(ep.solve_dynamic(mbs, end_time=3e-6, sample_period=0.3e-6))
+    np.testing.assert_allclose(read, undisturbed, rtol=1e-12)
+
+
+def test_multipliers_refuse_the_static_solver(nodal_bodies):
+    """One load step presses the ball into the block, for multipliers act on velocities."""
+    mbs, striker, _, _ = collide(nodal_bodies, formulation="lagrange", initialVelocity=[0, 0, 0])
+    for item in partition_items(mbs)[0]:
+        # Rigid motion is held by springs, pressed by a force on the striker.
+        n, rigid = item.body.n_dofs, item.body.rigid
+        M_rigid = item.body.mass @ rigid
+        push = -50.0 * rigid[:, 2] / (rigid[:, 2] @ M_rigid[:, 2]) * item.body.total_mass if item is striker else 0
+        load = item.body.mass @ (push * np.ones(n)) if item is striker else np.zeros(n)
+        mbs.AddObject(
+            items.ObjectGenericODE2(
+                nodeNumbers=item.nodes,
+                stiffnessMatrix=exu.MatrixContainer(sp.csr_matrix(1e6 / item.body.total_mass**2 * M_rigid @ M_rigid.T)),
+                forceVector=load / item.body.total_mass,
+                visualization=items.VObjectGenericODE2(show=False),
+            )
+        )
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.staticSolver.verboseMode = 0
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    with pytest.raises(Exception, match="needs Exudyn's explicit solver VelocityVerlet"):
+        mbs.SolveStatic(settings)
 
 
 def test_force_on_the_slave_is_its_change_of_momentum(impact):
@@ -369,13 +418,14 @@ def test_a_run_that_grows_beyond_all_bounds_is_not_finished(impact):
     assert 0 < len(result.t) < 40
 
 
-def test_a_user_function_that_ends_the_run(impact):
+@pytest.mark.parametrize("sample_period", [0.5e-6, END])
+def test_a_user_function_that_ends_the_run(impact, sample_period):
     mbs, *_ = impact
     mbs.SetPreStepUserFunction(lambda mbs, t: t < 20e-6)
-    with pytest.warns(StoppedRunWarning, match="a PreStep or other user function ended the run; results are kept"):
-        result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6)
+    with pytest.warns(StoppedRunWarning, match="user function ended the run at .* s; results are kept"):
+        result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6, sample_period=sample_period)
     assert result.status == "interrupted"
-    assert result.t[-1] == pytest.approx(20e-6, abs=1e-6)
+    assert result.steps in (40, 41)
 
 
 def test_large_rotation_warns(mbs, bodies):

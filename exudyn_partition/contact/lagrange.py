@@ -13,6 +13,16 @@ from .rows import ContactRows
 Array = np.ndarray
 
 
+_CLOSED = 1e-6  # of a facet's size: central differences close gaps to round-off
+
+
+def _not_central_differences(reason: str) -> RunError:
+    return RunError(
+        f"{reason}: contact with formulation 'lagrange' needs Exudyn's explicit solver VelocityVerlet with a constant "
+        "step (solve_dynamic(..., method='explicit'))"
+    )
+
+
 class LagrangeContact:
     """Multipliers of the paper's basis, chosen so that no gap is closed further than zero at the end of the step.
 
@@ -78,10 +88,13 @@ class LagrangeContact:
             return
         gap = self.rows.gap + self.G @ q
         if abs(gap - self._expected).max() > 1e-3 * self._scale + 1e-12 * abs(q).max():
-            raise RunError(
-                "the last step did not close the gaps as predicted: contact with formulation 'lagrange' needs Exudyn's "
-                "explicit solver VelocityVerlet with a constant step (solve_dynamic(..., method='explicit'))"
-            )
+            raise _not_central_differences("the last step did not close the gaps as predicted")
+
+    def check_gaps(self, q: Array) -> None:
+        """Refuse coordinates in which a gap is closed further than zero."""
+        gap = self.rows.gap + self.G @ q
+        if gap.min() < -_CLOSED * self.rows.facet_size:
+            raise _not_central_differences(f"a gap is {gap.min():.3g} m")
 
     def reset(self) -> None:
         """Forget the last step, before a new run."""

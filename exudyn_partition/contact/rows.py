@@ -36,23 +36,28 @@ class Surface:
         Outward unit vector, the patch's line of contact.
     rim : (k,) int array
         Rows of `points` beyond which the body's surface goes on.
+    direction_given : bool
+        Whether the user gave `direction`; else it is the mesh's.
     """
 
     points: Array
     facets: Array
     direction: Array
     rim: Array
+    direction_given: bool = False
 
     @classmethod
     def of(cls, points: Array, partition: Partition, position: Array) -> Surface:
         """Contact patch of `partition` with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
         nodes = partition.patch_nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (partition.facets, partition.rim))
-        return cls(points[nodes] + position, facets, partition.direction, rim)
+        return cls(points[nodes] + position, facets, partition.direction, rim, partition.direction_given)
 
     @property
     def flatness(self) -> float:
-        """Length of the facets' mean unit normal, 1 for a plane: how well `direction` is known on a coarse mesh."""
+        """How well `direction` is known: length of the facets' mean unit normal, 1 for a plane; 2 if it was given."""
+        if self.direction_given:
+            return 2.0
         normals = area_vectors(self.points, self.facets)
         return float(np.linalg.norm(normals.sum(axis=0)) / np.linalg.norm(normals, axis=1).sum())
 
@@ -85,6 +90,8 @@ class ContactRows:
         Mean edge length of the master's facets [m]; sliding beyond it needs new pairs.
     unpaired : int
         Slave nodes that face no master facet and therefore have no row.
+    approach : (3,) array
+        Unit vector along which the slave was brought to the master.
     """
 
     slave: Array
@@ -95,6 +102,7 @@ class ContactRows:
     at_edge: Array
     facet_size: float
     unpaired: int
+    approach: Array
 
     def __post_init__(self) -> None:
         read_only(self.slave, self.master, self.weights, self.normal, self.gap, self.at_edge)
@@ -159,10 +167,17 @@ def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
             f"{slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
             f"{slave.direction} and {master.direction}. Check referencePosition and the centers of the partitions"
         )
+    if abs(clearance) > _TOUCHING * size:
+        raise EmptyRegionError(
+            f"the patches do not come together along {approach}: after {_APPROACHES} projections {clearance:.3g} m are "
+            "left. Give both partitions a direction, the line along which the bodies meet"
+        )
     nodes, facet = np.flatnonzero(paired), projection.facet[paired]
     normal = projection.normal[paired]
-    # Nodes whose neighbour looks past the rim of the master's patch, where its body goes on, are at the edge too.
-    lost = ~paired & np.isin(master.facets[projection.facet], master.rim).any(axis=1)
+    # At the edge are also the neighbours of nodes that look past the rim of the master's patch, where its body goes on,
+    # and of nodes that lie on it but face it too much aslant.
+    past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
+    lost = ~paired & (past_rim | (projection.offset <= _EDGE_TOLERANCE * size))
     beside = np.unique(slave.facets[lost[slave.facets].any(axis=1)])
     return ContactRows(
         slave=nodes,
@@ -173,4 +188,5 @@ def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
         at_edge=np.isin(nodes, np.union1d(slave.rim, beside)),
         facet_size=size,
         unpaired=int(np.count_nonzero(~paired)),
+        approach=approach,
     )
