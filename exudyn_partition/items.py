@@ -1,4 +1,4 @@
-"""Exudyn adapter: partition bodies and their contacts as nodes, objects and sensors of an existing model."""
+"""Exudyn adapter: partition bodies as nodes, objects and sensors of a model, and the list of what it holds."""
 
 from __future__ import annotations
 
@@ -11,18 +11,15 @@ import scipy.sparse as sp
 from ._checks import validate_choice, validate_vector
 from ._optional import require
 from .body import ReducedBody
-from .contact.compliance import ComplianceContact
-from .contact.lagrange import LagrangeContact
-from .contact.rows import node_to_segment
-from .errors import InputError, RunError
-from .history import at_times
+from .errors import InputError
 
 if TYPE_CHECKING:
+    from .contact_items import PartitionContact
     from .solve import Result
 
 Array = np.ndarray
 
-_REGISTRY = "exudynPartition"  # key in mbs.sys
+REGISTRY = "exudynPartition"  # key in mbs.sys
 
 
 class PartitionBody(dict):
@@ -103,141 +100,9 @@ class PartitionBody(dict):
         return self.body.rows(np.array([self.body.nearest_node(point)]))
 
 
-class PartitionContact(dict):
-    """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
-
-    Keys: `oContact` with compliance; `sForce`, a sensor of the total normal force [N], the number of closed rows and
-    the force on the slave [N]; of multipliers also the impulses so far, total and on the slave [N s].
-    """
-
-    def __init__(self, name: str, slave: PartitionBody, master: PartitionBody, law: Any, **indices: Any) -> None:
-        super().__init__(**indices)
-        self.name, self.slave, self.master, self.law = name, slave, master, law
-        self.restart()
-
-    def restart(self, t: float = 0.0) -> None:
-        """Forget the last run."""
-        self.law.reset()
-        self.reached_edge_at: float | None = None
-        self._sampled_at = self._stepped_to = t
-        self._impulse = np.zeros(len(self.law.rows))
-
-    def before_step(self, mbs: Any, t: float) -> None:
-        """Apply multipliers ahead of the step that ends at t, once.
-
-        Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity
-        at mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the contact's acceleration c.
-        """
-        if not self.explicit_only or t == self._stepped_to:
-            return
-        exu, data = require("exudyn"), mbs.systemData
-        step = t - data.GetTime(exu.ConfigurationType.StartOfStep)
-        slices = _slices(mbs, self.nodes)
-        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
-        increment = self.law.increment(*[np.concatenate([view[s] for s in slices]) for view in views], step=step)
-        if increment is not None:
-            self._impulse += step * self.law.lam
-            start = 0
-            for s in slices:
-                part = increment[start : start + s.stop - s.start]
-                q_t[s] += 0.5 * step * part
-                q_tt[s] += part
-                start += len(part)
-        self._stepped_to = t
-
-    def sample(self, mbs: Any, t: float) -> list[float]:
-        """Values of the sensor `sForce` at t."""
-        if t < max(self._sampled_at, self._stepped_to):
-            self.restart(t)
-        self._sampled_at = t
-        lam, index, rows = self.law.lam, self.law.problem.index, self.law.rows
-        if self.reached_edge_at is None and index.size and rows.at_edge[index].any():
-            self.reached_edge_at = t
-        values = [lam.sum(), index.size, *(lam @ rows.normal)]
-        if self.explicit_only:
-            self._check_step(mbs, t)
-            values += [self._impulse.sum(), *(self._impulse @ rows.normal)]
-        return [float(value) for value in values]
-
-    def _check_step(self, mbs: Any, t: float) -> None:
-        """Refuse a run in which multipliers were not applied, or not by central differences."""
-        if t > self._stepped_to:
-            raise RunError(
-                f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
-                "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
-                "CreatePartitionContact, or run the model by solve_dynamic"
-            )
-        coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        self.law.check_gaps(np.concatenate([coordinates[s] for s in _slices(mbs, self.nodes)]))
-
-    @property
-    def nodes(self) -> list[Any]:
-        """Exudyn nodes of slave and master."""
-        return self.slave.nodes + self.master.nodes
-
-    def force(self, result: Result) -> Array:
-        """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
-        return self._sampled(result, slice(0, 1), slice(5, 6))[:, 0]
-
-    def force_on_slave(self, result: Result) -> Array:
-        """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return self._sampled(result, slice(2, 5), slice(6, 9))
-
-    def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
-        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
-        samples = result.sensor(self["sForce"])
-        if not self.explicit_only or len(result.t) < 2:
-            return samples[:, forces]
-        impulse = samples[:, impulses]
-        means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
-        return at_times(result.t, means)
-
-    def closed_rows(self, result: Result) -> Array:
-        """Number of closed contact rows, (n,)."""
-        return result.sensor(self["sForce"])[:, 1].astype(int)
-
-    def energy(self, result: Result) -> Array:
-        """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none."""
-        if self.explicit_only:
-            return np.zeros(len(result.t))
-        q = np.hstack([self.slave.coordinates(result), self.master.coordinates(result)])
-        return np.array([self.law.potential(x) for x in q])
-
-    @property
-    def explicit_only(self) -> bool:
-        """Whether the contact runs in explicit solvers only."""
-        return isinstance(self.law, LagrangeContact)
-
-    def largest_slide(self, result: Result) -> tuple[float, float]:
-        """Largest tangential displacement between the patches while closed [m], of some 50 samples, and when [s]."""
-        closed = np.flatnonzero(self.force(result) > 0)
-        if not len(closed):
-            return 0.0, 0.0
-        samples = closed[:: max(1, len(closed) // 50)]
-        means = []
-        for item in (self.slave, self.master):
-            nodes = item.body.partition.patch_nodes
-            u = item.body.rows(nodes) @ item.coordinates(result)[samples].T
-            means.append(u.reshape(len(nodes), 3, -1).mean(axis=0))
-        line = self.law.rows.approach
-        between = means[0] - means[1]
-        slide = np.linalg.norm(between - np.outer(line, line @ between), axis=0)
-        return float(slide.max()), float(result.t[samples[slide.argmax()]])
-
-    @property
-    def left_out(self) -> list[str]:
-        """What the contact leaves out, in sentences."""
-        unpaired = self.law.rows.unpaired
-        said = ["tangential rows: the contact is frictionless"]
-        if unpaired:
-            said.append(f"{unpaired} nodes of {self.slave.name or 'the slave'} that face no facet of the master patch")
-        return said
-
-
 def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
     """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
-    bodies, contacts = mbs.sys.setdefault(_REGISTRY, ({}, {}))
+    bodies, contacts = mbs.sys.setdefault(REGISTRY, ({}, {}))
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
     for number, item in list(bodies.items()):
         if number >= objects or not item.is_in(mbs):
@@ -335,7 +200,7 @@ def CreatePartitionBody(
             mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True)) for n in nodes
         ]
     item = PartitionBody(body, name, position, **indices)
-    mbs.sys.setdefault(_REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
+    mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
     return item
 
 
@@ -347,7 +212,7 @@ def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) ->
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        return -(stiffness @ np.concatenate([coordinates[s] for s in _slices(mbs, nodes)]))
+        return -(stiffness @ np.concatenate([coordinates[s] for s in coordinate_slices(mbs, nodes)]))
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * stiffness))
@@ -355,114 +220,9 @@ def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) ->
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def _slices(mbs: Any, nodes: list[Any]) -> list[slice]:
+def coordinate_slices(mbs: Any, nodes: list[Any]) -> list[slice]:
     """Places of the nodes' coordinates in the system vector, asked anew: a model may be assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in nodes]
     return [
         slice(a, a + mbs.GetNodeParameter(n, "numberOfODE2Coordinates")) for a, n in zip(starts, nodes, strict=True)
     ]
-
-
-def CreatePartitionContact(
-    mbs: Any,
-    slave: PartitionBody,
-    master: PartitionBody,
-    *,
-    formulation: str = "compliance",
-    name: str = "",
-) -> PartitionContact:
-    """Add frictionless contact between the patches of two partition bodies.
-
-    Each patch node of the slave faces the closest point of the master's facets (node-to-segment, paper section 3).
-    Pairs are frozen in the reference configuration.
-
-    Parameters
-    ----------
-    mbs : exudyn.MainSystem
-    slave, master : PartitionBody
-        Take the body with the finer or the curved patch as slave.
-    formulation : {"compliance", "lagrange"}
-        "compliance" for bases with a residual flexibility, explicit and implicit; "lagrange" for nodal coordinates, the
-        paper's, in Exudyn's explicit VelocityVerlet.
-    name : str
-
-    Returns
-    -------
-    PartitionContact
-
-    Raises
-    ------
-    EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
-    """
-    bodies, contacts = partition_items(mbs)
-    for role, item in (("slave", slave), ("master", master)):
-        if not isinstance(item, PartitionBody):
-            raise InputError(f"{role}: expected what CreatePartitionBody returns, got {type(item).__name__}")
-        if not any(item is body for body in bodies):
-            raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
-    if slave is master:
-        raise InputError("slave, master: expected two bodies, got the same twice")
-    validate_choice("formulation", formulation, ("compliance", "lagrange"))
-    if formulation == "compliance":
-        _refuse_shared_flexibility(contacts, slave, master)
-    rows = node_to_segment(slave.body.surface(slave.position), master.body.surface(master.position))
-    law = (ComplianceContact if formulation == "compliance" else LagrangeContact)(rows, slave.body, master.body)
-    contact = PartitionContact(name, slave, master, law)
-    items = require("exudyn.itemInterface")
-    if formulation == "compliance":
-        contact["oContact"] = _add_force_element(mbs, contact)
-    else:
-        _chain_before_step(mbs, contact)
-    contact["sForce"] = mbs.AddSensor(
-        items.SensorUserFunction(
-            name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(mbs, t), storeInternal=True
-        )
-    )
-    mbs.sys[_REGISTRY][1][int(contact["sForce"])] = contact
-    return contact
-
-
-def _refuse_shared_flexibility(contacts: list[PartitionContact], *bodies: PartitionBody) -> None:
-    for contact in contacts:
-        for body in bodies:
-            if not contact.explicit_only and (body is contact.slave or body is contact.master):
-                raise InputError(
-                    f"body {body.name!r} already has the contact {contact.name!r}: two contacts on one patch would "
-                    "each take its residual flexibility for themselves. Take basis='free' or 'craig-bampton' with "
-                    "formulation='lagrange' for several contacts on one body"
-                )
-
-
-def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
-    """Massless object over the nodes of both bodies, with the contact's force and its Jacobian."""
-    exu, items = require("exudyn"), require("exudyn.itemInterface")
-    law: ComplianceContact = contact.law
-
-    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
-        return law.force(np.asarray(q))
-
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
-        law.force(np.asarray(q))
-        return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
-
-    return mbs.AddObject(
-        items.ObjectGenericODE2(
-            name=contact.name,
-            nodeNumbers=contact.nodes,
-            forceUserFunction=force,
-            jacobianUserFunction=jacobian,
-            visualization=items.VObjectGenericODE2(show=False),
-        )
-    )
-
-
-def _chain_before_step(mbs: Any, contact: PartitionContact) -> None:
-    """Put the contact's work before each step in front of the model's own PreStep function."""
-    own = mbs.GetPreStepUserFunction()
-    own_function = own["function"] if isinstance(own, dict) else None
-
-    def before_step(mbs: Any, t: float) -> bool:
-        contact.before_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
-
-    mbs.SetPreStepUserFunction(before_step)

@@ -25,16 +25,15 @@ from .basis import pressure
 from .body import ReducedBody
 from .contact.surface import closest_points
 from .errors import InputError, MeshError
-from .fem import FEModel
+from .fem import TET_EDGES, FEModel
 from .linalg import FreeBodyFlexibility, one_blas_thread
 from .material import Material
 
 Array = np.ndarray
 
-# Edges of a tetrahedron in VTK order of their mid-side nodes, and its nodes in local coordinates.
-_EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+# Nodes of a tetrahedron in local coordinates.
 _CORNERS = np.vstack([np.zeros(3), np.eye(3)])
-_LOCAL_NODES = np.vstack([_CORNERS, _CORNERS[_EDGES].mean(axis=1)])
+_LOCAL_NODES = np.vstack([_CORNERS, _CORNERS[TET_EDGES].mean(axis=1)])
 _CORNER_GRADIENT = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
 
 # eps_v = sum_ab _VOIGT[v, a, b] du_a/dx_b
@@ -332,7 +331,7 @@ def _shape_functions(local: Array, n_nodes: int) -> tuple[Array, Array]:
     corner = np.column_stack([1 - local.sum(axis=1), local])
     if n_nodes == 4:
         return corner, np.broadcast_to(_CORNER_GRADIENT, (len(local), 4, 3))
-    a, b = _EDGES.T
+    a, b = TET_EDGES.T
     values = np.hstack([corner * (2 * corner - 1), 4 * corner[:, a] * corner[:, b]])
     at_corners = (4 * corner - 1)[:, :, None] * _CORNER_GRADIENT
     at_edges = 4 * (corner[:, a, None] * _CORNER_GRADIENT[b] + corner[:, b, None] * _CORNER_GRADIENT[a])

@@ -19,6 +19,7 @@ import scipy.sparse.linalg
 from ._checks import validate_choice, validate_positive
 from ._optional import require
 from .contact.compliance import ComplianceContact
+from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
     InputError,
@@ -28,7 +29,7 @@ from .errors import (
     StoppedRunWarning,
 )
 from .history import History
-from .items import PartitionBody, PartitionContact, partition_items
+from .items import PartitionBody, partition_items
 from .linalg import one_blas_thread
 
 Array = np.ndarray
