@@ -205,8 +205,11 @@ def CreatePartitionBody(
 
 
 def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) -> dict[str, Any]:
-    """Force and Jacobian of what is not diagonal. The force reads Exudyn's coordinates in place: the list that a user
-    function receives takes ten times as long to convert as the product itself."""  # noqa: D205, D209
+    """Force and Jacobian of what is not diagonal.
+
+    The force reads Exudyn's coordinates in place: converting the list that a user function receives costs more than the
+    product itself.
+    """
     stiffness = sp.csr_matrix(stiffness)
     stiffness.eliminate_zeros()
 
