@@ -164,8 +164,8 @@ def CreatePartitionContact(
 ) -> PartitionContact:
     """Add frictionless contact between the patches of two partition bodies.
 
-    Each patch node of the slave faces the closest point of the master's facets (node-to-segment, paper section 3).
-    Pairs are frozen in the reference configuration.
+    Each patch node of the slave faces the point of the master's facets that it meets along the line of contact
+    (node-to-segment, paper section 3; `contact.rows.node_to_segment`). Pairs stay as they are found here.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ def CreatePartitionContact(
     slave, master : PartitionBody
         Take the body with the finer or the curved patch as slave.
     formulation : {"compliance", "lagrange"}
-        "compliance" for bases with a residual flexibility, explicit and implicit; "lagrange" for nodal coordinates, the
-        paper's, in Exudyn's explicit VelocityVerlet.
+        "compliance" for bases with a residual flexibility, explicit and implicit; "lagrange" for those whose patch has
+        mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet.
     name : str
 
     Returns

@@ -141,14 +141,13 @@ class BlockKrylov:
     ) -> None:
         self._apply, self._mass, self._shift, self._rigid = apply, mass, shift, rigid
         self._mass_rigid = mass @ rigid
-        n, p = start.shape
+        n = len(start)
         self._store = np.empty((n, 0), order="F")
         self._mass_store = np.empty((n, 0), order="F")
         self._operator = np.empty((0, 0))
         self._projected = np.empty((0, 0))
         self.size = 0
         self._next = self._orthonormal(self._apply(start))[0]
-        self._block = p
 
     def _reserve(self, columns: int) -> None:
         if self._store.shape[1] < columns:
@@ -178,9 +177,8 @@ class BlockKrylov:
         block -= basis @ (mass_basis.T @ block)
         return mass_normalised(block, self._mass) if block.shape[1] else block, coefficients
 
-    def grow(self, size: int, progress: Progress | None = None) -> bool:
+    def grow(self, size: int) -> bool:
         """Add blocks until the basis has at least `size` vectors; False if the Krylov space is exhausted."""
-        first = self.size
         while self.size < size:
             new = self._next
             if not new.shape[1]:
@@ -198,8 +196,6 @@ class BlockKrylov:
             operator[columns, :] = coefficients.T
             self._operator = operator
             self._coupling = self._next.T @ (self._mass @ answer)
-            if progress:
-                progress((self.size - first) / max(size - first, 1))
         return True
 
     @property
@@ -279,7 +275,7 @@ def eigenmodes(
     krylov = BlockKrylov(factor.solve, mass, shift, rigid, start)
     size = 4 * block
     while True:
-        more = krylov.grow(min(size, len(rigid)))
+        more = krylov.grow(size)
         omega, residual, combination = krylov.ritz_values()
         inside = int(np.searchsorted(omega, omega_max))
         settled = residual[: inside + 1] < tolerance

@@ -275,7 +275,7 @@ def collect(mbs: Any) -> Result:
 
 
 def _samples(mbs: Any) -> Result:
-    """What the sensors stored, up to the first sample at which a partition body's coordinates are not finite."""
+    """What the sensors stored, as it is."""
     sensors = {}
     for number in range(mbs.systemData.NumberOfSensors()):
         if mbs.GetSensorParameter(number, "storeInternal"):

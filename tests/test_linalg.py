@@ -70,6 +70,16 @@ def test_no_mode_in_band(cube, dense):
     assert len(eigenmodes(cube.stiffness, cube.mass, rigid, 0.5 * dense[0][0]).omega) == 0
 
 
+def test_all_modes_of_a_held_body_end_the_search():
+    """A chain held at both ends: once there is no further mode above the band, the Krylov space is exhausted."""
+    n = 30
+    ones = np.ones(n - 1)
+    K = sp.diags([-ones, 2 * np.ones(n), -ones], [-1, 0, 1], format="csr")
+    modes = eigenmodes(K, sp.identity(n, format="csr"), np.empty((n, 0)), 2.5)
+    exact = 2 * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
+    np.testing.assert_allclose(modes.omega, exact, rtol=1e-10)
+
+
 def test_krylov_vectors_stay_orthonormal_until_the_space_is_exhausted(block):
     rigid = mass_normalised(block.rigid_modes, block.mass)
     shift = 1e11
