@@ -21,6 +21,7 @@ _HOMES = {
     "contact_items": ("CreatePartitionContact",),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),
+    "spectrum": ("truncation_frequency",),
     "_progress": ("progress",),
     "report": ("Comparison", "compare", "versions"),
 }

@@ -1,21 +1,24 @@
-"""Hertz's theory: contact radius (paper, eq. 30) and the impact of two bodies on a Hertz spring."""
+"""Hertz's theory, before there is a mesh: contact radius (paper, eq. 30), impacts, and what they ask of a model."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from ._checks import validate_positive
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from ._checks import read_only, validate_positive
 from .errors import InputError
 from .material import Material
+from .spectrum import truncation_frequency
 
-# Duration of a Hertz impact over approach / speed: 2 int_0^1 dx / sqrt(1 - x^(5/2)) = 2 B(2/5, 1/2) / (5/2).
-_DURATION = 2 * math.sqrt(math.pi) * math.gamma(0.4) / (2.5 * math.gamma(0.9))
+Array = np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HertzImpact:
-    """Impact of two bodies on a Hertz spring, all else rigid (Johnson, Contact Mechanics, section 11.4).
+    """Estimated impact of two bodies on a Hertz spring.
 
     Parameters
     ----------
@@ -24,23 +27,69 @@ class HertzImpact:
     approach : float
         Largest approach of the two bodies [m].
     duration : float
-        Time in contact [s].
+        Time in contact [s]; `math.inf` if no mass stops the bodies. Where an impedance limits the force, waves from the
+        bodies' ends part them earlier.
+    rise_time : float
+        Time in which the force rises from 10 % to 90 % of its peak [s].
     contact_radius : float
-        Radius of the contact circle at the peak [m].
+        Radius of the contact circle at the peak [m], as by eq. 30.
+    t : (n,) array
+        Times over the duration, equally spaced [s]; if that is infinite, until the force has its limit.
+    force : (n,) array
+        Contact force [N].
     """
 
     peak_force: float
     approach: float
     duration: float
+    rise_time: float
     contact_radius: float
+    t: Array
+    force: Array
+
+    def __post_init__(self) -> None:
+        read_only(self.t, self.force)
+
+    def truncation_frequency(self, *, tolerance: float = 0.01) -> float:
+        """Truncation frequency that the force asks for, before any run (paper, section 5.2).
+
+        Where impedances limit the force, estimate the impact with masses too: it then rises as the waves let it, and
+        ends.
+
+        Parameters
+        ----------
+        tolerance : float
+            As for `truncation_frequency` of a signal.
+
+        Returns
+        -------
+        float
+            [Hz], for `f_cut` of `reduce`.
+
+        Raises
+        ------
+        InputError
+            If the contact never ends: the share of its energy that lies at zero frequency grows with time.
+        """
+        if math.isinf(self.duration):
+            raise InputError("mass: expected a finite one, for a contact without end has no truncation frequency")
+        return truncation_frequency(self.t, self.force, tolerance=tolerance)
+
+
+_SAMPLES = 100  # of the force in its rise time
+_MOST_SAMPLES = 2**18  # in all: forces that rise in no time beside their duration
+_SETTLED = 20  # time for a force that only an impedance limits: what it lacks of its limit falls by exp(-1.5 t)
+
+
+def _validate_limit(name: str, value: float, unit: str) -> float:
+    return math.inf if value == math.inf else validate_positive(name, value, unit)
 
 
 def _combined(
     radius_1: float, radius_2: float, material_1: Material, material_2: Material | None
 ) -> tuple[float, float]:
     for name, radius in (("radius_1", radius_1), ("radius_2", radius_2)):
-        if not radius > 0:
-            raise InputError(f"{name}: expected a radius above zero [m], math.inf for a plane, got {radius!r}")
+        _validate_limit(name, radius, "m, or math.inf for a plane")
     curvature = 1 / radius_1 + 1 / radius_2
     if curvature == 0:
         raise InputError("radius_1, radius_2: two planes have no Hertz contact; one radius must be finite")
@@ -73,6 +122,61 @@ def contact_radius(
     return (3 * validate_positive("force", force, "N") * R / (4 * E)) ** (1 / 3)
 
 
+def effective(first: float, second: float) -> float:
+    """Effective mass or impedance of two bodies against each other, first * second / (first + second).
+
+    Parameters
+    ----------
+    first, second : float
+        Both masses [kg], or both impedances [N s/m]; `math.inf` for a rigid wall.
+
+    Returns
+    -------
+    float
+    """
+    unit = "kg or N s/m, or math.inf for a wall"
+    return 1 / (1 / _validate_limit("first", first, unit) + 1 / _validate_limit("second", second, unit))
+
+
+def rod_impedance(material: Material, area: float) -> float:
+    """Wave impedance of a rod's end, rho c A with the bar wave speed c (Johnson, Contact Mechanics, section 11.1).
+
+    Parameters
+    ----------
+    material : Material
+    area : float
+        Cross section A [m2].
+
+    Returns
+    -------
+    float
+        Force over velocity [N s/m] until the first wave returns from the other end.
+    """
+    return material.rho * material.bar_wave_speed * validate_positive("area", area, "m2")
+
+
+def plate_impedance(material: Material, thickness: float) -> float:
+    """Wave impedance of a thin plate under a normal point force, 8 sqrt(D rho h) with D = E h^3 / (12 (1 - nu^2)).
+
+    Cremer, Heckl, Petersson: Structure-Borne Sound; the same in Zener 1941. It holds for the lower frequencies, whose
+    bending waves are long beside the thickness, and until the first wave returns from an edge.
+
+    Parameters
+    ----------
+    material : Material
+    thickness : float
+        h [m].
+
+    Returns
+    -------
+    float
+        Force over velocity [N s/m].
+    """
+    h = validate_positive("thickness", thickness, "m")
+    stiffness = material.plane_strain_modulus * h**3 / 12
+    return 8 * math.sqrt(stiffness * material.rho * h)
+
+
 def impact(
     mass: float,
     speed: float,
@@ -80,25 +184,91 @@ def impact(
     radius_2: float,
     material_1: Material,
     material_2: Material | None = None,
+    *,
+    impedance: float = math.inf,
 ) -> HertzImpact:
-    """Peak force, approach, duration and contact radius of an impact on a Hertz spring.
+    """Estimate an impact from masses, wave impedances and Hertz's contact, before there is a mesh.
+
+    The bodies approach by d against the force F = k d^(3/2), k = 4/3 E* sqrt(R). A compact body of mass m changes its
+    velocity by the integral of F / m, a wave guide of impedance Z by F / Z:
+
+        d' = speed - 1 / mass int F dt - F / impedance.
+
+    With a mass alone this is Hertz's impact (Johnson, Contact Mechanics, section 11.4), with the mass of a sphere and
+    the impedance of a plate Zener's (Phys. Rev. 59, 1941, 669). The force exceeds neither limit:
+
+        F <= k (5 mass speed^2 / (4 k))^(3/5)  at all times, as the energy of the relative motion is all there is,
+        F <= impedance speed                   until waves return from the ends; later forces may be larger.
+
+    Give a body its mass if waves cross it many times during the contact, its impedance if they do not return. For one
+    that lies between, the lower of the two limits is an upper estimate of the force until waves return from the other
+    body. Mass and impedance of the same body in one call make it yield by both, and give less than its peak force.
 
     Parameters
     ----------
     mass : float
-        Effective mass m1 m2 / (m1 + m2) [kg]; the striker's own for a wall.
+        Effective mass m1 m2 / (m1 + m2) [kg], see `effective`; the striker's own for a wall; `math.inf` where only
+        impedances count.
     speed : float
         Approach speed [m/s].
     radius_1, radius_2, material_1, material_2 :
         As for `contact_radius`.
+    impedance : float
+        Effective impedance Z1 Z2 / (Z1 + Z2) [N s/m], see `effective`, `rod_impedance`, `plate_impedance`; the only
+        one's own if the other body is compact, thick or a wall; `math.inf` if no body is a wave guide.
 
     Returns
     -------
     HertzImpact
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or neither mass nor impedance is finite.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
+    speed = validate_positive("speed", speed, "m/s")
+    wave_limit = _validate_limit("impedance", impedance, "N s/m, or math.inf for none") * speed
+    energy = _validate_limit("mass", mass, "kg, or math.inf where only impedances count") * speed**2
     stiffness = 4 / 3 * E * math.sqrt(R)
-    energy = validate_positive("mass", mass, "kg") * validate_positive("speed", speed, "m/s") ** 2
-    approach = (1.25 * energy / stiffness) ** 0.4
-    force = stiffness * approach**1.5
-    return HertzImpact(force, approach, _DURATION * approach / speed, math.sqrt(R * approach))
+    mass_limit = stiffness**0.4 * (1.25 * energy) ** 0.6
+    # In units of the lower limit and its approach: y' = w - a y^(3/2), w' = -b y^(3/2), with w the speed less F / Z.
+    limit = min(wave_limit, mass_limit)
+    if math.isinf(limit):
+        raise InputError("mass, impedance: expected at least one of them finite, for nothing else limits the force")
+    length = (limit / stiffness) ** (2 / 3)
+    y, end, rise, shape = _solve(limit / wave_limit, limit * length / energy)
+    period = length / speed
+    duration = end * period if math.isfinite(mass) else math.inf
+    t = np.linspace(0, end * period, len(shape))
+    return HertzImpact(limit * y**1.5, length * y, duration, rise * period, math.sqrt(R * length * y), t, limit * shape)
+
+
+def _solve(a: float, b: float) -> tuple[float, float, float, Array]:
+    """Largest y, end, rise time and force y^(3/2) at equal steps of y' = w - a y^(3/2), w' = -b y^(3/2), w(0) = 1."""
+
+    def force(y: Array) -> Array:
+        return np.maximum(y, 0) ** 1.5
+
+    def rates(_: float, state: Array) -> tuple[Array, Array]:
+        f = force(state[0])
+        return state[1] - a * f, -b * f
+
+    def turns(t: float, state: Array) -> Array:
+        return rates(t, state)[0]
+
+    def parts(_: float, state: Array) -> Array:
+        return state[0]
+
+    turns.direction = parts.direction = -1  # type: ignore[attr-defined]
+    parts.terminal = True  # type: ignore[attr-defined]
+    span = (0, math.inf if b else _SETTLED)
+    tolerances = {"rtol": 1e-10, "atol": 1e-22}
+    run = solve_ivp(rates, span, (0.0, 1.0), method="LSODA", events=(turns, parts), dense_output=True, **tolerances)
+    end = run.t[-1]
+    top, largest = (run.t_events[0][0], run.y_events[0][0][0]) if b else (end, run.y[0, -1])
+    rising = np.linspace(0, top, 2**12)
+    ten, ninety = np.interp(np.array([0.1, 0.9]) * largest**1.5, force(run.sol(rising)[0]), rising)
+    rise = ninety - ten
+    samples = min(math.ceil(_SAMPLES * end / rise), _MOST_SAMPLES)
+    return float(largest), float(end), float(rise), force(run.sol(np.linspace(0, end, samples))[0])
