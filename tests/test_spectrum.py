@@ -34,12 +34,12 @@ def test_half_sine_by_its_transform(tolerance):
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(100, 3000), st.floats(1, 40), st.floats(0, 1), st.floats(1e-3, 1e3), st.floats(1e-6, 1e3))
+@given(st.integers(200, 3000), st.floats(1, 40), st.floats(0, 1), st.floats(1e-3, 1e3), st.floats(1e-6, 1e3))
 def test_neither_sampling_nor_record_nor_scale_count(n, length, where, size, unit):
-    """Where pulses begin between samples, the sampling shows: 100 steps a pulse leave a few percent."""
+    """Nor where the pulse lies, also between two samples: the kinks at its ends are the worst that sampling meets."""
     expected = ep.truncation_frequency(*half_sine(4000, 2))
     t, x = half_sine(n, length, where * (length - 1))
-    assert ep.truncation_frequency(t * unit, size * x) * unit == pytest.approx(expected, rel=0.03)
+    assert ep.truncation_frequency(t * unit, size * x) * unit == pytest.approx(expected, rel=0.01)
 
 
 def test_a_low_pass_there_changes_the_signal_by_the_tolerance():
