@@ -22,8 +22,8 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
         int_{f_h}^inf |X(f)|^2 df = tolerance^2 int_0^inf |X(f)|^2 df.
 
     For the force on a wave impedance, or the velocity behind one, this is the share of the energy that goes out as
-    waves. As an integral it depends neither on the sampling nor on single bins of a spectrum; a pulse keeps it however
-    long the record is.
+    waves. As an integral it depends neither on single bins of a spectrum nor, once this is fine enough, on sampling;
+    a pulse keeps it however long the record is.
 
     Parameters
     ----------
