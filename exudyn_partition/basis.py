@@ -2,11 +2,14 @@
 
 Every basis here is mass-normalised in its shapes, so that mass and stiffness of the shapes are diagonal; nodal columns,
 which only the paper's basis has, are unit displacements of the impact region's nodes (paper, eq. 15).
+
+Interfaces for joints are the same in all bases: rigid ones are tied first (`tied`), and the static answer to the six
+resultants of each interface is in the span of the shapes, by attachment modes where nothing else holds it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -15,19 +18,29 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ._checks import read_only
-from .errors import FrequencyRangeError
-from .fem import FEModel, area_vectors, facet_corners, node_dofs
-from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, RitzPairs, eigenmodes, mass_normalised
-from .partition import Partition
+from .errors import FrequencyRangeError, InputError
+from .fem import FEModel, nodal_area, node_dofs
+from .linalg import (
+    BlockKrylov,
+    Factorisation,
+    FreeBodyFlexibility,
+    RitzPairs,
+    eigenmodes,
+    mass_normalised,
+    orthonormal_complement,
+)
+from .partition import Partition, Patch
+from .tied import TiedModel, tie
 
 Array = np.ndarray
 Progress = Callable[[float], None]
 
 _DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
-_SETTLED = 0.05  # relative change of the mobility over the band by the last growth
+_SETTLED = 0.05  # relative change of each load's mobility over the band by the last growth
 _MEMORY = 0.02  # of 2 pi f_cut: decay rate at which the mobility is taken, so that no lone resonance decides
 _BAND_SAMPLES = 200
+_RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +62,8 @@ class ReducedBasis:
         Nodes that keep their three displacements.
     mass : str
         "consistent" or "lumped".
-    flexibility : (np, np) array or None
-        Residual flexibility of the contact patch's nodes along its direction [m/N].
+    flexibility : (r, r) array or None
+        Residual flexibility of the rows of `patch_rows`: those of each patch after the other [m/N].
     left_out : tuple of str
         What the basis leaves out, in sentences.
     """
@@ -74,33 +87,38 @@ class ReducedBasis:
 def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the paper's partition basis: free modes on the non-impact region, nodes in the impact region (eq. 11-17).
 
-    Elastic modes of the whole body up to `f_cut` keep their rows in region I only (eq. 13), every node of region II
-    keeps its three displacements. The rigid modes, which the paper puts into the frame (eq. 12), are six more columns.
-    They and the modes are rotated within their span until mass and stiffness of the modal part are diagonal, which
-    changes neither the space of motions nor any result. The mass is lumped, as in the paper (section 2.1).
+    Elastic modes of the whole body up to `f_cut`, and attachment modes of its interfaces, keep their rows in region I
+    only (eq. 13), every node of region II keeps its three displacements. The rigid modes, which the paper puts into the
+    frame (eq. 12), are six more columns. They and the modes are rotated within their span until mass and stiffness of
+    the modal part are diagonal, which changes neither the space of motions nor any result. The mass is lumped, as in
+    the paper (section 2.1).
     """
-    M = fem.lumped_mass_matrix
     if len(partition.nodes) == fem.n_nodes:
         return _all_nodal(fem, partition)
-    rigid = mass_normalised(fem.rigid_modes, M)
-    modes = _modes_to(fem, M, rigid, f_cut, progress)
-    shapes = np.hstack([rigid, modes.vectors])
-    shapes[node_dofs(partition.nodes)] = 0.0
-    omega_squared, combination = scipy.linalg.eigh(shapes.T @ (fem.stiffness @ shapes), shapes.T @ (M @ shapes))
+    model = tie(fem, partition, mass="lumped")
+    rigid = mass_normalised(model.rigid_modes, model.mass)
+    pairs = _modes_to(fem, model, rigid, f_cut, progress)
+    if partition.interfaces:
+        loads = (_interface_loads(fem, partition.interfaces) @ model.expand).T.toarray()
+        pairs = _with_attachments(model, rigid, pairs, FreeBodyFlexibility(model.stiffness, model.mass, rigid)(loads))
+    region = node_dofs(partition.nodes)
     # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
+    shapes = model.expand @ np.hstack([rigid, pairs.vectors])
     rigid_outside = np.array(fem.rigid_modes)
-    rigid_outside[node_dofs(partition.nodes)] = 0.0
+    shapes[region] = rigid_outside[region] = 0.0
+    M = fem.lumped_mass_matrix
+    omega_squared, combination = scipy.linalg.eigh(shapes.T @ (fem.stiffness @ shapes), shapes.T @ (M @ shapes))
     shapes = shapes @ combination
     omega = np.sqrt(np.maximum(omega_squared, 0.0))
     return ReducedBasis(
         name="free",
         shapes=shapes,
         omega=omega,
-        labels=tuple(f"region I shape {w / (2 * np.pi):.1f} Hz" for w in omega),
+        labels=_labels("region I shape", omega),
         rigid=shapes.T @ (M @ rigid_outside),
         nodal=partition.nodes,
         mass="lumped",
-        left_out=(f"elastic modes above {f_cut:.6g} Hz, outside the impact region",),
+        left_out=(f"elastic modes above {f_cut:.6g} Hz, outside the impact region (f_cut raises that)",),
     )
 
 
@@ -119,41 +137,53 @@ def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
 
 
 def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
-    """Build the Craig-Bampton basis: modes with the contact patch held, and its static constraint modes.
+    """Build the Craig-Bampton basis: modes with the boundary held, and its static constraint modes.
 
-    Craig and Bampton (1968), boundary = the three displacements of each patch node. The reduced matrices are
-    diagonalised, which changes neither the space of motions nor any result; the patch keeps as many independent
-    displacements as it has, with their mass, and contact is by multipliers.
+    Craig and Bampton (1968), boundary = the three displacements of each patch node and the six coordinates of each
+    rigid interface; averaged interfaces add the static answers to their loads with the boundary held. The reduced
+    matrices are diagonalised, which changes neither the space of motions nor any result; the patch keeps as many
+    independent displacements as it has, with their mass, and contact is by multipliers.
     """
-    boundary = node_dofs(partition.patch_nodes)
-    interior = np.delete(np.arange(fem.n_dofs), boundary)
-    K, M = fem.stiffness[interior][:, interior], fem.mass[interior][:, interior]
-    columns = np.zeros((fem.n_dofs, len(boundary)), order="F")
-    columns[interior] = -Factorisation(K).solve(fem.stiffness[interior][:, boundary].toarray())
-    columns[boundary, np.arange(len(boundary))] = 1.0
-    held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
-    fixed = np.zeros((fem.n_dofs, len(held.omega)), order="F")
-    fixed[interior] = held.vectors
-    columns = np.hstack([fixed, columns])
-    omega_squared, combination = scipy.linalg.eigh(
-        columns.T @ (fem.stiffness @ columns), columns.T @ (fem.mass @ columns)
+    model = tie(fem, partition)
+    boundary = np.r_[model.column[node_dofs(partition.patch_nodes)], model.interface_columns]
+    if not boundary.size or len(boundary) == model.n:
+        raise InputError(
+            f"basis: 'craig-bampton' needs a boundary that holds the body, contact patches or rigid interfaces, and "
+            f"dofs within it; got {len(boundary)} boundary dofs of {model.n}. Take basis='contact-adapted'"
+        )
+    interior = np.delete(np.arange(model.n), boundary)
+    K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
+    averaged = [i for i in partition.interfaces if i.kind == "averaged"]
+    loads = _interface_loads(fem, averaged) @ model.expand
+    answers = Factorisation(K).solve(
+        np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T])
     )
+    held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
+    n_held, n_boundary = len(held.omega), len(boundary)
+    columns = np.zeros((model.n, n_held + answers.shape[1]), order="F")
+    columns[interior] = np.hstack([held.vectors, answers])
+    columns[boundary, n_held + np.arange(n_boundary)] = 1.0
+    gram = columns.T @ (model.mass @ columns)
+    omega_squared, combination = scipy.linalg.eigh(columns.T @ (model.stiffness @ columns), gram)
     # The six lowest are rigid motion, which constraint modes hold exactly but round-off does not.
-    rigid = mass_normalised(fem.rigid_modes, fem.mass)
-    shapes = columns @ combination[:, 6:]
-    shapes -= rigid @ ((fem.mass @ rigid).T @ shapes)
+    combination = combination[:, 6:]
+    rigid = mass_normalised(model.rigid_modes, model.mass)
+    shapes = columns @ combination
+    shapes -= rigid @ ((model.mass @ rigid).T @ shapes)
     omega = np.sqrt(omega_squared[6:])
     if not (omega < 2 * np.pi * f_cut).any():
         raise _no_mode_below(fem, f_cut)
+    share_held = np.sum(combination[:n_held] ** 2, axis=0)  # the held modes are mass-orthonormal
+    kinds = np.where(share_held > 0.5, "fixed-interface", "constraint")
     return ReducedBasis(
         name="craig-bampton",
-        shapes=np.hstack([rigid, shapes]),
+        shapes=model.expand @ np.hstack([rigid, shapes]),
         omega=np.r_[np.zeros(6), omega],
-        labels=("rigid",) * 6 + tuple(f"fixed-interface and constraint {w / (2 * np.pi):.1f} Hz" for w in omega),
-        rigid=np.vstack([rigid.T @ (fem.mass @ fem.rigid_modes), np.zeros((len(omega), 6))]),
+        labels=_RIGID + _labels(kinds, omega),
+        rigid=_rigid_coordinates(model, rigid, len(omega)),
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
-        left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its contact patch",),
+        left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its boundary (f_cut raises that)",),
     )
 
 
@@ -162,73 +192,154 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
 
     MacNeal (1971), Rubin (1975). The contact coordinates carry no mass; see `_with_residual_flexibility`.
     """
-    rigid = mass_normalised(fem.rigid_modes, fem.mass)
-    modes = _modes_to(fem, fem.mass, rigid, f_cut, progress)
-    static = _static_answers(fem, partition, rigid)
-    left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz"
-    return _with_residual_flexibility("residual", fem, partition, rigid, modes, static, (left_out,))
+    model = tie(fem, partition)
+    rigid = mass_normalised(model.rigid_modes, model.mass)
+    modes = _modes_to(fem, model, rigid, f_cut, progress)
+    static = static_answers(fem, partition, model, rigid)
+    pairs = _with_attachments(model, rigid, modes, static[:, _n_rows(partition) :])
+    left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
+    return _with_residual_flexibility("residual", fem, partition, model, rigid, pairs, static, f_cut, (left_out,))
 
 
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
-    """Build the contact-adapted basis: Krylov vectors of the contact's load, and the residual flexibility of the rest.
+    """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
 
-    Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, started from the answer to a uniform pressure on the patch, then
-    Rayleigh-Ritz. It grows until the patch's mobility below `f_cut` has settled; what that load cannot excite is never
-    computed (method.md, section 2). Ritz pairs far above `f_cut` are left to the residual flexibility.
+    Block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, started from the answers to a uniform traction on each patch
+    and to the resultants of each interface, then Rayleigh-Ritz. It grows until the mobility of each of these loads
+    below `f_cut` has settled; what they cannot excite is never computed (method.md, section 2). Ritz pairs far above
+    `f_cut` are left to the residual flexibility.
     """
-    rigid = mass_normalised(fem.rigid_modes, fem.mass)
-    omega_cut = 2 * np.pi * f_cut
-    shift = (omega_cut / 2) ** 2
-    load = pressure(fem, partition)
-    with ThreadPoolExecutor(1) as pool:
-        # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
-        static_answers = pool.submit(_static_answers, fem, partition, rigid)
-        solve = Factorisation(fem.stiffness + shift * fem.mass).solve
-        krylov = BlockKrylov(solve, fem.mass, shift, rigid, load[:, None])
-        krylov.grow(2 * _GROWTH)
-        static = static_answers.result()
-    band = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:])
-    rest = load @ (static @ (patch_rows(fem, partition) @ load)) + np.sum((load @ rigid) ** 2) / band**2
-    mobility = np.zeros(_BAND_SAMPLES, dtype=complex)
-    while True:
-        omega, combination = krylov.rayleigh_ritz(fem.stiffness)
-        keep = omega < _DROP_ABOVE * omega_cut
-        participation = (load @ krylov.vectors) @ combination[:, keep]
-        previous, mobility = mobility, band * _dynamic_receptance(omega[keep], participation, band)
-        change = float(np.linalg.norm(mobility - previous) / np.linalg.norm(mobility + band * rest))
-        if progress:
-            progress(min(1.0, _SETTLED / change) if change else 1.0)
-        size = krylov.size
-        if change <= _SETTLED or not (krylov.grow(size + _GROWTH) or krylov.size > size):
-            break
-    if not (omega < omega_cut).any():
-        raise _no_mode_below(fem, f_cut)
-    pairs = RitzPairs(krylov.vectors @ combination[:, keep], omega[keep])
+    model = tie(fem, partition)
+    space = AdaptedSpace(fem, partition, model, f_cut)
+    pairs = space.grow(f_cut, progress)
+    static = space.static
+    pairs = _with_attachments(model, space.rigid, pairs, static[:, _n_rows(partition) :])
     left_out = (
-        f"modes below {f_cut:.6g} Hz that a load on the contact patch does not excite",
-        f"the dynamics, but not the static answer, of motion above {_DROP_ABOVE * f_cut:.6g} Hz",
+        f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
+        f"the dynamics, but not the static answer, of motion above {_DROP_ABOVE * f_cut:.6g} Hz (f_cut raises that)",
     )
-    return _with_residual_flexibility("contact-adapted", fem, partition, rigid, pairs, static, left_out)
+    return _with_residual_flexibility(
+        "contact-adapted", fem, partition, model, space.rigid, pairs, static, f_cut, left_out
+    )
 
 
-def _dynamic_receptance(omega: Array, participation: Array, s: Array) -> Array:
-    """Receptance of a load at Laplace variables s beyond its static answer, (len(s),) [m/N]."""
-    return (1 / (omega**2 + s[:, None] ** 2) - 1 / omega**2) @ participation**2
+class AdaptedSpace:
+    """The Krylov space of a body's contact and interface loads, and their static answers.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+    model : TiedModel
+    f_shift : float
+        The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
+    """
+
+    def __init__(self, fem: FEModel, partition: Partition, model: TiedModel, f_shift: float) -> None:
+        if not partition.patches and not partition.interfaces:
+            raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
+        self.fem, self.model = fem, model
+        self.rigid = mass_normalised(model.rigid_modes, model.mass)
+        self.combination = resultants(fem, partition)
+        self.loads = np.asarray((unit_loads(fem, partition) @ model.expand).T @ self.combination)
+        shift = (np.pi * f_shift) ** 2
+        with ThreadPoolExecutor(1) as pool:
+            # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
+            static = pool.submit(static_answers, fem, partition, model, self.rigid)
+            solve = Factorisation(model.stiffness + shift * model.mass).solve
+            self.krylov = BlockKrylov(solve, model.mass, shift, self.rigid, self.loads)
+            self.krylov.grow(2 * _GROWTH)
+            self.static = static.result()
+
+    def grow(self, f_cut: float, progress: Progress | None = None) -> RitzPairs:
+        """Grow until the mobility of every load up to `f_cut` has settled; returns the pairs below 1.5 times that."""
+        krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
+        s = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:])
+        static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
+        size = s[:, None] * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s[:, None]
+        mobility = np.zeros(size.shape, dtype=complex)
+        while True:
+            omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
+            keep = omega < _DROP_ABOVE * omega_cut
+            participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
+            previous, mobility = mobility, s[:, None] * (_dynamic_receptance(omega[keep], s) @ participation)
+            change = np.linalg.norm(mobility - previous, axis=0) / np.linalg.norm(mobility + size, axis=0)
+            if progress:
+                progress(min(1.0, _SETTLED / change.max()) if change.any() else 1.0)
+            before = krylov.size
+            if change.max() <= _SETTLED or not (
+                krylov.grow(before + max(_GROWTH, self.loads.shape[1])) or krylov.size > before
+            ):
+                break
+        if not (omega < omega_cut).any():
+            raise _no_mode_below(self.fem, f_cut)
+        return RitzPairs(krylov.vectors @ combination[:, keep], omega[keep])
 
 
-def pressure(fem: FEModel, partition: Partition) -> Array:
-    """(3n,) load of a unit resultant, a uniform pressure on the contact patch along its direction."""
-    facets = partition.facets
-    area = np.linalg.norm(area_vectors(fem.points, facets), axis=1)
-    # A quadratic triangle passes a uniform pressure to its mid-side nodes alone.
-    n_loaded = facet_corners(facets).shape[1]
-    loaded = facets[:, -n_loaded:]
-    share = np.bincount(loaded.ravel(), np.repeat(area, n_loaded), minlength=fem.n_nodes)
-    return np.outer(share / share.sum(), partition.direction).ravel()
+def _dynamic_receptance(omega: Array, s: Array) -> Array:
+    """Answers of modes at Laplace variables s beyond their static ones, per squared participation, (len(s), k)."""
+    return 1 / (omega**2 + s[:, None] ** 2) - 1 / omega**2
 
 
-def _modes_to(fem: FEModel, M: sp.csr_matrix, rigid: Array, f_cut: float, progress: Progress | None) -> RitzPairs:
-    modes = eigenmodes(fem.stiffness, M, rigid, 2 * np.pi * f_cut, progress=progress)
+def pressure(fem: FEModel, patch: Patch) -> Array:
+    """(3n,) load of a unit resultant, a uniform pressure on a contact patch along its direction."""
+    share = nodal_area(fem.points, patch.facets)
+    return np.outer(share / share.sum(), patch.direction).ravel()
+
+
+def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
+    """(r, 3n) rows G: displacements of the patches' nodes, patch after patch, node after node, in its directions."""
+    rows = [sp.csr_matrix((0, fem.n_dofs))]
+    for patch in partition.patches:
+        nodes, directions = patch.nodes, patch.directions
+        select = sp.csr_matrix((np.ones(len(nodes)), (np.arange(len(nodes)), nodes)), shape=(len(nodes), fem.n_nodes))
+        rows.append(sp.kron(select, directions))
+    return sp.vstack(rows, format="csr")
+
+
+def _n_rows(partition: Partition) -> int:
+    return sum(len(patch.nodes) * len(patch.directions) for patch in partition.patches)
+
+
+def patch_slice(partition: Partition, patch: int) -> slice:
+    """Rows of one patch among those of `patch_rows`."""
+    sizes = [len(p.nodes) * len(p.directions) for p in partition.patches]
+    return slice(sum(sizes[:patch]), sum(sizes[: patch + 1]))
+
+
+def _interface_loads(fem: FEModel, interfaces: Sequence) -> sp.csr_matrix:
+    """(6 i, 3n) rows: mean translations and rotations of interfaces; transposed, their loads."""
+    rows = [sp.csr_matrix((0, fem.n_dofs))]
+    for interface in interfaces:
+        dofs = node_dofs(interface.nodes)
+        columns = np.tile(dofs, 6)
+        where = (np.repeat(np.arange(6), len(dofs)), columns)
+        rows.append(sp.csr_matrix((interface.motion.ravel(), where), shape=(6, fem.n_dofs)))
+    return sp.vstack(rows, format="csr")
+
+
+def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
+    """(r + 6 i, 3n) rows of all loads of the scene: of the patches' nodes, then of the interfaces."""
+    return sp.vstack([patch_rows(fem, partition), _interface_loads(fem, partition.interfaces)], format="csr")
+
+
+def resultants(fem: FEModel, partition: Partition) -> Array:
+    """(r + 6 i, p) combinations of `unit_loads`: a uniform traction on each patch in its directions, each resultant."""
+    blocks = []
+    for patch in partition.patches:
+        share = nodal_area(fem.points, patch.facets)[patch.nodes]
+        blocks.append(np.kron((share / share.sum())[:, None], np.eye(len(patch.directions))))
+    return scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
+
+
+def static_answers(fem: FEModel, partition: Partition, model: TiedModel, rigid: Array) -> Array:
+    """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
+    flexibility = FreeBodyFlexibility(model.stiffness, model.mass, rigid)
+    return flexibility((unit_loads(fem, partition) @ model.expand).T.toarray())
+
+
+def _modes_to(fem: FEModel, model: TiedModel, rigid: Array, f_cut: float, progress: Progress | None) -> RitzPairs:
+    modes = eigenmodes(model.stiffness, model.mass, rigid, 2 * np.pi * f_cut, progress=progress)
     if not len(modes.omega):
         raise _no_mode_below(fem, f_cut)
     return modes
@@ -242,41 +353,55 @@ def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
     )
 
 
-def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
-    """(np, 3n) rows G: displacement of each patch node along the patch's direction."""
-    nodes = partition.patch_nodes
-    rows = np.repeat(np.arange(len(nodes)), 3)
-    values = np.tile(partition.direction, len(nodes))
-    return sp.csr_matrix((values, (rows, node_dofs(nodes))), shape=(len(nodes), fem.n_dofs))
+def _with_attachments(model: TiedModel, rigid: Array, pairs: RitzPairs, static: Array) -> RitzPairs:
+    """Span of `pairs` and of `static`, (nz, 6 i), the static answers to the interfaces' resultants, as pairs again.
 
-
-def _static_answers(fem: FEModel, partition: Partition, rigid: Array) -> Array:
-    """Elastic answers of the free body to unit loads on the patch nodes, (3n, np) [m/N]."""
-    flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
-    return flexibility(patch_rows(fem, partition).T.toarray())
+    What the pairs lack of those answers has mass like any motion, which is kept: it becomes attachment modes, high
+    above the others.
+    """
+    if not static.shape[1]:
+        return pairs
+    more = orthonormal_complement(static, model.mass, np.hstack([rigid, pairs.vectors]))
+    vectors = np.hstack([pairs.vectors, more])
+    omega_squared, combination = np.linalg.eigh(vectors.T @ (model.stiffness @ vectors))
+    return RitzPairs(vectors @ combination, np.sqrt(omega_squared))
 
 
 def _with_residual_flexibility(
     name: str,
     fem: FEModel,
     partition: Partition,
+    model: TiedModel,
     rigid: Array,
     pairs: RitzPairs,
     static: Array,
+    f_cut: float,
     left_out: tuple[str, ...],
 ) -> ReducedBasis:
     """Basis of rigid motion and `pairs`, with the flexibility F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2."""
-    G = patch_rows(fem, partition)
+    G = patch_rows(fem, partition) @ model.expand
     at_patch = G @ pairs.vectors
-    F = G @ static - (at_patch / pairs.omega**2) @ at_patch.T
+    F = G @ static[:, : G.shape[0]] - (at_patch / pairs.omega**2) @ at_patch.T
+    if any(patch.axes == "normal" for patch in partition.patches):
+        left_out += ("tangential contact rows: contact is frictionless (axes='xyz' of the partition keeps them)",)
+    kinds = np.where(pairs.omega < _DROP_ABOVE * 2 * np.pi * f_cut, "elastic", "attachment")
     return ReducedBasis(
         name=name,
-        shapes=np.hstack([rigid, pairs.vectors]),
+        shapes=model.expand @ np.hstack([rigid, pairs.vectors]),
         omega=np.r_[np.zeros(6), pairs.omega],
-        labels=("rigid",) * 6 + tuple(f"elastic {w / (2 * np.pi):.1f} Hz" for w in pairs.omega),
-        rigid=np.vstack([rigid.T @ (fem.mass @ fem.rigid_modes), np.zeros((len(pairs.omega), 6))]),
+        labels=_RIGID + _labels(kinds, pairs.omega),
+        rigid=_rigid_coordinates(model, rigid, len(pairs.omega)),
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
         flexibility=(F + F.T) / 2,
         left_out=left_out,
     )
+
+
+def _rigid_coordinates(model: TiedModel, rigid: Array, n_elastic: int) -> Array:
+    return np.vstack([rigid.T @ (model.mass @ model.rigid_modes), np.zeros((n_elastic, 6))])
+
+
+def _labels(kinds: str | Array, omega: Array) -> tuple[str, ...]:
+    kinds = np.broadcast_to(kinds, omega.shape)
+    return tuple(f"{kind} {w / (2 * np.pi):.1f} Hz" for kind, w in zip(kinds, omega, strict=True))

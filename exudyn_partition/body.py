@@ -19,7 +19,7 @@ from .contact.rows import Surface
 from .errors import FrequencyRangeError, InputError
 from .fem import FEModel, nearest_node, node_dofs, rigid_modes
 from .linalg import one_blas_thread
-from .partition import Partition
+from .partition import Interface, Partition, Patch
 
 Array = np.ndarray
 
@@ -84,7 +84,15 @@ class ReducedBody:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the body leaves out, in sentences."""
-        return self.basis.left_out
+        said = list(self.basis.left_out)
+        surface = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
+        if len(surface):
+            said.append(
+                f"contact rows at {len(surface)} nodes of the impact region outside the patch (contact_radius of the "
+                "partition)"
+            )
+        said.append("strain and stress rows, until `recovery` is asked for them")
+        return tuple(said)
 
     @cached_property
     def rigid(self) -> Array:
@@ -142,19 +150,48 @@ class ReducedBody:
         """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `fem.nearest_node`."""
         return nearest_node(self.points, point)
 
-    def surface(self, position: Array) -> Surface:
-        """Contact patch with the body shifted by `position`, (3,) [m]."""
-        return Surface.of(self.points, self.partition, position)
+    def surface(self, position: Array, patch: int = 0) -> Surface:
+        """One of the contact patches with the body shifted by `position`, (3,) [m]."""
+        return Surface.of(self.points, self.partition.patches[patch], position)
+
+    def flexibility(self, patch: int = 0, other: int | None = None) -> Array:
+        """Residual flexibility of a patch's rows, or between those of one and another patch [m/N].
+
+        Raises
+        ------
+        InputError
+            If the basis has none.
+        """
+        if self.basis.flexibility is None:
+            raise InputError(f"body: basis {self.basis.name!r} has no residual flexibility, its patch has mass instead")
+        rows, columns = (bases.patch_slice(self.partition, i) for i in (patch, patch if other is None else other))
+        return self.basis.flexibility[rows, columns]
+
+    def interface_rows(self, name: str) -> Array:
+        """Rows of an interface, (6, n_dofs): its mean translation [m] and rotation [rad] by the coordinates.
+
+        Transposed, they are the generalised forces of a unit force and moment on it.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        InputError
+            If there is no such interface.
+        """
+        interface = self.partition.find_interface(name)
+        return interface.motion @ self.rows(interface.nodes)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each column of T is, n_dofs of them."""
+        return self.basis.labels + tuple(f"nodal {axis} of node {node}" for node in self.basis.nodal for axis in "xyz")
 
     def table(self) -> str:
         """Columns of T, one a line: number, what it is."""
-        lines = [f"{i:5d}  {label}" for i, label in enumerate(self.basis.labels)]
-        first = self.n_shapes
-        lines += [
-            f"{first + 3 * i:5d}  node {node} x y z ({', '.join(f'{x:.4g}' for x in self.points[node])}) m"
-            for i, node in enumerate(self.basis.nodal)
-        ]
-        return "\n".join(lines)
+        return "\n".join(f"{i:5d}  {label}" for i, label in enumerate(self.labels))
 
     def save(self, path: str | Path) -> None:
         """Write to an npz file, all fields in full precision; `load_body` reads it.
@@ -182,9 +219,9 @@ class ReducedBody:
 
 _FILE = Format(
     name="reduced body",
-    version=1,
+    version=2,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
-    classes=(ReducedBody, ReducedBasis, Partition),
+    classes=(ReducedBody, ReducedBasis, Partition, Patch, Interface),
 )
 
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+_COUPLED = 0.02  # residual flexibility between two patches over their own, as far as contacts may neglect it
+
 
 class PartitionContact(dict):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
@@ -29,9 +31,11 @@ class PartitionContact(dict):
     the force on the slave [N]; of multipliers also the impulses so far, total and on the slave [N s].
     """
 
-    def __init__(self, name: str, slave: PartitionBody, master: PartitionBody, law: Any, **indices: Any) -> None:
-        super().__init__(**indices)
-        self.name, self.slave, self.master, self.law = name, slave, master, law
+    def __init__(
+        self, name: str, slave: PartitionBody, master: PartitionBody, patches: tuple[int, int], law: Any
+    ) -> None:
+        super().__init__()
+        self.name, self.slave, self.master, self.patches, self.law = name, slave, master, patches, law
         self.restart()
 
     def restart(self, t: float = 0.0) -> None:
@@ -135,8 +139,8 @@ class PartitionContact(dict):
             return 0.0, 0.0
         samples = closed[:: max(1, len(closed) // 50)]
         means = []
-        for item in (self.slave, self.master):
-            nodes = item.body.partition.patch_nodes
+        for item, patch in zip((self.slave, self.master), self.patches, strict=True):
+            nodes = item.body.partition.patches[patch].nodes
             u = item.body.rows(nodes) @ item.coordinates(result)[samples].T
             means.append(u.reshape(len(nodes), 3, -1).mean(axis=0))
         line = self.law.rows.approach
@@ -160,6 +164,8 @@ def CreatePartitionContact(
     master: PartitionBody,
     *,
     formulation: str = "compliance",
+    slavePatch: int | str | None = None,
+    masterPatch: int | str | None = None,
     name: str = "",
 ) -> PartitionContact:
     """Add frictionless contact between the patches of two partition bodies.
@@ -175,6 +181,8 @@ def CreatePartitionContact(
     formulation : {"compliance", "lagrange"}
         "compliance" for bases with a residual flexibility, explicit and implicit; "lagrange" for those whose patch has
         mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet.
+    slavePatch, masterPatch : int or str, optional
+        Number or name of the contact patch, for bodies that have several.
     name : str
 
     Returns
@@ -194,11 +202,15 @@ def CreatePartitionContact(
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_choice("formulation", formulation, ("compliance", "lagrange"))
+    patches = (slave.body.partition.patch(slavePatch), master.body.partition.patch(masterPatch))
     if formulation == "compliance":
-        _refuse_shared_flexibility(contacts, slave, master)
-    rows = node_to_segment(slave.body.surface(slave.position), master.body.surface(master.position))
-    law = (ComplianceContact if formulation == "compliance" else LagrangeContact)(rows, slave.body, master.body)
-    contact = PartitionContact(name, slave, master, law)
+        for item, patch in zip((slave, master), patches, strict=True):
+            _check_shared_flexibility(contacts, item, patch)
+    surfaces = [item.body.surface(item.position, i) for item, i in zip((slave, master), patches, strict=True)]
+    rows = node_to_segment(*surfaces)
+    law_of = ComplianceContact if formulation == "compliance" else LagrangeContact
+    law = law_of(rows, slave.body, master.body, patches)
+    contact = PartitionContact(name, slave, master, patches, law)
     items = require("exudyn.itemInterface")
     if formulation == "compliance":
         contact["oContact"] = _add_force_element(mbs, contact)
@@ -213,14 +225,25 @@ def CreatePartitionContact(
     return contact
 
 
-def _refuse_shared_flexibility(contacts: list[PartitionContact], *bodies: PartitionBody) -> None:
+def _check_shared_flexibility(contacts: list[PartitionContact], item: PartitionBody, patch: int) -> None:
+    """Refuse a contact whose forces would deform another contact's patch beyond what the kept shapes say."""
     for contact in contacts:
-        for body in bodies:
-            if not contact.explicit_only and (body is contact.slave or body is contact.master):
+        for body, other in zip((contact.slave, contact.master), contact.patches, strict=True):
+            if contact.explicit_only or body is not item:
+                continue
+            if other == patch:
                 raise InputError(
-                    f"body {body.name!r} already has the contact {contact.name!r}: two contacts on one patch would "
-                    "each take its residual flexibility for themselves. Take basis='free' or 'craig-bampton' with "
-                    "formulation='lagrange' for several contacts on one body"
+                    f"body {item.name!r}: its patch {patch} already has the contact {contact.name!r}; each would take "
+                    "its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) | "
+                    "Partition.ball(...)), or take basis='free' or 'craig-bampton' with formulation='lagrange'"
+                )
+            own, others = (np.linalg.norm(item.body.flexibility(i)) for i in (patch, other))
+            coupling = np.linalg.norm(item.body.flexibility(patch, other)) / np.sqrt(own * others)
+            if coupling > _COUPLED:
+                raise InputError(
+                    f"body {item.name!r}: the residual flexibility couples patches {patch} and {other} by "
+                    f"{coupling:.1%}, expected less than {_COUPLED:.0%}, as each contact knows its own patch only. "
+                    "Raise f_cut, move the patches apart, or take basis='craig-bampton' with formulation='lagrange'"
                 )
 
 

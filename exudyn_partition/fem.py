@@ -248,6 +248,16 @@ def area_vectors(points: Array, facets: Array) -> Array:
     return np.cross(c - a, d - b) / 2
 
 
+def nodal_area(points: Array, facets: Array) -> Array:
+    """(n,) array: share of each of n points in a uniform traction on `facets` [m2].
+
+    A quadratic triangle passes it to its mid-side nodes alone, a third each.
+    """
+    area = np.linalg.norm(area_vectors(points, facets), axis=1)
+    n_loaded = facet_corners(facets).shape[1]
+    return np.bincount(facets[:, -n_loaded:].ravel(), np.repeat(area / n_loaded, n_loaded), minlength=len(points))
+
+
 def _part_sizes(cells: Array, n_nodes: int) -> Array:
     """Number of elements of each connected part, largest first."""
     links = (cells[:, :-1].ravel(), cells[:, 1:].ravel())

@@ -74,6 +74,24 @@ def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
     return scipy.linalg.solve_triangular(np.linalg.cholesky(gram), vectors.T, lower=True).T
 
 
+def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> Array:
+    """What `vectors`, (n, k), hold beyond a mass-orthonormal `basis`, (n, m): (n, at most k), mass-orthonormal.
+
+    Directions that are in the span of the basis to 1e-6 of their length are dropped.
+    """
+    lengths = np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
+    vectors = vectors / lengths
+    mass_basis = mass @ basis
+    for _ in range(2):
+        vectors = vectors - basis @ (mass_basis.T @ vectors)
+    values, combination = np.linalg.eigh(vectors.T @ (mass @ vectors))
+    keep = values > 1e-12
+    vectors = vectors @ (combination[:, keep] / np.sqrt(values[keep]))
+    # Normalising may amplify what was left of the basis.
+    vectors -= basis @ (mass_basis.T @ vectors)
+    return mass_normalised(vectors, mass) if vectors.shape[1] else vectors
+
+
 class FreeBodyFlexibility:
     """Elastic (inertia-relief) flexibility of a free body, F_e = P' Kc^-1 P with P = 1 - M R R' (method.md, section 2).
 

@@ -1,4 +1,4 @@
-"""Partition of a body: which nodes belong to the impact region, and which of them may touch."""
+"""Partition of a body: its impact region, the patches of it that may touch, and the interfaces for joints."""
 
 from __future__ import annotations
 
@@ -6,49 +6,183 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._checks import read_only, validate_positive, validate_vector
+from ._checks import read_only, validate_choice, validate_positive, validate_vector
 from .errors import EmptyRegionError, InputError
-from .fem import FEModel, area_vectors, facet_corners
+from .fem import FEModel, area_vectors, facet_corners, nodal_area, rigid_modes
 
 Array = np.ndarray
+
+AXES = ("normal", "xyz")
+KINDS = ("rigid", "averaged")
+
+_FLAT = 1e-6  # of an interface's size: as near to one line its nodes may be
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A contact patch: the surface facets that may touch, and the directions of its residual flexibility.
+
+    Parameters
+    ----------
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Surface facets, as nodes of the body.
+    direction : (3,) array
+        Unit outward normal, area-weighted mean: the line of contact.
+    rim : (k,) int array
+        Nodes at which the body's surface goes on towards the other body: contact that reaches them leaves the patch.
+    axes : {"normal", "xyz"}
+        Whether contact acts along `direction` only, or along all three axes.
+    direction_given : bool
+        Whether the user gave `direction`.
+    name : str
+    """
+
+    facets: Array
+    direction: Array
+    rim: Array
+    axes: str = "normal"
+    direction_given: bool = False
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        read_only(self.facets, self.direction, self.rim)
+
+    @property
+    def nodes(self) -> Array:
+        """(np,) int array: nodes of the patch, ascending."""
+        return np.unique(self.facets)
+
+    @property
+    def directions(self) -> Array:
+        """(d, 3) array: the directions in which each node has a row, one or three."""
+        return self.direction[None] if self.axes == "normal" else np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """Nodes of a joint, whose mean motion is three translations and three rotations.
+
+    Parameters
+    ----------
+    name : str
+    nodes : (k,) int array
+        Ascending.
+    kind : {"rigid", "averaged"}
+        "rigid": the nodes move as one rigid body (RBE2). "averaged": they stay as flexible as they are, a force or
+        moment of the joint is spread over them (RBE3).
+    position : (3,) array
+        Reference point of the motion, the weighted mean of the nodes' positions [m].
+    weights : (k,) array
+        Share of each node in the mean, their sum is one: by the area of the surface that they span, else equal.
+    motion : (6, 3k) array
+        Mean translation [m] and rotation [rad] of the nodes' displacements, by weighted least squares; transposed, the
+        nodal forces of unit forces and moments on the interface.
+    """
+
+    name: str
+    nodes: Array
+    kind: str
+    position: Array
+    weights: Array
+    motion: Array
+
+    def __post_init__(self) -> None:
+        read_only(self.nodes, self.position, self.weights, self.motion)
+
+    def rigid_motion(self, fem: FEModel) -> Array:
+        """(3k, 6) array: displacements of the nodes by unit translations and rotations about `position`."""
+        return rigid_modes(fem.points[self.nodes] - self.position)
 
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """Impact region II of a body (paper, eq. 11) and its contact patch.
+    """Impact region II of a body (paper, eq. 11), its contact patches, and its interfaces for joints.
+
+    Partitions of the same FE model are joined by `|`::
+
+        tip = ep.Partition.ball(fem, center=(0, 0, 0), radius=1e-3, name="tip")
+        pin = ep.Partition.interface(fem, "pin", nodes="bore")
+        body = ep.reduce(fem, tip | pin, f_cut=40e3)
 
     Parameters
     ----------
     nodes : (k,) int array
         Nodes of the impact region, ascending.
-    facets : (nf, 3), (nf, 6) or (nf, 4) int array
-        Surface facets of the contact patch, as nodes of the body.
-    direction : (3,) array
-        Unit outward normal of the patch, area-weighted mean: the line of contact, along which the residual
-        flexibility is computed.
-    rim : (k,) int array
-        Nodes of the patch at which the body's surface goes on towards the other body: contact that reaches them
-        leaves the patch.
+    patches : tuple of Patch
+    interfaces : tuple of Interface
     n_nodes : int
         Nodes of the FE model.
-    direction_given : bool
-        Whether the user gave `direction`.
+
+    Raises
+    ------
+    InputError
+        If two patches, two interfaces, or an interface and the impact region share nodes, or names are not unique.
     """
 
     nodes: Array
-    facets: Array
-    direction: Array
-    rim: Array
+    patches: tuple[Patch, ...]
+    interfaces: tuple[Interface, ...]
     n_nodes: int
-    direction_given: bool = False
 
     def __post_init__(self) -> None:
-        read_only(self.nodes, self.facets, self.direction, self.rim)
+        read_only(self.nodes)
+        owners = [(f"patch {i} {patch.name!r}", patch.nodes) for i, patch in enumerate(self.patches)]
+        joints = [(f"interface {interface.name!r}", interface.nodes) for interface in self.interfaces]
+        region = [("the impact region", self.nodes)]
+        for group in (owners + joints, region + joints):
+            for i, (name, nodes) in enumerate(group):
+                for other, others in group[:i]:
+                    shared = np.intersect1d(nodes, others)
+                    if len(shared):
+                        raise InputError(
+                            f"partition: {other} and {name} share {len(shared)} nodes, such as node {shared[0]}; "
+                            "expected none. Make one of them smaller, or move it"
+                        )
+        for names in ([i.name for i in self.interfaces], [p.name for p in self.patches if p.name]):
+            if len(set(names)) < len(names):
+                raise InputError(f"name: expected each name once, got {', '.join(map(repr, names))}")
+
+    def __or__(self, other: Partition) -> Partition:
+        if not isinstance(other, Partition):
+            return NotImplemented
+        if other.n_nodes != self.n_nodes:
+            raise InputError(f"partition: one is of a mesh with {self.n_nodes} nodes, the other with {other.n_nodes}")
+        return Partition(
+            np.union1d(self.nodes, other.nodes),
+            self.patches + other.patches,
+            self.interfaces + other.interfaces,
+            self.n_nodes,
+        )
 
     @property
     def patch_nodes(self) -> Array:
-        """(np,) int array: nodes of the contact patch, ascending."""
-        return np.unique(self.facets)
+        """(np,) int array: nodes of all contact patches, ascending."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(patch.nodes for patch in self.patches)]))
+
+    def patch(self, key: int | str | None = None) -> int:
+        """Number of a patch by its number or name; of the only one by None.
+
+        Raises
+        ------
+        InputError
+            If there is no such patch, or none is named and there are several.
+        """
+        names = [patch.name for patch in self.patches]
+        if key is None and len(names) == 1:
+            return 0
+        if isinstance(key, str) and key and key in names:
+            return names.index(key)
+        if isinstance(key, int) and not isinstance(key, bool) and 0 <= key < len(names):
+            return key
+        raise InputError(
+            f"patch: expected the name or number of one of the {len(names)} contact patches {names}, got {key!r}"
+        )
+
+    def find_interface(self, name: str) -> Interface:
+        """Return the interface of that name; InputError if there is none."""
+        names = [interface.name for interface in self.interfaces]
+        validate_choice("interface", name, names)
+        return self.interfaces[names.index(name)]
 
     @classmethod
     def ball(
@@ -59,6 +193,8 @@ class Partition:
         *,
         contact_radius: float | None = None,
         direction: Array | None = None,
+        axes: str = "normal",
+        name: str = "",
     ) -> Partition:
         """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
 
@@ -75,6 +211,11 @@ class Partition:
         direction : (3,) array, optional
             The line of contact, outward; default: the patch's mean normal, which its mesh makes uncertain by some
             1e-3 rad. Give it for curved patches that start far apart.
+        axes : {"normal", "xyz"}
+            Directions in which the basis answers contact forces: along the line of contact, all that frictionless
+            contact needs, or also across it.
+        name : str
+            To tell patches of one body apart.
 
         Raises
         ------
@@ -83,6 +224,7 @@ class Partition:
         InputError
             If an argument has a wrong shape or is not finite.
         """
+        validate_choice("axes", axes, AXES)
         center = validate_vector("center", center)
         radius = validate_positive("radius", radius, "m")
         reach = radius if contact_radius is None else validate_positive("contact_radius", contact_radius, "m")
@@ -120,7 +262,54 @@ class Partition:
                 "another direction or center"
             )
         rim = np.intersect1d(facets, fem.facets[~within & facing])
-        return cls(np.union1d(nodes, facets), facets, line, rim, fem.n_nodes, direction is not None)
+        patch = Patch(facets, line, rim, axes, direction is not None, name)
+        return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes)
+
+    @classmethod
+    def interface(cls, fem: FEModel, name: str, nodes: Array | str, *, kind: str = "rigid") -> Partition:
+        """Interface for joints, springs and loads: a named node set with six resultants.
+
+        Parameters
+        ----------
+        fem : FEModel
+        name : str
+        nodes : (k,) int array or str
+            Nodes of the FE model, or the name of one of its boundaries.
+        kind : {"rigid", "averaged"}
+            Whether the nodes move as one rigid body (RBE2), or a joint's forces are spread over them (RBE3).
+
+        Raises
+        ------
+        EmptyRegionError
+            If there are no nodes.
+        InputError
+            If they lie on one line, so that no rotation about it is defined, or are no nodes of the FE model.
+        """
+        validate_choice("kind", kind, KINDS)
+        if isinstance(nodes, str):
+            validate_choice("nodes", nodes, fem.boundaries)
+            nodes = fem.facets[fem.boundaries[nodes]]
+        nodes = np.unique(np.asarray(nodes))
+        if not nodes.size:
+            raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
+        if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
+            raise InputError(f"nodes: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes[0]} to {nodes[-1]}")
+        spanned = np.isin(fem.facets, nodes).all(axis=1)
+        area = nodal_area(fem.points, fem.facets[spanned])[nodes]
+        weights = area / area.sum() if spanned.any() else np.full(len(nodes), 1 / len(nodes))
+        position = weights @ fem.points[nodes]
+        arms = fem.points[nodes] - position
+        sizes = np.linalg.svd(np.sqrt(weights)[:, None] * arms, compute_uv=False)
+        if len(nodes) < 3 or sizes[1] <= _FLAT * sizes[0]:
+            raise InputError(
+                f"nodes: interface {name!r} has {len(nodes)} nodes that lie on one line, so that its rotation about it "
+                "is not defined; expected at least three that span a plane"
+            )
+        motions = rigid_modes(arms)
+        weighted = motions * np.repeat(weights, 3)[:, None]
+        motion = np.linalg.solve(motions.T @ weighted, weighted.T)
+        joint = Interface(name, nodes, kind, position, weights, motion)
+        return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes)
 
 
 def _direction(normals: Array, direction: Array | None) -> Array:

@@ -26,8 +26,9 @@ from .body import ReducedBody
 from .contact.surface import closest_points
 from .errors import InputError, MeshError
 from .fem import TET_EDGES, FEModel
-from .linalg import FreeBodyFlexibility, one_blas_thread
+from .linalg import FreeBodyFlexibility, mass_normalised, one_blas_thread
 from .material import Material
+from .tied import tie
 
 Array = np.ndarray
 
@@ -259,7 +260,7 @@ def von_mises(stress: Array) -> Array:
     return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
 
 
-def static_correction(fem: FEModel, body: ReducedBody) -> Array:
+def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None = None) -> Array:
     """Static displacement by a unit contact force that the kept shapes lack: the mode-acceleration correction.
 
     The force presses on the contact patch with uniform pressure, so that it holds where the patch's size does not
@@ -274,6 +275,8 @@ def static_correction(fem: FEModel, body: ReducedBody) -> Array:
     fem : FEModel
     body : ReducedBody
         Of `fem`, with the residual or contact-adapted basis.
+    patch : int or str, optional
+        Which contact patch, if there are several.
 
     Returns
     -------
@@ -294,13 +297,15 @@ def static_correction(fem: FEModel, body: ReducedBody) -> Array:
         raise InputError(f"body: basis {basis.name!r} has no residual flexibility, and so no static answer to add")
     if body.fe_dofs != fem.n_dofs:
         raise InputError(f"fem: expected the body's own mesh with {body.fe_dofs} dofs, got {fem.n_dofs}")
-    load = -pressure(fem, body.partition)
+    load = -pressure(fem, body.partition.patches[body.partition.patch(patch)])
     elastic = basis.omega > 0
     amplitude = np.zeros(len(elastic))
     amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
     with one_blas_thread():
-        flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, basis.shapes[:, ~elastic])
-        answer = flexibility(load[:, None])[:, 0]
+        model = tie(fem, body.partition)
+        rigid = mass_normalised(model.rigid_modes, model.mass)
+        flexibility = FreeBodyFlexibility(model.stiffness, model.mass, rigid)
+        answer = model.expand @ flexibility((model.expand.T @ load)[:, None])[:, 0]
     return (answer - basis.shapes @ amplitude).reshape(-1, 3)
 
 

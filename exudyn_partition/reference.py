@@ -16,7 +16,7 @@ from .errors import InputError
 from .fem import FEModel, node_dofs
 from .history import History, at_times
 from .linalg import Factorisation, one_blas_thread
-from .partition import Partition
+from .partition import Partition, Patch
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -31,6 +31,8 @@ class FullBody:
     fem : FEModel
     partition : Partition
         Its contact patch is what can touch.
+    patch : int or str, optional
+        Which one, if there are several.
     position : (3,) array
         Offset of the body's points in space, as referencePosition of the partition body [m].
     velocity : (3,) array
@@ -43,16 +45,23 @@ class FullBody:
     position: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     velocity: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     mass: str = "consistent"
+    patch: int | str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", validate_vector("position", self.position))
         object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
         validate_choice("mass", self.mass, ("consistent", "lumped"))
+        object.__setattr__(self, "patch", self.partition.patch(self.patch))
 
     @property
     def surface(self) -> Surface:
         """The contact patch in place."""
-        return Surface.of(self.fem.points, self.partition, self.position)
+        return Surface.of(self.fem.points, self.contact, self.position)
+
+    @property
+    def contact(self) -> Patch:
+        """The contact patch."""
+        return self.partition.patches[self.partition.patch(self.patch)]
 
 
 class _HHT:
@@ -155,8 +164,8 @@ def simulate(
     slave, master = bodies
     rows = rows if rows is not None else node_to_segment(slave.surface, master.surface)
     sides = []
-    for body, G in zip(bodies, rows.matrices(*(len(b.partition.patch_nodes) for b in bodies)), strict=True):
-        wide = G @ _selection(node_dofs(body.partition.patch_nodes), body.fem.n_dofs)
+    for body, G in zip(bodies, rows.matrices(*(len(b.contact.nodes) for b in bodies)), strict=True):
+        wide = G @ _selection(node_dofs(body.contact.nodes), body.fem.n_dofs)
         sides.append(_HHT(body, wide, step, alpha))
     contact = Complementarity(sides[0].compliance() + sides[1].compliance())
     nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}

@@ -20,6 +20,7 @@ from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.lagrange import LagrangeContact
 from exudyn_partition.contact.rows import node_to_segment
 from exudyn_partition.errors import CacheWarning, InputError
+from exudyn_partition.partition import Interface, Patch
 
 BASES = ["free", "residual", "contact-adapted"]
 F_CUT = 150e3
@@ -309,11 +310,25 @@ MODELS = {
     "boundaries": lambda fem: {**fem.boundaries, "more": np.arange(2)},
 }
 PARTITIONS = {
-    "nodes": lambda part: np.union1d(part.nodes, [part.nodes[0] - 1, 0]),
-    "facets": lambda part: part.facets[1:].copy(),
-    "direction": lambda part: np.array([0, 0.6, 0.8]),
-    "rim": lambda part: part.rim[1:].copy(),
-    "direction_given": lambda part: True,
+    "nodes": lambda part, _: np.union1d(part.nodes, [part.nodes[0] - 1, 0]),
+    "patches": lambda part, fem: (part | ep.Partition.ball(fem, (0, 0, 0), 4e-3)).patches,
+    "interfaces": lambda part, fem: ep.Partition.interface(fem, "base", np.flatnonzero(fem.points[:, 2] < 1e-9)).interfaces,
+}
+PATCHES = {
+    "facets": lambda patch: patch.facets[1:].copy(),
+    "direction": lambda patch: np.array([0, 0.6, 0.8]),
+    "rim": lambda patch: patch.rim[1:].copy(),
+    "axes": lambda patch: "xyz",
+    "direction_given": lambda patch: True,
+    "name": lambda patch: "top",
+}
+INTERFACES = {
+    "name": lambda joint: "bottom",
+    "nodes": lambda joint: joint.nodes[1:].copy(),
+    "kind": lambda joint: "averaged",
+    "position": lambda joint: joint.position + 1e-6,
+    "weights": lambda joint: 1.01 * joint.weights,
+    "motion": lambda joint: 1.01 * joint.motion,
 }
 OPTIONS = {"f_cut": 1.001 * F_CUT, "basis": "residual"}
 
@@ -322,7 +337,7 @@ def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed,
     options = {"f_cut": F_CUT, "basis": "contact-adapted"}
     variants = [(block, top, options)]
     variants += [(replace(block, **{name: change(block)}), top, options) for name, change in MODELS.items()]
-    variants += [(block, replace(top, **{name: change(top)}), options) for name, change in PARTITIONS.items()]
+    variants += [(block, replace(top, **{name: change(top, block)}), options) for name, change in PARTITIONS.items()]
     variants += [(block, top, {**options, name: value}) for name, value in OPTIONS.items()]
     for _ in range(2):
         for fem, partition, others in variants:
@@ -340,10 +355,19 @@ def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed,
         assert len(computed) == len(variants), name
 
 
-def test_no_input_is_forgotten_in_the_test_above():
+def test_the_key_changes_with_all_fields_of_patches_and_interfaces(block, top):
+    base = ep.Partition.interface(block, "base", np.flatnonzero(block.points[:, 2] < 1e-9))
+    for value, changes in ((top.patches[0], PATCHES), (base.interfaces[0], INTERFACES)):
+        keys = {archive.digest(replace(value, **{name: change(value)})) for name, change in changes.items()}
+        assert len(keys | {archive.digest(value)}) == len(changes) + 1
+
+
+def test_no_input_is_forgotten_in_the_tests_above():
     assert MODELS.keys() == {f.name for f in dataclasses.fields(ep.FEModel)}
     # A partition with another number of nodes is of another mesh, and refused.
     assert PARTITIONS.keys() == {f.name for f in dataclasses.fields(ep.Partition)} - {"n_nodes"}
+    assert PATCHES.keys() == {f.name for f in dataclasses.fields(Patch)}
+    assert INTERFACES.keys() == {f.name for f in dataclasses.fields(Interface)}
     assert OPTIONS.keys() == inspect.signature(ep.reduce).parameters.keys() - {"fem", "partition", "progress", "cache"}
 
 

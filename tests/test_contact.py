@@ -74,7 +74,7 @@ def test_closest_point_is_the_nearest_of_the_whole_facet(facet, foot, lift, heig
 def test_gap_to_a_sphere(sphere):
     """Points around a quadratic mesh of a sphere: the gap is their distance from it, inside negative."""
     fem, partition = sphere
-    surface = Surface.of(fem.points, partition, np.zeros(3))
+    surface = Surface.of(fem.points, partition.patches[0], np.zeros(3))
     around = np.random.default_rng(0).uniform(-0.15e-3, 0.15e-3, (50, 2))
     for height in (-5e-6, 5e-6):
         z = 0.01 - np.sqrt(0.01**2 - (around**2).sum(axis=1)) - height
@@ -86,7 +86,7 @@ def test_gap_to_a_sphere(sphere):
 def surfaces(sphere, other_sphere):
     fem, partition = sphere
     other, other_partition = other_sphere
-    return Surface.of(fem.points, partition, np.zeros(3)), Surface.of(other.points, other_partition, np.zeros(3))
+    return Surface.of(fem.points, partition.patches[0], np.zeros(3)), Surface.of(other.points, other_partition.patches[0], np.zeros(3))
 
 
 def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
@@ -124,13 +124,13 @@ def test_a_direction_that_is_given_leads(sphere, other_sphere):
     """Two spheres a metre apart: along the mesh's own mean normals they would miss each other."""
     (fem, part), (other, other_part) = sphere, other_sphere
     given = ep.Partition.ball(fem, (0, 0, 0), 0.45e-3, direction=[0, 0, -1])
-    master = Surface.of(other.points, other_part, np.zeros(3))
-    touching = node_to_segment(Surface.of(fem.points, given, np.zeros(3)), master)
-    apart = node_to_segment(Surface.of(fem.points, given, np.array([0, 0, 1.0])), master)
+    master = Surface.of(other.points, other_part.patches[0], np.zeros(3))
+    touching = node_to_segment(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
+    apart = node_to_segment(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
     np.testing.assert_array_equal(touching.slave, apart.slave)
     np.testing.assert_allclose(apart.gap, touching.gap + abs(touching.normal[:, 2]), rtol=1e-6)
     with pytest.raises(EmptyRegionError):
-        node_to_segment(Surface.of(fem.points, part, np.array([0, 0, 1.0])), master)
+        node_to_segment(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
 
 
 def test_penetration_at_the_start(surfaces):

@@ -144,9 +144,9 @@ def test_frequencies_of_hexahedra_converge_to_those_of_quadratic_tetrahedra(bric
 def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave):
     bricks = ep.fe_model(write(tmp_path / "flat.vtu", *hexahedra(24, 48, 2)), ep.STEEL)
     top = ep.Partition.ball(bricks, TOP, 2e-3)
-    assert top.facets.shape[1] == 4
-    np.testing.assert_allclose(top.direction, [0, 0, 1], atol=1e-12)
-    plate, tip = Surface.of(bricks.points, top, np.zeros(3)), Surface.of(ball[0].points, ball[1], np.array(TOP))
+    assert top.patches[0].facets.shape[1] == 4
+    np.testing.assert_allclose(top.patches[0].direction, [0, 0, 1], atol=1e-12)
+    plate, tip = Surface.of(bricks.points, top.patches[0], np.zeros(3)), Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP))
     slave, master = (plate, tip) if hexahedra_are_slave else (tip, plate)
     rows = node_to_segment(slave, master)
     r = np.linalg.norm(slave.points[rows.slave, :2], axis=1)
@@ -168,7 +168,7 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
 
 
 def test_a_patch_of_quadrilaterals_ends_at_its_rim_and_carries_a_uniform_pressure(bricks):
-    top = ep.Partition.ball(bricks, TOP, 0.1, contact_radius=5e-3)
+    (top,) = ep.Partition.ball(bricks, TOP, 0.1, contact_radius=5e-3).patches
     facets_at = np.bincount(top.facets.ravel(), minlength=bricks.n_nodes)
     face = bricks.facets[(bricks.points[bricks.facets, 2] > TOP[2] - 1e-9).all(axis=1)]
     all_at = np.bincount(face.ravel(), minlength=bricks.n_nodes)

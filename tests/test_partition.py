@@ -12,14 +12,15 @@ def test_ball_takes_the_nodes_within_it(block):
     distance = np.linalg.norm(block.points - [0, 0, 0.03], axis=1)
     assert set(np.flatnonzero(distance <= 8e-3)) <= set(partition.nodes)
     assert set(partition.patch_nodes) <= set(partition.nodes)
-    centres = block.points[partition.facets[:, :3]].mean(axis=1)
+    (patch,) = partition.patches
+    centres = block.points[patch.facets[:, :3]].mean(axis=1)
     assert np.linalg.norm(centres - [0, 0, 0.03], axis=1).max() <= 5e-3
-    np.testing.assert_allclose(partition.direction, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(patch.direction, [0, 0, 1], atol=1e-12)
 
 
 def test_direction_can_be_given_within_the_patch_s_half_space(block):
     given = ep.Partition.ball(block, (0, 0, 0.03), 8e-3, direction=[0, 0.1, 2.0])
-    np.testing.assert_allclose(given.direction, np.array([0, 0.1, 2.0]) / np.hypot(0.1, 2.0))
+    np.testing.assert_allclose(given.patches[0].direction, np.array([0, 0.1, 2.0]) / np.hypot(0.1, 2.0))
     with pytest.raises(InputError, match="points out of the patch"):
         ep.Partition.ball(block, (0, 0, 0.03), 8e-3, direction=[0, 0, -1])
 

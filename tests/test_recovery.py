@@ -256,7 +256,7 @@ def test_static_correction_leaves_inertia_alone(block, top, basis):
     body = ep.reduce(block, top, basis=basis, f_cut=80e3)
     gauges = [ep.StrainGauge((0.005, 0, 0.025), (0, 0, 1), 1e-3), ep.StrainGauge((0, 0.008, 0.03), (1, 0, 0), 1e-3)]
     rows = recovery.gauge_rows(block, gauges)
-    load = consistent_load(block, top.facets, -top.direction)
+    load = consistent_load(block, top.patches[0].facets, -top.patches[0].direction)
     load /= np.linalg.norm(load.reshape(-1, 3).sum(axis=0))
     correction = rows @ recovery.static_correction(block, body).ravel()
     kept, corrected = [], []

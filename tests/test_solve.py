@@ -395,9 +395,9 @@ def test_contact_at_the_rim_of_its_patch_warns(ball, block, top):
 def test_whole_faces_have_no_rim(block):
     """A patch that ends where the body ends is complete."""
     face = ep.Partition.ball(block, TOP, 0.02)
-    assert len(face.rim) == 0
+    assert len(face.patches[0].rim) == 0
     assert set(block.points[face.patch_nodes, 2].round(9)) == {0.03}
-    assert len(ep.Partition.ball(block, TOP, 6e-3).rim) > 0
+    assert len(ep.Partition.ball(block, TOP, 6e-3).patches[0].rim) > 0
 
 
 def test_a_run_that_grows_beyond_all_bounds_is_not_finished(impact):

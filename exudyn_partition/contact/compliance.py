@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..body import ReducedBody
 from ..errors import InputError
@@ -24,6 +23,8 @@ class ComplianceContact:
     ----------
     rows : ContactRows
     slave, master : ReducedBody
+    patches : (int, int)
+        Which patch of each.
 
     Raises
     ------
@@ -33,7 +34,9 @@ class ComplianceContact:
         If the flexibility of the rows is not positive definite.
     """
 
-    def __init__(self, rows: ContactRows, slave: ReducedBody, master: ReducedBody) -> None:
+    def __init__(
+        self, rows: ContactRows, slave: ReducedBody, master: ReducedBody, patches: tuple[int, int] = (0, 0)
+    ) -> None:
         self.rows = rows
         bodies = (slave, master)
         for body in bodies:
@@ -42,16 +45,16 @@ class ComplianceContact:
                     f"formulation: 'compliance' needs a residual flexibility, which basis {body.basis.name!r} does not "
                     "have; take formulation='lagrange', or basis='contact-adapted' or 'residual'"
                 )
-        patches = [body.partition.patch_nodes for body in bodies]
-        G = rows.matrices(*map(len, patches))
-        self.H = np.hstack([g @ body.rows(nodes) for g, body, nodes in zip(G, bodies, patches, strict=True)])
+        surfaces = [body.partition.patches[i] for body, i in zip(bodies, patches, strict=True)]
+        sizes = [len(patch.nodes) for patch in surfaces]
+        G = rows.matrices(*sizes)
+        self.H = np.hstack([g @ body.rows(p.nodes) for g, body, p in zip(G, bodies, surfaces, strict=True)])
         nc = len(rows)
-        at_slave = sp.csr_matrix((np.ones(nc), (np.arange(nc), rows.slave)), shape=(nc, len(patches[0])))
-        at_master = sp.csr_matrix(
-            (rows.weights.ravel(), (np.repeat(np.arange(nc), rows.master.shape[1]), rows.master.ravel())),
-            shape=(nc, len(patches[1])),
-        )
-        F = sum(w @ body.basis.flexibility @ w.T for w, body in zip((at_slave, at_master), bodies, strict=True))
+        F = np.zeros((nc, nc))
+        for body, i, patch, g, weights in zip(bodies, patches, surfaces, G, rows.interpolation(*sizes), strict=True):
+            # Along the line of contact alone, a row's flexibility is that of its nodes.
+            at_nodes = g if patch.axes == "xyz" else weights
+            F += at_nodes @ body.flexibility(i) @ at_nodes.T
         self.problem = Complementarity(F)
         self.lam = np.zeros(nc)
         self._zero = np.zeros(self.H.shape[1])

@@ -34,6 +34,8 @@ class LagrangeContact:
     ----------
     rows : ContactRows
     slave, master : ReducedBody
+    patches : (int, int)
+        Which patch of each.
 
     Raises
     ------
@@ -41,7 +43,9 @@ class LagrangeContact:
         If a basis gives its patch a residual flexibility instead of coordinates with mass.
     """
 
-    def __init__(self, rows: ContactRows, slave: ReducedBody, master: ReducedBody) -> None:
+    def __init__(
+        self, rows: ContactRows, slave: ReducedBody, master: ReducedBody, patches: tuple[int, int] = (0, 0)
+    ) -> None:
         self.rows = rows
         bodies = (slave, master)
         for body in bodies:
@@ -50,10 +54,10 @@ class LagrangeContact:
                     f"formulation: 'lagrange' needs a contact patch that moves by coordinates with mass, which basis "
                     f"{body.basis.name!r} does not have; take formulation='compliance', or basis='free'"
                 )
-        patches = [body.partition.patch_nodes for body in bodies]
-        G = rows.matrices(*map(len, patches))
+        nodes = [body.partition.patches[i].nodes for body, i in zip(bodies, patches, strict=True)]
+        G = rows.matrices(*map(len, nodes))
         self.G = sp.hstack(
-            [sp.csr_matrix(g @ body.rows(nodes)) for g, body, nodes in zip(G, bodies, patches, strict=True)],
+            [sp.csr_matrix(g @ body.rows(n)) for g, body, n in zip(G, bodies, nodes, strict=True)],
             format="csr",
         )
         inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in bodies])

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from .._checks import read_only
 from ..errors import EmptyRegionError, PenetrationError
 from ..fem import area_vectors, facet_corners
-from ..partition import Partition
+from ..partition import Patch
 from .surface import closest_points
 
 Array = np.ndarray
@@ -47,11 +47,11 @@ class Surface:
     direction_given: bool = False
 
     @classmethod
-    def of(cls, points: Array, partition: Partition, position: Array) -> Surface:
-        """Contact patch of `partition` with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
-        nodes = partition.patch_nodes
-        facets, rim = (np.searchsorted(nodes, part) for part in (partition.facets, partition.rim))
-        return cls(points[nodes] + position, facets, partition.direction, rim, partition.direction_given)
+    def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
+        """Contact patch with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
+        nodes = patch.nodes
+        facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
+        return cls(points[nodes] + position, facets, patch.direction, rim, patch.direction_given)
 
     @property
     def flatness(self) -> float:
@@ -124,6 +124,14 @@ class ContactRows:
             (values.ravel(), (rows, (3 * self.master[:, :, None] + xyz).ravel())), shape=(nc, 3 * n_master)
         )
         return G_s, G_m
+
+    def interpolation(self, n_slave: int, n_master: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """Weights of the patches' nodes in each row, (nc, n_slave) and (nc, n_master), whatever their direction."""
+        nc, k = self.master.shape
+        rows = np.arange(nc)
+        at_slave = sp.csr_matrix((np.ones(nc), (rows, self.slave)), shape=(nc, n_slave))
+        where = (np.repeat(rows, k), self.master.ravel())
+        return at_slave, sp.csr_matrix((self.weights.ravel(), where), shape=(nc, n_master))
 
 
 def node_to_segment(slave: Surface, master: Surface) -> ContactRows:
