@@ -173,7 +173,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     omega = np.sqrt(omega_squared[6:])
     if not (omega < 2 * np.pi * f_cut).any():
         raise _no_mode_below(fem, f_cut)
-    share_held = np.sum(combination[:n_held] ** 2, axis=0)  # the held modes are mass-orthonormal
+    share_held = np.sum((gram[:n_held] @ combination) ** 2, axis=0)  # of each shape's mass in the held modes' span
     kinds = np.where(share_held > 0.5, "fixed-interface", "constraint")
     return ReducedBasis(
         name="craig-bampton",

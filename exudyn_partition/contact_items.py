@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ._optional import require
 from .contact.compliance import ComplianceContact
 from .contact.lagrange import LagrangeContact
 from .contact.rows import node_to_segment
-from .errors import InputError, RunError
+from .errors import InputError, ModelLimitWarning, RunError
 from .history import at_times
 from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_COUPLED = 0.02  # residual flexibility between two patches over their own, as far as contacts may neglect it
+_COUPLED = 0.01  # residual flexibility between two patches over their own, below which nobody needs a warning
 
 
 class PartitionContact(dict):
@@ -95,6 +96,16 @@ class PartitionContact(dict):
         self.law.check_gaps(np.concatenate([coordinates[s] for s in coordinate_slices(mbs, self.nodes)]))
 
     @property
+    def sides(self) -> list[tuple[PartitionBody, int]]:
+        """Slave and master, each with the number of its patch."""
+        return [(self.slave, self.patches[0]), (self.master, self.patches[1])]
+
+    def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
+        """Gap rows of multipliers on the coordinates of one of the bodies, (nc, n_dofs)."""
+        n = self.slave.body.n_dofs
+        return self.law.G[:, :n] if item is self.slave else self.law.G[:, n:]
+
+    @property
     def nodes(self) -> list[Any]:
         """Exudyn nodes of slave and master."""
         return self.slave.nodes + self.master.nodes
@@ -139,7 +150,7 @@ class PartitionContact(dict):
             return 0.0, 0.0
         samples = closed[:: max(1, len(closed) // 50)]
         means = []
-        for item, patch in zip((self.slave, self.master), self.patches, strict=True):
+        for item, patch in self.sides:
             nodes = item.body.partition.patches[patch].nodes
             u = item.body.rows(nodes) @ item.coordinates(result)[samples].T
             means.append(u.reshape(len(nodes), 3, -1).mean(axis=0))
@@ -203,14 +214,12 @@ def CreatePartitionContact(
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_choice("formulation", formulation, ("compliance", "lagrange"))
     patches = (slave.body.partition.patch(slavePatch), master.body.partition.patch(masterPatch))
-    if formulation == "compliance":
-        for item, patch in zip((slave, master), patches, strict=True):
-            _check_shared_flexibility(contacts, item, patch)
     surfaces = [item.body.surface(item.position, i) for item, i in zip((slave, master), patches, strict=True)]
     rows = node_to_segment(*surfaces)
     law_of = ComplianceContact if formulation == "compliance" else LagrangeContact
     law = law_of(rows, slave.body, master.body, patches)
     contact = PartitionContact(name, slave, master, patches, law)
+    _check_shared_bodies(contact, contacts)
     items = require("exudyn.itemInterface")
     if formulation == "compliance":
         contact["oContact"] = _add_force_element(mbs, contact)
@@ -225,26 +234,49 @@ def CreatePartitionContact(
     return contact
 
 
-def _check_shared_flexibility(contacts: list[PartitionContact], item: PartitionBody, patch: int) -> None:
-    """Refuse a contact whose forces would deform another contact's patch beyond what the kept shapes say."""
-    for contact in contacts:
-        for body, other in zip((contact.slave, contact.master), contact.patches, strict=True):
-            if contact.explicit_only or body is not item:
-                continue
-            if other == patch:
-                raise InputError(
-                    f"body {item.name!r}: its patch {patch} already has the contact {contact.name!r}; each would take "
-                    "its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) | "
-                    "Partition.ball(...)), or take basis='free' or 'craig-bampton' with formulation='lagrange'"
-                )
-            own, others = (np.linalg.norm(item.body.flexibility(i)) for i in (patch, other))
-            coupling = np.linalg.norm(item.body.flexibility(patch, other)) / np.sqrt(own * others)
-            if coupling > _COUPLED:
-                raise InputError(
-                    f"body {item.name!r}: the residual flexibility couples patches {patch} and {other} by "
-                    f"{coupling:.1%}, expected less than {_COUPLED:.0%}, as each contact knows its own patch only. "
-                    "Raise f_cut, move the patches apart, or take basis='craig-bampton' with formulation='lagrange'"
-                )
+def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContact]) -> None:
+    """Refuse or warn of contacts whose forces move another contact's patch beyond what each contact knows of it."""
+    for other in others:
+        for item, patch in contact.sides:
+            for other_item, other_patch in other.sides:
+                if item is not other_item or contact.explicit_only != other.explicit_only:
+                    continue
+                if contact.explicit_only:
+                    _refuse_coupled_multipliers(contact, other, item)
+                elif patch == other_patch:
+                    raise InputError(
+                        f"body {item.name!r}: its patch {patch} already has the contact {other.name!r}; each would "
+                        "take its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) "
+                        "| Partition.ball(...)), or take basis='free' with formulation='lagrange'"
+                    )
+                else:
+                    _warn_of_coupled_flexibility(item, patch, other_patch)
+
+
+def _refuse_coupled_multipliers(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> None:
+    """Multipliers of each contact close its own gaps; those of the other must not open them again."""
+    inverse_mass = sp.diags(1 / item.body.mass.diagonal())
+    G, others = (c.rows_on(item) for c in (contact, other))
+    coupling = abs(G @ inverse_mass @ others.T).max()
+    if coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max():
+        raise InputError(
+            f"body {item.name!r}: multipliers of the contact {other.name!r} move the nodes of {contact.name!r}, as "
+            f"basis {item.body.basis.name!r} couples them. Take basis='free', or formulation='compliance' with "
+            "basis='contact-adapted' and a patch for each contact"
+        )
+
+
+def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) -> None:
+    own, others = (np.linalg.norm(item.body.flexibility(i), 2) for i in (patch, other))
+    coupling = np.linalg.norm(item.body.flexibility(patch, other), 2) / np.sqrt(own * others)
+    if coupling > _COUPLED:
+        warnings.warn(
+            f"body {item.name!r}: the residual flexibility couples its patches {patch} and {other} by {coupling:.1%}, "
+            "which contacts on both neglect; forces on one may be off by about that share of the other's. A higher "
+            "f_cut lowers it",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
 
 
 def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:

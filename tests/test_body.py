@@ -59,7 +59,9 @@ def test_static_exactness(block, top, basis):
     nodes = top.patch_nodes
     load = np.random.default_rng(0).random(len(nodes))
     if basis == "craig-bampton":  # whose constraint modes answer the patch alone, not the inertia of rigid motion
-        resultants = (rigid_modes(block.points[nodes]).reshape(-1, 3, 6) * top.patches[0].direction[:, None]).sum(axis=1)
+        resultants = (rigid_modes(block.points[nodes]).reshape(-1, 3, 6) * top.patches[0].direction[:, None]).sum(
+            axis=1
+        )
         load -= resultants @ np.linalg.lstsq(resultants, load, rcond=None)[0]
     full_load = np.zeros((block.n_nodes, 3))
     full_load[nodes] = load[:, None] * top.patches[0].direction

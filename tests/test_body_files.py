@@ -312,7 +312,9 @@ MODELS = {
 PARTITIONS = {
     "nodes": lambda part, _: np.union1d(part.nodes, [part.nodes[0] - 1, 0]),
     "patches": lambda part, fem: (part | ep.Partition.ball(fem, (0, 0, 0), 4e-3)).patches,
-    "interfaces": lambda part, fem: ep.Partition.interface(fem, "base", np.flatnonzero(fem.points[:, 2] < 1e-9)).interfaces,
+    "interfaces": lambda part, fem: (
+        ep.Partition.interface(fem, "base", np.flatnonzero(fem.points[:, 2] < 1e-9)).interfaces
+    ),
 }
 PATCHES = {
     "facets": lambda patch: patch.facets[1:].copy(),

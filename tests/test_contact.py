@@ -86,7 +86,9 @@ def test_gap_to_a_sphere(sphere):
 def surfaces(sphere, other_sphere):
     fem, partition = sphere
     other, other_partition = other_sphere
-    return Surface.of(fem.points, partition.patches[0], np.zeros(3)), Surface.of(other.points, other_partition.patches[0], np.zeros(3))
+    return Surface.of(fem.points, partition.patches[0], np.zeros(3)), Surface.of(
+        other.points, other_partition.patches[0], np.zeros(3)
+    )
 
 
 def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):

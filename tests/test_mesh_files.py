@@ -146,7 +146,10 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
     top = ep.Partition.ball(bricks, TOP, 2e-3)
     assert top.patches[0].facets.shape[1] == 4
     np.testing.assert_allclose(top.patches[0].direction, [0, 0, 1], atol=1e-12)
-    plate, tip = Surface.of(bricks.points, top.patches[0], np.zeros(3)), Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP))
+    plate, tip = (
+        Surface.of(bricks.points, top.patches[0], np.zeros(3)),
+        Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP)),
+    )
     slave, master = (plate, tip) if hexahedra_are_slave else (tip, plate)
     rows = node_to_segment(slave, master)
     r = np.linalg.norm(slave.points[rows.slave, :2], axis=1)
