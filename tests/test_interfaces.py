@@ -199,7 +199,7 @@ def test_a_body_is_hit_on_both_ends_at_once(mbs, basis, formulation):
     assert abs(sum(momentum)) < 1e-9 * abs(momentum[0])
     energy = sum(item.energy(result) for item in (*bars, *contacts))
     # Nodes with mass lose their approach velocity when they meet; the residual flexibility has none to lose.
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-3 if formulation == "compliance" else 0.05)
+    np.testing.assert_allclose(energy, energy[0], rtol=5e-3 if formulation == "compliance" else 0.05)
 
 
 def test_multipliers_that_move_each_other_s_nodes_are_refused(mbs, link):
