@@ -30,12 +30,12 @@ from .linalg import (
     orthonormal_complement,
 )
 from .partition import Partition, Patch
-from .tied import TiedModel, tie
+from .tied import tie
 
 Array = np.ndarray
 Progress = Callable[[float], None]
 
-_DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
+DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
 _SETTLED = 0.05  # relative change of each load's mobility over the band by the last growth
 _MEMORY = 0.02  # of 2 pi f_cut: decay rate at which the mobility is taken, so that no lone resonance decides
@@ -95,15 +95,13 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     """
     if len(partition.nodes) == fem.n_nodes:
         return _all_nodal(fem, partition)
-    model = tie(fem, partition, mass="lumped")
-    rigid = mass_normalised(model.rigid_modes, model.mass)
-    pairs = _modes_to(fem, model, rigid, f_cut, progress)
+    body = FreeBody(fem, partition, mass="lumped")
+    pairs = _modes_to(body, f_cut, progress)
     if partition.interfaces:
-        loads = (_interface_loads(fem, partition.interfaces) @ model.expand).T.toarray()
-        pairs = _with_attachments(model, rigid, pairs, FreeBodyFlexibility(model.stiffness, model.mass, rigid)(loads))
+        pairs = _with_attachments(body, pairs, body.static_answers()[:, _n_rows(partition) :])
     region = node_dofs(partition.nodes)
     # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
-    shapes = model.expand @ np.hstack([rigid, pairs.vectors])
+    shapes = body.model.expand @ np.hstack([body.rigid, pairs.vectors])
     rigid_outside = np.array(fem.rigid_modes)
     shapes[region] = rigid_outside[region] = 0.0
     M = fem.lumped_mass_matrix
@@ -144,7 +142,8 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     matrices are diagonalised, which changes neither the space of motions nor any result; the patch keeps as many
     independent displacements as it has, with their mass, and contact is by multipliers.
     """
-    model = tie(fem, partition)
+    body = FreeBody(fem, partition)
+    model, rigid = body.model, body.rigid
     boundary = np.r_[model.column[node_dofs(partition.patch_nodes)], model.interface_columns]
     if not boundary.size or len(boundary) == model.n:
         raise InputError(
@@ -167,7 +166,6 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     omega_squared, combination = scipy.linalg.eigh(columns.T @ (model.stiffness @ columns), gram)
     # The six lowest are rigid motion, which constraint modes hold exactly but round-off does not.
     combination = combination[:, 6:]
-    rigid = mass_normalised(model.rigid_modes, model.mass)
     shapes = columns @ combination
     shapes -= rigid @ ((model.mass @ rigid).T @ shapes)
     omega = np.sqrt(omega_squared[6:])
@@ -180,7 +178,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
         shapes=model.expand @ np.hstack([rigid, shapes]),
         omega=np.r_[np.zeros(6), omega],
         labels=_RIGID + _labels(kinds, omega),
-        rigid=_rigid_coordinates(model, rigid, len(omega)),
+        rigid=_rigid_coordinates(body, len(omega)),
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
         left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its boundary (f_cut raises that)",),
@@ -192,13 +190,12 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
 
     MacNeal (1971), Rubin (1975). The contact coordinates carry no mass; see `_with_residual_flexibility`.
     """
-    model = tie(fem, partition)
-    rigid = mass_normalised(model.rigid_modes, model.mass)
-    modes = _modes_to(fem, model, rigid, f_cut, progress)
-    static = static_answers(fem, partition, model, rigid)
-    pairs = _with_attachments(model, rigid, modes, static[:, _n_rows(partition) :])
+    body = FreeBody(fem, partition)
+    modes = _modes_to(body, f_cut, progress)
+    static = body.static_answers()
+    pairs = _with_attachments(body, modes, static[:, _n_rows(partition) :])
     left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
-    return _with_residual_flexibility("residual", fem, partition, model, rigid, pairs, static, f_cut, (left_out,))
+    return _with_residual_flexibility("residual", body, pairs, static, f_cut, (left_out,))
 
 
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
@@ -209,76 +206,104 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     below `f_cut` has settled; what they cannot excite is never computed (method.md, section 2). Ritz pairs far above
     `f_cut` are left to the residual flexibility.
     """
-    model = tie(fem, partition)
-    space = AdaptedSpace(fem, partition, model, f_cut)
-    pairs = space.grow(f_cut, progress)
-    static = space.static
-    pairs = _with_attachments(model, space.rigid, pairs, static[:, _n_rows(partition) :])
+    space = AdaptedSpace(fem, partition, f_cut)
+    space.grow(f_cut, progress)
+    reduced = adapted_basis(space, f_cut)
+    if not ((0 < reduced.omega) & (reduced.omega < 2 * np.pi * f_cut)).any():
+        raise _no_mode_below(fem, f_cut)
+    return reduced
+
+
+def adapted_basis(space: AdaptedSpace, f_cut: float) -> ReducedBasis:
+    """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that."""
+    pairs = _with_attachments(space, space.pairs(f_cut), space.static[:, _n_rows(space.partition) :])
     left_out = (
         f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
-        f"the dynamics, but not the static answer, of motion above {_DROP_ABOVE * f_cut:.6g} Hz (f_cut raises that)",
+        f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz (f_cut raises that)",
     )
-    return _with_residual_flexibility(
-        "contact-adapted", fem, partition, model, space.rigid, pairs, static, f_cut, left_out
-    )
+    return _with_residual_flexibility("contact-adapted", space, pairs, space.static, f_cut, left_out)
 
 
-class AdaptedSpace:
+class FreeBody:
+    """An FE model with its rigid interfaces tied and its rigid motion mass-normalised: where all bases start.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+    mass : {"consistent", "lumped"}
+    """
+
+    def __init__(self, fem: FEModel, partition: Partition, mass: str = "consistent") -> None:
+        self.fem, self.partition = fem, partition
+        self.model = tie(fem, partition, mass)
+        self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
+
+    def static_answers(self) -> Array:
+        """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
+        flexibility = FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
+        return flexibility((unit_loads(self.fem, self.partition) @ self.model.expand).T.toarray())
+
+
+class AdaptedSpace(FreeBody):
     """The Krylov space of a body's contact and interface loads, and their static answers.
 
     Parameters
     ----------
     fem : FEModel
     partition : Partition
-    model : TiedModel
     f_shift : float
         The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
+
+    Raises
+    ------
+    InputError
+        If there is neither a contact patch nor an interface.
     """
 
-    def __init__(self, fem: FEModel, partition: Partition, model: TiedModel, f_shift: float) -> None:
+    def __init__(self, fem: FEModel, partition: Partition, f_shift: float) -> None:
         if not partition.patches and not partition.interfaces:
             raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
-        self.fem, self.model = fem, model
-        self.rigid = mass_normalised(model.rigid_modes, model.mass)
+        super().__init__(fem, partition)
+        K, M = self.model.stiffness, self.model.mass
         self.combination = resultants(fem, partition)
-        self.loads = np.asarray((unit_loads(fem, partition) @ model.expand).T @ self.combination)
+        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ self.combination)
         shift = (np.pi * f_shift) ** 2
         with ThreadPoolExecutor(1) as pool:
             # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
-            static = pool.submit(static_answers, fem, partition, model, self.rigid)
-            solve = Factorisation(model.stiffness + shift * model.mass).solve
-            self.krylov = BlockKrylov(solve, model.mass, shift, self.rigid, self.loads)
+            static = pool.submit(self.static_answers)
+            solve = Factorisation(K + shift * M).solve
+            self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads)
             self.krylov.grow(2 * _GROWTH)
             self.static = static.result()
 
-    def grow(self, f_cut: float, progress: Progress | None = None) -> RitzPairs:
-        """Grow until the mobility of every load up to `f_cut` has settled; returns the pairs below 1.5 times that."""
+    def grow(self, f_cut: float, progress: Progress | None = None) -> None:
+        """Grow until the mobility of every load has settled up to `f_cut`."""
         krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
-        s = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:])
+        s = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:, None])
         static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
-        size = s[:, None] * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s[:, None]
-        mobility = np.zeros(size.shape, dtype=complex)
+        rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
+        mobility = np.zeros(rest.shape, dtype=complex)
         while True:
             omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
-            keep = omega < _DROP_ABOVE * omega_cut
+            keep = omega < DROP_ABOVE * omega_cut
             participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
-            previous, mobility = mobility, s[:, None] * (_dynamic_receptance(omega[keep], s) @ participation)
-            change = np.linalg.norm(mobility - previous, axis=0) / np.linalg.norm(mobility + size, axis=0)
+            # What modes answer beyond their static answer, at Laplace variables s.
+            previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
+            change = np.linalg.norm(mobility - previous, axis=0) / np.linalg.norm(mobility + rest, axis=0)
             if progress:
                 progress(min(1.0, _SETTLED / change.max()) if change.any() else 1.0)
-            before = krylov.size
-            if change.max() <= _SETTLED or not (
-                krylov.grow(before + max(_GROWTH, self.loads.shape[1])) or krylov.size > before
-            ):
-                break
-        if not (omega < omega_cut).any():
-            raise _no_mode_below(self.fem, f_cut)
-        return RitzPairs(krylov.vectors @ combination[:, keep], omega[keep])
+            size = krylov.size
+            if change.max() <= _SETTLED:
+                return
+            if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:
+                return  # there is no more to find
 
-
-def _dynamic_receptance(omega: Array, s: Array) -> Array:
-    """Answers of modes at Laplace variables s beyond their static ones, per squared participation, (len(s), k)."""
-    return 1 / (omega**2 + s[:, None] ** 2) - 1 / omega**2
+    def pairs(self, f_cut: float) -> RitzPairs:
+        """Ritz pairs below 1.5 times `f_cut`."""
+        omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
+        keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
+        return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
 
 
 def pressure(fem: FEModel, patch: Patch) -> Array:
@@ -332,16 +357,11 @@ def resultants(fem: FEModel, partition: Partition) -> Array:
     return scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
 
 
-def static_answers(fem: FEModel, partition: Partition, model: TiedModel, rigid: Array) -> Array:
-    """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
-    flexibility = FreeBodyFlexibility(model.stiffness, model.mass, rigid)
-    return flexibility((unit_loads(fem, partition) @ model.expand).T.toarray())
-
-
-def _modes_to(fem: FEModel, model: TiedModel, rigid: Array, f_cut: float, progress: Progress | None) -> RitzPairs:
-    modes = eigenmodes(model.stiffness, model.mass, rigid, 2 * np.pi * f_cut, progress=progress)
+def _modes_to(body: FreeBody, f_cut: float, progress: Progress | None) -> RitzPairs:
+    model = body.model
+    modes = eigenmodes(model.stiffness, model.mass, body.rigid, 2 * np.pi * f_cut, progress=progress)
     if not len(modes.omega):
-        raise _no_mode_below(fem, f_cut)
+        raise _no_mode_below(body.fem, f_cut)
     return modes
 
 
@@ -353,7 +373,7 @@ def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
     )
 
 
-def _with_attachments(model: TiedModel, rigid: Array, pairs: RitzPairs, static: Array) -> RitzPairs:
+def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPairs:
     """Span of `pairs` and of `static`, (nz, 6 i), the static answers to the interfaces' resultants, as pairs again.
 
     What the pairs lack of those answers has mass like any motion, which is kept: it becomes attachment modes, high
@@ -361,45 +381,43 @@ def _with_attachments(model: TiedModel, rigid: Array, pairs: RitzPairs, static: 
     """
     if not static.shape[1]:
         return pairs
-    more = orthonormal_complement(static, model.mass, np.hstack([rigid, pairs.vectors]))
+    model = body.model
+    more = orthonormal_complement(static, model.mass, np.hstack([body.rigid, pairs.vectors]))
     vectors = np.hstack([pairs.vectors, more])
     omega_squared, combination = np.linalg.eigh(vectors.T @ (model.stiffness @ vectors))
     return RitzPairs(vectors @ combination, np.sqrt(omega_squared))
 
 
-def _with_residual_flexibility(
-    name: str,
-    fem: FEModel,
-    partition: Partition,
-    model: TiedModel,
-    rigid: Array,
-    pairs: RitzPairs,
-    static: Array,
-    f_cut: float,
-    left_out: tuple[str, ...],
-) -> ReducedBasis:
-    """Basis of rigid motion and `pairs`, with the flexibility F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2."""
-    G = patch_rows(fem, partition) @ model.expand
+def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: Array) -> Array:
+    """F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2 of all rows of `patch_rows` (method.md, section 2)."""
+    G = patch_rows(body.fem, body.partition) @ body.model.expand
     at_patch = G @ pairs.vectors
     F = G @ static[:, : G.shape[0]] - (at_patch / pairs.omega**2) @ at_patch.T
-    if any(patch.axes == "normal" for patch in partition.patches):
+    return (F + F.T) / 2
+
+
+def _with_residual_flexibility(
+    name: str, body: FreeBody, pairs: RitzPairs, static: Array, f_cut: float, left_out: tuple[str, ...]
+) -> ReducedBasis:
+    """Basis of rigid motion and `pairs`, and the residual flexibility of all else at the contact."""
+    if any(patch.axes == "normal" for patch in body.partition.patches):
         left_out += ("tangential contact rows: contact is frictionless (axes='xyz' of the partition keeps them)",)
-    kinds = np.where(pairs.omega < _DROP_ABOVE * 2 * np.pi * f_cut, "elastic", "attachment")
+    kinds = np.where(pairs.omega < DROP_ABOVE * 2 * np.pi * f_cut, "elastic", "attachment")
     return ReducedBasis(
         name=name,
-        shapes=model.expand @ np.hstack([rigid, pairs.vectors]),
+        shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
         omega=np.r_[np.zeros(6), pairs.omega],
         labels=_RIGID + _labels(kinds, pairs.omega),
-        rigid=_rigid_coordinates(model, rigid, len(pairs.omega)),
+        rigid=_rigid_coordinates(body, len(pairs.omega)),
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
-        flexibility=(F + F.T) / 2,
+        flexibility=residual_flexibility(body, pairs, static),
         left_out=left_out,
     )
 
 
-def _rigid_coordinates(model: TiedModel, rigid: Array, n_elastic: int) -> Array:
-    return np.vstack([rigid.T @ (model.mass @ model.rigid_modes), np.zeros((n_elastic, 6))])
+def _rigid_coordinates(body: FreeBody, n_elastic: int) -> Array:
+    return np.vstack([body.rigid.T @ (body.model.mass @ body.model.rigid_modes), np.zeros((n_elastic, 6))])
 
 
 def _labels(kinds: str | Array, omega: Array) -> tuple[str, ...]:

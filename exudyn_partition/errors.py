@@ -65,5 +65,9 @@ class ModelLimitWarning(PartitionWarning):
     """A motion beyond what the model holds for, such as large rotation in an inertial frame."""
 
 
+class ToleranceWarning(PartitionWarning):
+    """A tolerance that the mesh does not let a basis reach; the best body is returned."""
+
+
 class StoppedRunWarning(PartitionWarning):
     """A run that was interrupted or became unstable; its results up to there are kept."""

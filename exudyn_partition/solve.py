@@ -28,6 +28,7 @@ from .errors import (
     StepSizeError,
     StoppedRunWarning,
 )
+from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
 from .items import PartitionBody, partition_items
 from .linalg import one_blas_thread
@@ -35,10 +36,8 @@ from .linalg import one_blas_thread
 Array = np.ndarray
 Progress = Callable[[float], None]
 
-_STEPS_A_PERIOD = 25  # default step: of the highest truncation frequency, whose period is then 0.3 % off at most
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
-_SAFETY = 0.9  # default step: at most this share of the stability limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +303,7 @@ def _checked_step(mbs: Any, step: float | None, method: str) -> float:
     if step is None:
         if not bodies:
             raise InputError("step: the model has no partition body to choose it from; give it [s]")
-        return min(_SAFETY * limit, 1 / (_STEPS_A_PERIOD * max(item.body.f_cut for item in bodies)))
+        return min(SAFETY * limit, 1 / (STEPS_A_PERIOD * max(item.body.f_cut for item in bodies)))
     step = validate_positive("step", step, "s")
     if step > limit:
         raise StepSizeError(

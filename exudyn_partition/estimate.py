@@ -1,0 +1,273 @@
+"""A-posteriori estimate of what a truncation costs: the impact itself, with the basis and with a richer one.
+
+Reduced bodies are so small that their impact takes a fraction of a second. So the error of a truncation at f need not
+be bounded by norms; it is measured on the scene's own impact, against the same bodies truncated at a higher f_top:
+
+    e(f) = ||F_f - F_top|| / ||F_top|| / (1 - (f / f_top)^2)
+
+F_f is the contact force over the whole duration, with modes up to f, the static answer of all others (residual
+flexibility), and the time step that `solve_dynamic` takes by default at f; F_top likewise, so that the estimate holds
+truncation and time step together. What modes above f contribute beyond their static answer is their inertia, of
+relative size (w / w_k)^2 for motion at w: summed over the cut modes it falls as f^-2 (Rubin 1975; method.md,
+section 2). So ||F_f - F_top|| lacks the share (f / f_top)^2 of the error, which the denominator gives back
+(Richardson). The error of velocities is the same with the kinetic-energy norm of the difference of the two motions,
+integrated over the duration, relative to that of the velocity's change since the start.
+
+It is an estimate, no bound: it needs f_top high enough that the two differ less and less (saturation assumption; Bank
+and Weiser 1985), and knows nothing of the error of the mesh.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from .basis import DROP_ABOVE, AdaptedSpace, Progress, patch_slice, residual_flexibility
+from .contact.complementarity import Complementarity
+from .contact.rows import Surface, node_to_segment
+from .errors import ToleranceWarning
+from .fem import FEModel, node_dofs
+from .partition import Partition
+
+Array = np.ndarray
+
+STEPS_A_PERIOD = 25  # default step of the truncation frequency, whose period is then 0.3 % off at most
+SAFETY = 0.9  # default explicit step: at most this share of the stability limit
+
+_AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
+_CROSSINGS = 30  # default duration: of a longitudinal wave through the larger body
+_FIRST = 8  # first f_top: times the inverse of a longitudinal wave's way through the smaller body and back
+_SAMPLES = 5000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated errors of a truncation, over the duration of an impact, relative L2; see the module's derivation.
+
+    Parameters
+    ----------
+    force : float
+        Of the total contact force.
+    velocity : float
+        Of the bodies' velocity fields in the kinetic-energy norm, relative to their change since the start.
+    f_cut : float
+        The truncation that they hold for [Hz].
+    f_top : float
+        Truncation of the richer bodies that it was compared with [Hz].
+    speed : float
+        Approach speed of the impact [m/s].
+    duration : float
+        [s]
+    against : str
+        What was hit: "a rigid plane" or "the other body".
+    tolerance : float
+        What was asked for.
+    limit : str
+        What kept the estimate above the tolerance; empty if nothing did.
+    """
+
+    force: float
+    velocity: float
+    f_cut: float
+    f_top: float
+    speed: float
+    duration: float
+    against: str
+    tolerance: float
+    limit: str = ""
+
+    @property
+    def error(self) -> float:
+        """The larger of both."""
+        return max(self.force, self.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """An impact in modal coordinates: h = gap + H q, lambda >= 0, h + F lambda >= 0, complementary.
+
+    Parameters
+    ----------
+    gap : (nc,) array
+        Initial gaps, the smallest zero [m].
+    H : (nc, n) array
+        Modal gap rows.
+    F : (nc, nc) array
+        Residual flexibility at the rows [m/N].
+    omega : (n,) array
+        [rad/s], zero for rigid motion.
+    velocity : (n,) array
+        Initial velocities of the coordinates.
+    """
+
+    gap: Array
+    H: Array
+    F: Array
+    omega: Array
+    velocity: Array
+
+    def truncated(self, omega_top: float) -> tuple[Impact, Array]:
+        """Without the dynamics of modes above `omega_top`, their static answer in F; and which coordinates it keeps."""
+        keep = self.omega < omega_top
+        cut = self.H[:, ~keep] / self.omega[~keep]
+        return Impact(self.gap, self.H[:, keep], self.F + cut @ cut.T, self.omega[keep], self.velocity[keep]), keep
+
+    def run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
+        """Integrate by velocity Verlet: times (m,), forces (m,) [N] and velocities (m, n)."""
+        problem = Complementarity(self.F)
+        stiffness = self.H.T @ np.linalg.solve(problem.F, self.H) + np.diag(self.omega**2)
+        limit = 2 / np.sqrt(scipy.linalg.eigvalsh(stiffness)[-1])
+        steps = int(np.ceil(duration / min(largest_step, SAFETY * limit)))
+        step, stride = duration / steps, max(1, steps // _SAMPLES)
+        squares = self.omega**2
+        q, v = np.zeros(len(squares)), self.velocity.copy()
+
+        def forces(q: Array) -> tuple[Array, float]:
+            lam = problem.solve(self.gap + self.H @ q)
+            index = problem.index
+            return (lam[index] @ self.H[index] if index.size else 0.0) - squares * q, float(lam.sum())
+
+        a, force = forces(q)
+        samples: list[tuple[float, float, Array]] = [(0.0, force, v.copy())]
+        for n in range(1, steps + 1):
+            v += 0.5 * step * a
+            q += step * v
+            a, force = forces(q)
+            v += 0.5 * step * a
+            if n % stride == 0 or n == steps:
+                samples.append((n * step, force, v.copy()))
+        t, force_at, v_at = zip(*samples, strict=True)
+        return np.array(t), np.array(force_at), np.array(v_at)
+
+
+def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> Impact:
+    """Impact of one body on a rigid plane, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
+
+    Two bodies are moved along their line of contact until they touch; only their relative velocity matters.
+    """
+    pairs = [space.pairs(f_top) for space in spaces]
+    surfaces = [
+        Surface.of(space.fem.points, space.partition.patches[i], np.zeros(3))
+        for space, i in zip(spaces, patches, strict=True)
+    ]
+    if len(spaces) == 1:
+        (surface,) = surfaces
+        height = surface.points @ surface.direction
+        gap, line = height.max() - height, surface.direction
+        rows = [-np.kron(np.eye(len(height)), line)]
+        weights = [np.eye(len(height))]
+    else:
+        contact = node_to_segment(*surfaces)
+        sizes = [len(surface.points) for surface in surfaces]
+        gap, line = contact.gap - contact.gap.min(), contact.approach
+        rows = [G.toarray() for G in contact.matrices(*sizes)]
+        weights = [w.toarray() for w in contact.interpolation(*sizes)]
+    H, omega = [], []
+    F = np.zeros((len(gap),) * 2)
+    for space, pair, i, G, w in zip(spaces, pairs, patches, rows, weights, strict=True):
+        patch, own = space.partition.patches[i], patch_slice(space.partition, i)
+        shapes = np.hstack([space.rigid, pair.vectors])
+        H.append(G @ (space.model.expand[node_dofs(patch.nodes)] @ shapes))
+        at_nodes = G if patch.axes == "xyz" else w
+        F += at_nodes @ residual_flexibility(space, pair, space.static)[own, own] @ at_nodes.T
+        omega.append(np.r_[np.zeros(6), pair.omega])
+    first = spaces[0]
+    velocity = np.zeros(sum(map(len, omega)))
+    translation = first.model.rigid_modes[:, :3] @ (speed * line)
+    velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
+    return Impact(gap, np.hstack(H), F, np.concatenate(omega), velocity)
+
+
+def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
+    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]; inf if unstable."""
+    t, force, velocity = impact.run(duration, 1 / (STEPS_A_PERIOD * f_top))
+    scale = np.linalg.norm(force), np.linalg.norm(velocity - velocity[0])
+    result = []
+    for f in ladder:
+        coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
+        at, coarse_force, coarse_velocity = coarse.run(duration, 1 / (STEPS_A_PERIOD * f))
+        force_off = np.interp(t, at, coarse_force) - force
+        velocity_off = -velocity
+        velocity_off[:, keep] += np.stack([np.interp(t, at, v) for v in coarse_velocity.T], axis=1)
+        off = np.linalg.norm(force_off), np.linalg.norm(velocity_off)
+        result.append(np.divide(off, scale) / (1 - (f / f_top) ** 2))
+    return np.array(result)
+
+
+def grow_to_tolerance(
+    models: Sequence[tuple[FEModel, Partition]],
+    patches: Sequence[Sequence[int]],
+    *,
+    tolerance: float,
+    speed: float,
+    duration: float | None,
+    progress: Progress | None = None,
+) -> tuple[list[AdaptedSpace], Estimate]:
+    """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
+
+    The spaces grow to f_top, on them truncations down to f_top / 32 are tried; if none will do, f_top is raised.
+
+    Parameters
+    ----------
+    models : sequence of (FEModel, Partition)
+    patches : sequence of sequence of int
+        The impacts to judge, each with the number of the patch of every body; the worst counts.
+    tolerance, speed : float
+        Tolerance relative; speed [m/s].
+    duration : float, optional
+        [s]; default: 30 crossings of a longitudinal wave through the larger body.
+
+    Returns
+    -------
+    list of AdaptedSpace, Estimate
+    """
+    crossing = [np.ptp(fem.points, axis=0).max() / fem.material.bar_wave_speed for fem, _ in models]
+    f_limit = min(fem.resolved_frequency for fem, _ in models)
+    f_top = min(_FIRST / (2 * min(crossing)), 2 * f_limit)
+    duration = _CROSSINGS * max(crossing) if duration is None else duration
+    while True:
+        spaces = []
+        for i, (fem, partition) in enumerate(models):
+            spaces.append(AdaptedSpace(fem, partition, f_top))
+            spaces[-1].grow(f_top, _share(progress, i, len(models)))
+        ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
+        impacts = [impact_of(spaces, f_top, numbers, speed) for numbers in patches]
+        found = np.max([errors(impact, f_top, ladder, duration) for impact in impacts], axis=0)
+        good = found.max(axis=1) <= tolerance / _AIM
+        if good[-1] or f_top >= 2 * f_limit * (1 - 1e-9):
+            break
+        # Errors fall as f^-2.
+        f_top = min(f_top * np.clip(np.sqrt(found[-1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
+    # The lowest from which on all do; else the best.
+    chosen = len(ladder) - int(np.argmin(np.r_[good[::-1], False])) if good[-1] else int(found.max(axis=1).argmin())
+    chosen = min(chosen, len(ladder) - 1)
+    limit = "" if good[-1] else f"the mesh, which resolves motion up to {f_limit:.4g} Hz"
+    estimate = Estimate(
+        force=float(found[chosen, 0]),
+        velocity=float(found[chosen, 1]),
+        f_cut=float(ladder[chosen]),
+        f_top=float(f_top),
+        speed=speed,
+        duration=float(duration),
+        against="a rigid plane" if len(models) == 1 else "the other body",
+        tolerance=tolerance,
+        limit=limit,
+    )
+    if limit:
+        warnings.warn(
+            f"tolerance: {tolerance:.3g} cannot be promised; the best body has an estimated error of "
+            f"{estimate.error:.3g} at f_cut = {estimate.f_cut:.4g} Hz. What limits it is {limit}. Refine the mesh, or "
+            "accept that estimate",
+            ToleranceWarning,
+            stacklevel=4,
+        )
+    return spaces, estimate
+
+
+def _share(progress: Progress | None, i: int, n: int) -> Progress | None:
+    """Progress of the i-th of n equal parts."""
+    return None if progress is None else lambda x: progress((i + x) / (n + 1))

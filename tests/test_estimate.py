@@ -1,0 +1,113 @@
+"""Bodies grown to a tolerance: the estimate against the full FE model, what is chosen, and what cannot be reached."""
+
+import exudyn as exu
+import numpy as np
+import pytest
+from conftest import TOP
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, ToleranceWarning
+
+SPEED = 1.0
+END = 150e-6
+
+
+@pytest.fixture(scope="module")
+def pair(ball, block, top):
+    """The ball hits the block; both grown to 2 %."""
+    lifted = ep.FEModel(
+        ball[0].points + np.array(TOP), ball[0].cells, ball[0].mass, ball[0].stiffness, ball[0].cell_mass,
+        ball[0].material, ball[0].boundaries,
+    )  # fmt: skip
+    models = (lifted, ball[1]), (block, top)
+    return models, ep.reduce_pair(*models, tolerance=0.02, speed=SPEED, duration=END)
+
+
+def run(bodies):
+    mbs = exu.SystemContainer().AddSystem()
+    striker = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -SPEED])
+    target = ep.CreatePartitionBody(mbs, bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target)
+    mbs.Assemble()
+    return ep.solve_dynamic(mbs, end_time=END).history(contact)
+
+
+def test_the_true_force_error_is_below_the_tolerance_and_near_the_estimate(pair):
+    """Against the full FE model under the same contact rows, with steps so short that it counts as exact."""
+    models, bodies = pair
+    full = [
+        ep.reference.FullBody(fem, partition, velocity=(0, 0, v))
+        for (fem, partition), v in zip(models, (-SPEED, 0.0), strict=True)
+    ]
+    reference = ep.reference.simulate(full, end_time=END, step=0.05e-6, alpha=0.0)
+    error = ep.compare(run(bodies), reference).error["force"]
+    estimate = bodies[0].estimate
+    assert error < estimate.tolerance == 0.02
+    assert estimate.force / 3 < error < 3 * estimate.force
+    assert bodies[1].estimate == estimate
+    assert estimate.limit == ""
+    assert estimate.error <= 0.02
+
+
+def test_errors_fall_as_the_estimate_says(pair, block, top):
+    """A tighter tolerance takes more coordinates and a higher truncation."""
+    models, coarse = pair
+    fine = ep.reduce_pair(*models, tolerance=0.004, speed=SPEED, duration=END)
+    assert fine[0].f_cut > 1.4 * coarse[0].f_cut
+    assert sum(b.n_dofs for b in fine) > sum(b.n_dofs for b in coarse)
+    assert fine[0].estimate.error < 0.004
+
+
+def test_a_body_alone_hits_a_rigid_plane(ball):
+    body = ep.reduce(*ball, tolerance=0.02)
+    assert body.estimate.against == "a rigid plane"
+    assert body.estimate.error <= 0.02
+    assert body.f_cut == body.estimate.f_cut
+    assert 6 <= body.n_dofs < 40
+
+
+def test_the_worst_patch_decides(ball):
+    fem, south = ball
+    north = ep.Partition.ball(fem, (0, 0, 0.02), 4e-3)
+    alone = [ep.reduce(fem, part, tolerance=0.05).estimate for part in (south, north)]
+    both = ep.reduce(fem, south | north, tolerance=0.05).estimate
+    assert both.error <= 0.05
+    assert both.f_cut >= 0.99 * max(estimate.f_cut for estimate in alone)
+
+
+def test_a_tolerance_that_the_mesh_cannot_reach(block, top, tmp_path):
+    """A flat face meets a plane at once: a step, whose spectrum no mesh resolves."""
+    with pytest.warns(ToleranceWarning, match=r"cannot be promised; .* is the mesh, which resolves .* Refine the mesh"):
+        body = ep.reduce(block, top, tolerance=1e-5)
+    assert body.estimate.limit.startswith("the mesh")
+    assert body.estimate.error > 1e-5
+    assert body.f_cut <= block.resolved_frequency
+    body.save(tmp_path / "body.npz")
+    assert ep.load_body(tmp_path / "body.npz").estimate == body.estimate
+
+
+def test_a_pair_is_kept_in_the_cache(pair, tmp_path):
+    models, bodies = pair
+    for _ in range(2):
+        again = ep.reduce_pair(*models, tolerance=0.02, speed=SPEED, duration=END, cache=tmp_path)
+        assert again[0].estimate == bodies[0].estimate
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_bad_arguments(block, top):
+    for options in ({}, {"f_cut": 80e3, "tolerance": 0.01}):
+        with pytest.raises(InputError, match="f_cut, tolerance: expected one of them"):
+            ep.reduce(block, top, **options)
+    with pytest.raises(InputError, match="expected a relative error below 1"):
+        ep.reduce(block, top, tolerance=5)
+    with pytest.raises(InputError, match="only basis 'contact-adapted' grows to a tolerance, got 'residual'"):
+        ep.reduce(block, top, tolerance=0.01, basis="residual")
+    with pytest.raises(InputError, match="speed: expected a finite number above zero in m/s"):
+        ep.reduce(block, top, tolerance=0.01, speed=0)
+    with pytest.raises(InputError, match="duration: expected a finite number above zero in s"):
+        ep.reduce_pair((block, top), (block, top), tolerance=0.01, speed=1.0, duration=-1)
+    foot = ep.Partition.interface(block, "foot", np.flatnonzero(block.points[:, 2] < 1e-9))
+    with pytest.raises(InputError, match="has no contact patch whose force could be judged"):
+        ep.reduce(block, foot, tolerance=0.01)
+    with pytest.raises(InputError, match=r"the impact region holds all \d+ nodes, so that nothing is left"):
+        ep.reduce(block, ep.Partition.ball(block, TOP, 1.0, contact_radius=7e-3), f_cut=80e3)
