@@ -37,7 +37,7 @@ Progress = Callable[[float], None]
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
-_SETTLED = 0.05  # relative change of each load's mobility over the band by the last growth
+_SETTLED = 0.1  # relative change of each load's mobility over the band by the last growth, at most
 _MEMORY = 0.02  # of 2 pi f_cut: decay rate at which the mobility is taken, so that no lone resonance decides
 _BAND_SAMPLES = 200
 _RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
@@ -201,8 +201,10 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
 
-    Block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, started from the answers to a uniform traction on each patch
-    and to the resultants of each interface, then Rayleigh-Ritz. It grows until the mobility of each of these loads
+    Loads are a uniform traction on each patch and the resultants of each interface. The static answers to them lead the
+    basis; block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2 from the same loads follows, then Rayleigh-Ritz.
+    Without the static answers, the Krylov vectors find the lowest modes last, and until then the residual flexibility
+    takes their large compliance for a static one. The basis grows until the mobility of each of these loads
     below `f_cut` has settled; what they cannot excite is never computed (method.md, section 2). Ritz pairs far above
     `f_cut` are left to the residual flexibility.
     """
@@ -270,15 +272,16 @@ class AdaptedSpace(FreeBody):
         self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ self.combination)
         shift = (np.pi * f_shift) ** 2
         with ThreadPoolExecutor(1) as pool:
-            # SuperLU lets other threads run: the static answers take the second core while the Krylov vectors grow.
+            # SuperLU lets other threads run: the static answers take the second core.
             static = pool.submit(self.static_answers)
             solve = Factorisation(K + shift * M).solve
-            self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads)
-            self.krylov.grow(2 * _GROWTH)
             self.static = static.result()
+        lead = orthonormal_complement(self.static @ self.combination, M, self.rigid)
+        self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
+        self.krylov.grow(2 * _GROWTH)
 
-    def grow(self, f_cut: float, progress: Progress | None = None) -> None:
-        """Grow until the mobility of every load has settled up to `f_cut`."""
+    def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
+        """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`, relative L2."""
         krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
         s = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:, None])
         static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
@@ -292,9 +295,9 @@ class AdaptedSpace(FreeBody):
             previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
             change = np.linalg.norm(mobility - previous, axis=0) / np.linalg.norm(mobility + rest, axis=0)
             if progress:
-                progress(min(1.0, _SETTLED / change.max()) if change.any() else 1.0)
+                progress(min(1.0, settled / change.max()) if change.any() else 1.0)
             size = krylov.size
-            if change.max() <= _SETTLED:
+            if change.max() <= settled:
                 return
             if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:
                 return  # there is no more to find

@@ -274,14 +274,14 @@ def reduce(
         response (section 5.2), `truncation_frequency`.
     tolerance : float, optional
         Instead of `f_cut`: the contact-adapted basis grows until the estimated errors of force and velocity are below
-        it when the body hits a rigid plane; see `body.estimate` and module `estimate`. For two bodies that hit each
-        other `reduce_pair` knows better.
+        it when the body hits a rigid plane, or a rigid sphere if the patch is flat; see `body.estimate` and module
+        `estimate`. For two bodies that hit each other `reduce_pair` knows better.
     basis : {"contact-adapted", "residual", "craig-bampton", "free"}
         "free" is the paper's, "craig-bampton" keeps the patch's nodes as boundary with their static answer, "residual"
         all modes below `f_cut` with the residual flexibility of the contact, "contact-adapted" only what contacts and
         interfaces excite, with the same residual flexibility.
     speed, duration : float
-        Of the impact on the rigid plane [m/s], [s], with `tolerance`; see `reduce_pair`.
+        Of that impact [m/s], [s], with `tolerance`; see `reduce_pair`.
     progress : callable, optional
         Called with the share done, 0 to 1.
     cache : bool or path

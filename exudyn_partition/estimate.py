@@ -39,6 +39,7 @@ STEPS_A_PERIOD = 25  # default step of the truncation frequency, whose period is
 SAFETY = 0.9  # default explicit step: at most this share of the stability limit
 
 _AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
+_SETTLED = 3  # of the tolerance: how far the mobilities of the richer bodies settle
 _CROSSINGS = 30  # default duration: of a longitudinal wave through the larger body
 _FIRST = 8  # first f_top: times the inverse of a longitudinal wave's way through the smaller body and back
 _SAMPLES = 5000
@@ -63,7 +64,7 @@ class Estimate:
     duration : float
         [s]
     against : str
-        What was hit: "a rigid plane" or "the other body".
+        What was hit: "a rigid plane or sphere" or "the other body".
     tolerance : float
         What was asked for.
     limit : str
@@ -145,9 +146,12 @@ class Impact:
 
 
 def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> Impact:
-    """Impact of one body on a rigid plane, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
+    """Impact of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
 
-    Two bodies are moved along their line of contact until they touch; only their relative velocity matters.
+    Two bodies are moved along their line of contact until they touch; only their relative velocity matters. A curved
+    patch hits a rigid plane. A patch that is flat would meet it everywhere at once, so it hits a rigid sphere, whose
+    Hertz contact just fills the patch: radius (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a (eq. 30 and
+    `hertz.impact`).
     """
     pairs = [space.pairs(f_top) for space in spaces]
     surfaces = [
@@ -156,10 +160,10 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
     ]
     if len(spaces) == 1:
         (surface,) = surfaces
-        height = surface.points @ surface.direction
-        gap, line = height.max() - height, surface.direction
-        rows = [-np.kron(np.eye(len(height)), line)]
-        weights = [np.eye(len(height))]
+        line = surface.direction
+        gap = _gap_to_rigid(surface, spaces[0].fem, speed)
+        rows = [-np.kron(np.eye(len(gap)), line)]
+        weights = [np.eye(len(gap))]
     else:
         contact = node_to_segment(*surfaces)
         sizes = [len(surface.points) for surface in surfaces]
@@ -180,6 +184,18 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
     translation = first.model.rigid_modes[:, :3] @ (speed * line)
     velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
     return Impact(gap, np.hstack(H), F, np.concatenate(omega), velocity)
+
+
+def _gap_to_rigid(surface: Surface, fem: FEModel, speed: float) -> Array:
+    height = surface.points @ surface.direction
+    foot = surface.points - surface.points.mean(axis=0)
+    across_squared = np.sum(foot**2, axis=1) - (foot @ surface.direction) ** 2
+    a_squared = across_squared.max()
+    stiffness = fem.material.plane_strain_modulus
+    radius = np.sqrt(16 * stiffness * a_squared**2.5 / (15 * fem.total_mass * speed**2))
+    sphere = across_squared / (2 * radius)
+    gap = height.max() - height
+    return gap if gap.max() > sphere.max() else gap + sphere - (gap + sphere).min()
 
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
@@ -233,7 +249,7 @@ def grow_to_tolerance(
         spaces = []
         for i, (fem, partition) in enumerate(models):
             spaces.append(AdaptedSpace(fem, partition, f_top))
-            spaces[-1].grow(f_top, _share(progress, i, len(models)))
+            spaces[-1].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
         ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
         impacts = [impact_of(spaces, f_top, numbers, speed) for numbers in patches]
         found = np.max([errors(impact, f_top, ladder, duration) for impact in impacts], axis=0)
@@ -253,7 +269,7 @@ def grow_to_tolerance(
         f_top=float(f_top),
         speed=speed,
         duration=float(duration),
-        against="a rigid plane" if len(models) == 1 else "the other body",
+        against="a rigid plane or sphere" if len(models) == 1 else "the other body",
         tolerance=tolerance,
         limit=limit,
     )

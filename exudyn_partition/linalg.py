@@ -152,19 +152,27 @@ class BlockKrylov:
         Mass-normalised rigid modes, kept out of the basis.
     start : (n, p) array
         Loads [N]; the first block is the answer to them.
+    lead : (n, m) array, optional
+        Mass-orthonormal vectors without rigid motion that lead the basis; Ritz pairs are by `rayleigh_ritz` then.
     """
 
     def __init__(
-        self, apply: Callable[[Array], Array], mass: sp.spmatrix, shift: float, rigid: Array, start: Array
+        self,
+        apply: Callable[[Array], Array],
+        mass: sp.spmatrix,
+        shift: float,
+        rigid: Array,
+        start: Array,
+        lead: Array | None = None,
     ) -> None:
         self._apply, self._mass, self._shift, self._rigid = apply, mass, shift, rigid
         self._mass_rigid = mass @ rigid
-        n = len(start)
-        self._store = np.empty((n, 0), order="F")
-        self._mass_store = np.empty((n, 0), order="F")
-        self._operator = np.empty((0, 0))
+        lead = np.empty((len(start), 0)) if lead is None else lead
+        self.size = lead.shape[1]
+        self._store = np.asfortranarray(lead)
+        self._mass_store = np.asfortranarray(mass @ lead)
+        self._operator = np.zeros((self.size, self.size))
         self._projected = np.empty((0, 0))
-        self.size = 0
         self._next = self._orthonormal(self._apply(start))[0]
 
     def _reserve(self, columns: int) -> None:

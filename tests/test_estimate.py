@@ -52,15 +52,15 @@ def test_the_true_force_error_is_below_the_tolerance_and_near_the_estimate(pair)
 def test_errors_fall_as_the_estimate_says(pair, block, top):
     """A tighter tolerance takes more coordinates and a higher truncation."""
     models, coarse = pair
-    fine = ep.reduce_pair(*models, tolerance=0.004, speed=SPEED, duration=END)
+    fine = ep.reduce_pair(*models, tolerance=0.006, speed=SPEED, duration=END)
     assert fine[0].f_cut > 1.4 * coarse[0].f_cut
     assert sum(b.n_dofs for b in fine) > sum(b.n_dofs for b in coarse)
-    assert fine[0].estimate.error < 0.004
+    assert fine[0].estimate.error < 0.006
 
 
 def test_a_body_alone_hits_a_rigid_plane(ball):
     body = ep.reduce(*ball, tolerance=0.02)
-    assert body.estimate.against == "a rigid plane"
+    assert body.estimate.against == "a rigid plane or sphere"
     assert body.estimate.error <= 0.02
     assert body.f_cut == body.estimate.f_cut
     assert 6 <= body.n_dofs < 40
@@ -76,7 +76,6 @@ def test_the_worst_patch_decides(ball):
 
 
 def test_a_tolerance_that_the_mesh_cannot_reach(block, top, tmp_path):
-    """A flat face meets a plane at once: a step, whose spectrum no mesh resolves."""
     with pytest.warns(ToleranceWarning, match=r"cannot be promised; .* is the mesh, which resolves .* Refine the mesh"):
         body = ep.reduce(block, top, tolerance=1e-5)
     assert body.estimate.limit.startswith("the mesh")
