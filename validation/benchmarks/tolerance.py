@@ -1,6 +1,5 @@
 """Three scenes by `reduce_pair(tolerance=1e-2)`: is the true error below the tolerance, and near the estimate.
 
-
 Reference: the full FE model of the same mesh under the same contact rows, by this run, with steps so short that halving
 them changes the force by less than is asked of the estimate. Quantity: relative L2 error of the contact force over the
 duration, of the velocities at the bodies' far ends beside it, run times off-line and on-line. Limits: the true force
