@@ -13,6 +13,10 @@ class MeshError(InputError):
     """A mesh or FE model that cannot be used: wrong elements, inconsistent matrices, several parts."""
 
 
+class LockingError(MeshError):
+    """A nearly incompressible material in linear elements, which lock: they are far too stiff."""
+
+
 class EmptyRegionError(InputError):
     """An impact region or contact patch that holds no nodes, or lies outside the body."""
 

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ._checks import read_only, validate_array, validate_vector
-from .errors import InputError, MeshError, UnitsWarning
+from .errors import InputError, LockingError, MeshError, UnitsWarning
 from .material import Material
 
 Array = np.ndarray
@@ -33,6 +33,7 @@ _UNIT_VOLUME = {4: 2**-0.5 / 6, 10: 2**-0.5 / 6, 8: 1.0}
 
 # A material with less than this is not given in SI units: foam rubber has E = 1e5 Pa, aerogel rho = 50 kg/m3.
 _SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
+_LINEAR_NU = 0.49  # Poisson's ratio up to which linear elements are usable
 _LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
 _LARGEST_PLAUSIBLE_MASS = 1e5  # kg; a 10 mm cube of steel taken for one of 10 m has 8e6 kg
 
@@ -60,6 +61,8 @@ class FEModel:
     ------
     MeshError
         If shapes do not fit together, rigid motion strains the body, or it is in several parts.
+    LockingError
+        If elements are linear and the material is nearly incompressible.
     """
 
     points: Array
@@ -98,6 +101,11 @@ class FEModel:
             if not (matrix.diagonal() > 0).all():
                 raise MeshError(f"{name}: {np.count_nonzero(matrix.diagonal() <= 0)} diagonal entries are not positive")
         read_only(self.cells)
+        if self.order == 1 and self.material.nu > _LINEAR_NU:
+            raise LockingError(
+                f"nu: linear elements lock volumetrically near incompressibility, expected at most {_LINEAR_NU} with "
+                f"them, got {self.material.nu}. Take quadratic tetrahedra (order=2), which do not"
+            )
         if self.order == 1:
             unused = self.n_nodes - len(np.unique(self.cells))
             if unused:

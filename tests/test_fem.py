@@ -9,7 +9,7 @@ import pytest
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, MeshError, UnitsWarning
+from exudyn_partition.errors import InputError, LockingError, MeshError, UnitsWarning
 from exudyn_partition.linalg import eigenmodes, mass_normalised
 
 
@@ -181,3 +181,22 @@ def test_surface_mesh_is_refused():
 def test_bad_material(values):
     with pytest.raises(InputError, match=next(iter(values))):
         ep.Material(**{"E": 1.0, "nu": 0.3, "rho": 1.0, **values})
+
+
+def test_nearly_incompressible_material_in_linear_and_quadratic_elements():
+    """Linear elements lock; quadratic ones hardly change their lowest mode from nu = 0.499 to 0.4999."""
+    lowest = []
+    for nu in (0.499, 0.4999):
+        rubber = ep.Material(E=210e9, nu=nu, rho=7800.0)
+        with pytest.raises(LockingError, match=r"expected at most 0.49 .* Take quadratic tetrahedra"):
+            ep.fe_model(box(0.01, 0.02, 0.03), rubber, maxh=5e-3, order=1)
+        fem = ep.fe_model(box(0.01, 0.02, 0.03), rubber, maxh=5e-3)
+        rigid = mass_normalised(fem.rigid_modes, fem.mass)
+        lowest.append(eigenmodes(fem.stiffness, fem.mass, rigid, 2 * np.pi * 50e3).omega[0])
+    assert lowest[1] == pytest.approx(lowest[0], rel=5e-3)
+
+
+def test_bad_materials():
+    for field, value in (("rho", 0.0), ("E", -1.0), ("nu", 0.5)):
+        with pytest.raises(InputError, match=f"{field}: expected"):
+            ep.Material(**{"E": 1e9, "nu": 0.3, "rho": 1e3, field: value})
