@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -12,12 +13,14 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 from threadpoolctl import threadpool_limits
 
-from .errors import IndefiniteMatrixError
+from .errors import IndefiniteMatrixError, ModeCountWarning
+from .ordering import nested_dissection
 
 Array = np.ndarray
 Progress = Callable[[float], None]
 
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
+_TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
 
 
 @contextlib.contextmanager
@@ -28,15 +31,15 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class Factorisation:
-    """LU factors of a sparse symmetric positive definite matrix.
+    """LU factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
 
-    SuperLU with the minimum degree of A + A' and pivots on the diagonal: without `diag_pivot_thresh=0` partial
-    pivoting destroys the ordering, and the fill grows a hundredfold.
+    SuperLU in the order of nested dissection, with pivots on the diagonal: without `diag_pivot_thresh=0` partial
+    pivoting destroys the order, and the fill grows a hundredfold.
 
     Parameters
     ----------
     matrix : (n, n) sparse matrix
-        Symmetric positive definite.
+        Symmetric.
 
     Raises
     ------
@@ -45,10 +48,12 @@ class Factorisation:
     """
 
     def __init__(self, matrix: sp.spmatrix) -> None:
+        self._order = nested_dissection(matrix)
+        ordered = sp.csr_matrix(matrix)[self._order][:, self._order]
         try:
             self._lu = scipy.sparse.linalg.splu(
-                sp.csc_matrix(matrix),
-                permc_spec="MMD_AT_PLUS_A",
+                sp.csc_matrix(ordered),
+                permc_spec="NATURAL",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
@@ -59,13 +64,54 @@ class Factorisation:
 
     def solve(self, rhs: Array) -> Array:
         """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks."""
-        if rhs.ndim == 1:
-            return self._lu.solve(rhs)
         result = np.empty(rhs.shape, order="F")
+        if rhs.ndim == 1:
+            result[self._order] = self._lu.solve(rhs[self._order])
+            return result
         for start in range(0, rhs.shape[1], _BLOCK):
             block = slice(start, start + _BLOCK)
-            result[:, block] = self._lu.solve(np.asfortranarray(rhs[:, block]))
+            result[self._order, block] = self._lu.solve(np.asfortranarray(rhs[self._order, block]))
         return result
+
+    def negative_pivots(self) -> int:
+        """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia).
+
+        SuperLU shows its pivots only in a copy of the factors, which it keeps.
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If a zero on the diagonal made SuperLU exchange rows; the signs then say nothing.
+        """
+        if (self._lu.perm_r != self._lu.perm_c).any():
+            raise IndefiniteMatrixError(
+                "a pivot on the diagonal is zero, so that signs cannot be counted; move the shift"
+            )
+        return int(np.count_nonzero(self._lu.U.diagonal() < 0))
+
+
+def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
+    """Count the modes below a frequency without computing one: the negative pivots of K - omega^2 M.
+
+    Costs a factorisation.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n) sparse matrix
+    omega : float
+        Circular frequency, not a natural one [rad/s].
+
+    Returns
+    -------
+    int
+        Rigid modes included.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If `omega` is a natural frequency to round-off.
+    """
+    return Factorisation(stiffness - omega**2 * mass).negative_pivots()
 
 
 def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
@@ -129,7 +175,7 @@ class BlockKrylov:
         (n, p) array -> (K + s M)^-1 of it.
     mass : (n, n) csr matrix
     shift : float
-        s [rad2/s2].
+        s, negative too but not minus an eigenvalue [rad2/s2].
     rigid : (n, 6) array
         Mass-normalised rigid modes, kept out of the basis.
     start : (n, p) array
@@ -163,12 +209,9 @@ class BlockKrylov:
         """
         basis, mass_basis = self._store[:, : self.size], self._mass_store[:, : self.size]
         norms = np.sqrt(np.einsum("ij,ij->j", block, self._mass @ block))
-        coefficients = np.zeros((self.size, block.shape[1]))
-        for _ in range(2):
-            block = block - self._rigid @ (self._mass_rigid.T @ block)
-            step = mass_basis.T @ block
-            block -= basis @ step
-            coefficients += step
+        block = block - self._rigid @ (self._mass_rigid.T @ block)
+        coefficients = mass_basis.T @ block
+        block -= basis @ coefficients
         values, vectors = np.linalg.eigh(block.T @ (self._mass @ block) / np.outer(norms, norms))
         keep = values > 1e-20
         block = (block / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
@@ -209,13 +252,13 @@ class BlockKrylov:
         A residual is relative to the Ritz value of (K + s M)^-1 M; the relative error of that value is below it.
         """
         theta, combination = np.linalg.eigh(self._operator)
-        theta, combination = theta[::-1], combination[:, ::-1]
-        keep = theta > 0
-        theta, combination = theta[keep], combination[:, keep]
+        omega_squared = 1 / theta - self._shift
+        order = np.argsort(omega_squared)
+        order = order[omega_squared[order] > 0]  # others have not settled: K has no negative eigenvalue
+        combination = combination[:, order]
         last = self._coupling.shape[1]
-        residual = np.linalg.norm(self._coupling @ combination[-last:], axis=0) / theta
-        omega = np.sqrt(np.maximum(1 / theta - self._shift, 0.0))
-        return omega, residual, combination
+        residual = np.linalg.norm(self._coupling @ combination[-last:], axis=0) / abs(theta[order])
+        return np.sqrt(omega_squared[order]), residual, combination
 
     def rayleigh_ritz(self, stiffness: sp.csr_matrix) -> tuple[Array, Array]:
         """Frequencies ascending [rad/s] and combinations of `vectors` by projecting K itself.
@@ -246,15 +289,15 @@ def eigenmodes(
 ) -> RitzPairs:
     """All elastic modes of a free body below `omega_max`.
 
-    Block Krylov from a random block, wider than any multiplicity that symmetry brings, with the shift in the middle
-    of the band. It grows until every Ritz pair below `omega_max` and the first one above have converged: such a basis
-    converges from below, so nothing within the band is missed.
+    K - omega_max^2 M is factorised once. The signs of its pivots count the modes in the band; its solves are the
+    operator of a block Krylov basis from a random block, wider than any multiplicity that symmetry brings. The basis
+    grows until as many Ritz pairs as were counted have converged: then none is missing.
 
     Parameters
     ----------
     stiffness, mass : (n, n) csr matrix
     rigid : (n, 6) array
-        Mass-normalised rigid modes.
+        Mass-normalised rigid modes; (n, 0) for a held body.
     omega_max : float
         End of the band [rad/s].
     tolerance : float
@@ -268,19 +311,46 @@ def eigenmodes(
     -------
     RitzPairs
         Empty if there is no elastic mode in the band.
+
+    Warns
+    -----
+    ModeCountWarning
+        If more or fewer modes converge than were counted.
     """
-    shift = (omega_max / 2) ** 2
+    shift = -(omega_max**2)
     factor = Factorisation(stiffness + shift * mass)
+    expected = factor.negative_pivots() - rigid.shape[1]
+    if expected == 0:
+        return RitzPairs(np.empty((len(rigid), 0)), np.empty(0))
     start = np.random.default_rng(0).standard_normal((len(rigid), block))
     krylov = BlockKrylov(factor.solve, mass, shift, rigid, start)
     size = 4 * block
     while True:
         more = krylov.grow(size)
         omega, residual, combination = krylov.ritz_values()
+        if (abs(omega - omega_max) < _TOO_CLOSE * omega_max).any():
+            beyond = (1 + 1e3 * _TOO_CLOSE) * omega_max
+            return eigenmodes(stiffness, mass, rigid, beyond, tolerance=tolerance, block=block, progress=progress)
         inside = int(np.searchsorted(omega, omega_max))
-        settled = residual[: inside + 1] < tolerance
+        settled = residual < tolerance
         if progress:
-            progress(float(settled.mean()) * min(1.0, krylov.size / (2 * inside + 1)))
-        if (len(omega) > inside and settled.all()) or not more:
-            return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
-        size = max(krylov.size + 4 * block, int(1.1 * krylov.size), inside + 4 * block)
+            progress(min(1.0, float(settled[:inside].sum()) / expected))
+        if inside == expected and settled[:inside].all():
+            break
+        # Pairs far above the band converge after those within, so these have all been found.
+        above = int(np.searchsorted(omega, 1.5 * omega_max))
+        if (len(omega) > above and settled[: above + 1].all()) or not more:
+            _warn_of_count(omega_max, expected, inside)
+            break
+        size = krylov.size + max(2 * block, krylov.size // 10)
+    return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+
+
+def _warn_of_count(omega_max: float, expected: int, found: int) -> None:
+    warnings.warn(
+        f"expected {expected} elastic modes below {omega_max / (2 * np.pi):.6g} Hz, as many as the signs of the pivots "
+        f"count, found {found}. Check that mass and stiffness are those of one free body with six rigid modes; if they "
+        "are, move the end of the band a little",
+        ModeCountWarning,
+        stacklevel=3,
+    )
