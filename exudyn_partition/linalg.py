@@ -193,7 +193,7 @@ class BlockKrylov:
         self._operator = np.empty((0, 0))
         self._projected = np.empty((0, 0))
         self.size = 0
-        self._next = self._orthonormal(self._apply(start))[0]
+        self._next, self._mass_next, *_ = self._orthonormal(self._apply(start))
 
     def _reserve(self, columns: int) -> None:
         if self._store.shape[1] < columns:
@@ -202,23 +202,28 @@ class BlockKrylov:
                 grown[:, : self.size] = getattr(self, name)[:, : self.size]
                 setattr(self, name, grown)
 
-    def _orthonormal(self, block: Array) -> tuple[Array, Array]:
+    def _orthonormal(self, block: Array) -> tuple[Array, Array, Array, Array]:
         """Mass-orthonormalise `block` against the rigid modes and the basis; drop what is dependent.
 
-        Returns the new columns and the coefficients of `block` in the basis.
+        Returns the new columns, M times them, and the coefficients of `block` in the basis and in the new columns.
         """
         basis, mass_basis = self._store[:, : self.size], self._mass_store[:, : self.size]
-        norms = np.sqrt(np.einsum("ij,ij->j", block, self._mass @ block))
-        block = block - self._rigid @ (self._mass_rigid.T @ block)
-        coefficients = mass_basis.T @ block
-        block -= basis @ coefficients
-        values, vectors = np.linalg.eigh(block.T @ (self._mass @ block) / np.outer(norms, norms))
+        mass_block = self._mass @ block
+        norms = np.sqrt(np.einsum("ij,ij->j", block, mass_block))
+        new = block - self._rigid @ (self._mass_rigid.T @ block)
+        coefficients = mass_basis.T @ new
+        new -= basis @ coefficients
+        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new) / np.outer(norms, norms))
         keep = values > 1e-20
-        block = (block / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
-        # A second pass: normalising may amplify what the first left of the basis.
-        block -= self._rigid @ (self._mass_rigid.T @ block)
-        block -= basis @ (mass_basis.T @ block)
-        return mass_normalised(block, self._mass) if block.shape[1] else block, coefficients
+        new = (new / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
+        # The second pass: normalising amplifies what the first left of the basis.
+        new -= self._rigid @ (self._mass_rigid.T @ new)
+        new -= basis @ (mass_basis.T @ new)
+        mass_new = self._mass @ new
+        if new.shape[1]:
+            factor = np.linalg.cholesky(new.T @ mass_new)
+            new, mass_new = (scipy.linalg.solve_triangular(factor, x.T, lower=True).T for x in (new, mass_new))
+        return new, mass_new, coefficients, new.T @ mass_block
 
     def grow(self, size: int) -> bool:
         """Add blocks until the basis has at least `size` vectors; False if the Krylov space is exhausted."""
@@ -229,16 +234,15 @@ class BlockKrylov:
             self._reserve(max(size, self.size + new.shape[1]))
             columns = slice(self.size, self.size + new.shape[1])
             self._store[:, columns] = new
-            self._mass_store[:, columns] = self._mass @ new
+            self._mass_store[:, columns] = self._mass_next
             self.size = columns.stop
-            answer = self._apply(self._mass_store[:, columns])
-            self._next, coefficients = self._orthonormal(answer)
+            answer = self._apply(self._mass_next)
+            self._next, self._mass_next, coefficients, self._coupling = self._orthonormal(answer)
             operator = np.zeros((self.size, self.size))
             operator[: columns.start, : columns.start] = self._operator
             operator[:, columns] = coefficients
             operator[columns, :] = coefficients.T
             self._operator = operator
-            self._coupling = self._next.T @ (self._mass @ answer)
         return True
 
     @property
@@ -342,7 +346,7 @@ def eigenmodes(
         if (len(omega) > above and settled[: above + 1].all()) or not more:
             _warn_of_count(omega_max, expected, inside)
             break
-        size = krylov.size + max(2 * block, krylov.size // 10)
+        size = krylov.size + max(block, krylov.size // 20)
     return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
 
 
