@@ -26,13 +26,14 @@ WITH_MASS = ("free", "craig-bampton")  # bases whose patch has mass: multipliers
 STORED = Path(__file__).with_name("rod_on_plate_reference.npz")
 
 
-def fe_models(quick):
-    """FE models of rod and plate with their partitions, and the times of meshing and assembly."""
+def fe_models(quick, maxh=None):
+    """FE models of rod and plate with their partitions, and the times of meshing and assembly; maxh [m] far away."""
     rod = occ.Cylinder(occ.Pnt(0, 0, RADIUS), occ.Z, r=RADIUS, h=LENGTH - RADIUS) + occ.Sphere(
         occ.Pnt(0, 0, RADIUS), RADIUS
     )
     plate = occ.Box(occ.Pnt(-SIDE / 2, -SIDE / 2, -THICKNESS), occ.Pnt(SIDE / 2, SIDE / 2, 0))
-    maxh, h_rod, h_plate = (12e-3, 0.35e-3, 0.45e-3) if quick else (6e-3, 0.20e-3, 0.25e-3)
+    coarse, h_rod, h_plate = (12e-3, 0.35e-3, 0.45e-3) if quick else (6e-3, 0.20e-3, 0.25e-3)
+    maxh = maxh or coarse
     begin = time.perf_counter()
     meshes = [
         ep.generate_mesh(rod, maxh=maxh, refine=[ep.Refine((0, 0, 0), 0.6e-3, h_rod)], grading=0.35),

@@ -75,3 +75,7 @@ class ToleranceWarning(PartitionWarning):
 
 class StoppedRunWarning(PartitionWarning):
     """A run that was interrupted or became unstable; its results up to there are kept."""
+
+
+class ModeCountWarning(PartitionWarning):
+    """Fewer or more modes found in a band than the signs of the pivots count there."""

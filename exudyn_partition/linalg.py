@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -12,12 +13,14 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 from threadpoolctl import threadpool_limits
 
-from .errors import IndefiniteMatrixError
+from .errors import IndefiniteMatrixError, ModeCountWarning
+from .ordering import nested_dissection
 
 Array = np.ndarray
 Progress = Callable[[float], None]
 
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
+_TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
 
 
 @contextlib.contextmanager
@@ -28,15 +31,15 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class Factorisation:
-    """LU factors of a sparse symmetric positive definite matrix.
+    """LU factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
 
-    SuperLU with the minimum degree of A + A' and pivots on the diagonal: without `diag_pivot_thresh=0` partial
-    pivoting destroys the ordering, and the fill grows a hundredfold.
+    SuperLU in the order of nested dissection, with pivots on the diagonal: without `diag_pivot_thresh=0` partial
+    pivoting destroys the order, and the fill grows a hundredfold.
 
     Parameters
     ----------
     matrix : (n, n) sparse matrix
-        Symmetric positive definite.
+        Symmetric.
 
     Raises
     ------
@@ -45,10 +48,12 @@ class Factorisation:
     """
 
     def __init__(self, matrix: sp.spmatrix) -> None:
+        self._order = nested_dissection(matrix)
+        ordered = sp.csr_matrix(matrix)[self._order][:, self._order]
         try:
             self._lu = scipy.sparse.linalg.splu(
-                sp.csc_matrix(matrix),
-                permc_spec="MMD_AT_PLUS_A",
+                sp.csc_matrix(ordered),
+                permc_spec="NATURAL",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
@@ -59,13 +64,54 @@ class Factorisation:
 
     def solve(self, rhs: Array) -> Array:
         """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks."""
-        if rhs.ndim == 1:
-            return self._lu.solve(rhs)
         result = np.empty(rhs.shape, order="F")
+        if rhs.ndim == 1:
+            result[self._order] = self._lu.solve(rhs[self._order])
+            return result
         for start in range(0, rhs.shape[1], _BLOCK):
             block = slice(start, start + _BLOCK)
-            result[:, block] = self._lu.solve(np.asfortranarray(rhs[:, block]))
+            result[self._order, block] = self._lu.solve(np.asfortranarray(rhs[self._order, block]))
         return result
+
+    def negative_pivots(self) -> int:
+        """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia).
+
+        SuperLU shows its pivots only in a copy of the factors, which it keeps.
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If a zero on the diagonal made SuperLU exchange rows; the signs then say nothing.
+        """
+        if (self._lu.perm_r != self._lu.perm_c).any():
+            raise IndefiniteMatrixError(
+                "a pivot on the diagonal is zero, so that signs cannot be counted; move the shift"
+            )
+        return int(np.count_nonzero(self._lu.U.diagonal() < 0))
+
+
+def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
+    """Count the modes below a frequency without computing one: the negative pivots of K - omega^2 M.
+
+    Costs a factorisation.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n) sparse matrix
+    omega : float
+        Circular frequency, not a natural one [rad/s].
+
+    Returns
+    -------
+    int
+        Rigid modes included.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If `omega` is a natural frequency to round-off.
+    """
+    return Factorisation(stiffness - omega**2 * mass).negative_pivots()
 
 
 def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
@@ -147,7 +193,7 @@ class BlockKrylov:
         (n, p) array -> (K + s M)^-1 of it.
     mass : (n, n) csr matrix
     shift : float
-        s [rad2/s2].
+        s, negative too but not minus an eigenvalue [rad2/s2].
     rigid : (n, 6) array
         Mass-normalised rigid modes, kept out of the basis.
     start : (n, p) array
@@ -173,7 +219,7 @@ class BlockKrylov:
         self._mass_store = np.asfortranarray(mass @ lead)
         self._operator = np.zeros((self.size, self.size))
         self._projected = np.empty((0, 0))
-        self._next = self._orthonormal(self._apply(start))[0]
+        self._next, self._mass_next, *_ = self._orthonormal(self._apply(start))
 
     def _reserve(self, columns: int) -> None:
         if self._store.shape[1] < columns:
@@ -182,26 +228,28 @@ class BlockKrylov:
                 grown[:, : self.size] = getattr(self, name)[:, : self.size]
                 setattr(self, name, grown)
 
-    def _orthonormal(self, block: Array) -> tuple[Array, Array]:
+    def _orthonormal(self, block: Array) -> tuple[Array, Array, Array, Array]:
         """Mass-orthonormalise `block` against the rigid modes and the basis; drop what is dependent.
 
-        Returns the new columns and the coefficients of `block` in the basis.
+        Returns the new columns, M times them, and the coefficients of `block` in the basis and in the new columns.
         """
         basis, mass_basis = self._store[:, : self.size], self._mass_store[:, : self.size]
-        norms = np.sqrt(np.einsum("ij,ij->j", block, self._mass @ block))
-        coefficients = np.zeros((self.size, block.shape[1]))
-        for _ in range(2):
-            block = block - self._rigid @ (self._mass_rigid.T @ block)
-            step = mass_basis.T @ block
-            block -= basis @ step
-            coefficients += step
-        values, vectors = np.linalg.eigh(block.T @ (self._mass @ block) / np.outer(norms, norms))
+        mass_block = self._mass @ block
+        norms = np.sqrt(np.einsum("ij,ij->j", block, mass_block))
+        new = block - self._rigid @ (self._mass_rigid.T @ block)
+        coefficients = mass_basis.T @ new
+        new -= basis @ coefficients
+        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new) / np.outer(norms, norms))
         keep = values > 1e-20
-        block = (block / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
-        # A second pass: normalising may amplify what the first left of the basis.
-        block -= self._rigid @ (self._mass_rigid.T @ block)
-        block -= basis @ (mass_basis.T @ block)
-        return mass_normalised(block, self._mass) if block.shape[1] else block, coefficients
+        new = (new / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
+        # The second pass: normalising amplifies what the first left of the basis.
+        new -= self._rigid @ (self._mass_rigid.T @ new)
+        new -= basis @ (mass_basis.T @ new)
+        mass_new = self._mass @ new
+        if new.shape[1]:
+            factor = np.linalg.cholesky(new.T @ mass_new)
+            new, mass_new = (scipy.linalg.solve_triangular(factor, x.T, lower=True).T for x in (new, mass_new))
+        return new, mass_new, coefficients, new.T @ mass_block
 
     def grow(self, size: int) -> bool:
         """Add blocks until the basis has at least `size` vectors; False if the Krylov space is exhausted."""
@@ -212,16 +260,15 @@ class BlockKrylov:
             self._reserve(max(size, self.size + new.shape[1]))
             columns = slice(self.size, self.size + new.shape[1])
             self._store[:, columns] = new
-            self._mass_store[:, columns] = self._mass @ new
+            self._mass_store[:, columns] = self._mass_next
             self.size = columns.stop
-            answer = self._apply(self._mass_store[:, columns])
-            self._next, coefficients = self._orthonormal(answer)
+            answer = self._apply(self._mass_next)
+            self._next, self._mass_next, coefficients, self._coupling = self._orthonormal(answer)
             operator = np.zeros((self.size, self.size))
             operator[: columns.start, : columns.start] = self._operator
             operator[:, columns] = coefficients
             operator[columns, :] = coefficients.T
             self._operator = operator
-            self._coupling = self._next.T @ (self._mass @ answer)
         return True
 
     @property
@@ -235,13 +282,13 @@ class BlockKrylov:
         A residual is relative to the Ritz value of (K + s M)^-1 M; the relative error of that value is below it.
         """
         theta, combination = np.linalg.eigh(self._operator)
-        theta, combination = theta[::-1], combination[:, ::-1]
-        keep = theta > 0
-        theta, combination = theta[keep], combination[:, keep]
+        omega_squared = 1 / theta - self._shift
+        order = np.argsort(omega_squared)
+        order = order[omega_squared[order] > 0]  # others have not settled: K has no negative eigenvalue
+        combination = combination[:, order]
         last = self._coupling.shape[1]
-        residual = np.linalg.norm(self._coupling @ combination[-last:], axis=0) / theta
-        omega = np.sqrt(np.maximum(1 / theta - self._shift, 0.0))
-        return omega, residual, combination
+        residual = np.linalg.norm(self._coupling @ combination[-last:], axis=0) / abs(theta[order])
+        return np.sqrt(omega_squared[order]), residual, combination
 
     def rayleigh_ritz(self, stiffness: sp.csr_matrix) -> tuple[Array, Array]:
         """Frequencies ascending [rad/s] and combinations of `vectors` by projecting K itself.
@@ -272,15 +319,15 @@ def eigenmodes(
 ) -> RitzPairs:
     """All elastic modes of a free body below `omega_max`.
 
-    Block Krylov from a random block, wider than any multiplicity that symmetry brings, with the shift in the middle
-    of the band. It grows until every Ritz pair below `omega_max` and the first one above have converged: such a basis
-    converges from below, so nothing within the band is missed.
+    K - omega_max^2 M is factorised once. The signs of its pivots count the modes in the band; its solves are the
+    operator of a block Krylov basis from a random block, wider than any multiplicity that symmetry brings. The basis
+    grows until as many Ritz pairs as were counted have converged: then none is missing.
 
     Parameters
     ----------
     stiffness, mass : (n, n) csr matrix
     rigid : (n, 6) array
-        Mass-normalised rigid modes.
+        Mass-normalised rigid modes; (n, 0) for a held body.
     omega_max : float
         End of the band [rad/s].
     tolerance : float
@@ -294,19 +341,46 @@ def eigenmodes(
     -------
     RitzPairs
         Empty if there is no elastic mode in the band.
+
+    Warns
+    -----
+    ModeCountWarning
+        If more or fewer modes converge than were counted.
     """
-    shift = (omega_max / 2) ** 2
+    shift = -(omega_max**2)
     factor = Factorisation(stiffness + shift * mass)
+    expected = factor.negative_pivots() - rigid.shape[1]
+    if expected == 0:
+        return RitzPairs(np.empty((len(rigid), 0)), np.empty(0))
     start = np.random.default_rng(0).standard_normal((len(rigid), block))
     krylov = BlockKrylov(factor.solve, mass, shift, rigid, start)
     size = 4 * block
     while True:
         more = krylov.grow(size)
         omega, residual, combination = krylov.ritz_values()
+        if (abs(omega - omega_max) < _TOO_CLOSE * omega_max).any():
+            beyond = (1 + 1e3 * _TOO_CLOSE) * omega_max
+            return eigenmodes(stiffness, mass, rigid, beyond, tolerance=tolerance, block=block, progress=progress)
         inside = int(np.searchsorted(omega, omega_max))
-        settled = residual[: inside + 1] < tolerance
+        settled = residual < tolerance
         if progress:
-            progress(float(settled.mean()) * min(1.0, krylov.size / (2 * inside + 1)))
-        if (len(omega) > inside and settled.all()) or not more:
-            return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
-        size = max(krylov.size + 4 * block, int(1.1 * krylov.size), inside + 4 * block)
+            progress(min(1.0, float(settled[:inside].sum()) / expected))
+        if inside == expected and settled[:inside].all():
+            break
+        # Pairs far above the band converge after those within, so these have all been found.
+        above = int(np.searchsorted(omega, 1.5 * omega_max))
+        if (len(omega) > above and settled[: above + 1].all()) or not more:
+            _warn_of_count(omega_max, expected, inside)
+            break
+        size = krylov.size + max(block, krylov.size // 20)
+    return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+
+
+def _warn_of_count(omega_max: float, expected: int, found: int) -> None:
+    warnings.warn(
+        f"expected {expected} elastic modes below {omega_max / (2 * np.pi):.6g} Hz, as many as the signs of the pivots "
+        f"count, found {found}. Check that mass and stiffness are those of one free body with six rigid modes; if they "
+        "are, move the end of the band a little",
+        ModeCountWarning,
+        stacklevel=3,
+    )

@@ -7,13 +7,14 @@ import scipy.sparse as sp
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import IndefiniteMatrixError
+from exudyn_partition.errors import IndefiniteMatrixError, ModeCountWarning
 from exudyn_partition.linalg import (
     BlockKrylov,
     Factorisation,
     FreeBodyFlexibility,
     eigenmodes,
     mass_normalised,
+    sturm_count,
 )
 
 
@@ -63,6 +64,53 @@ def test_eigenmodes_miss_nothing_where_modes_are_multiple(cube, dense):
         np.testing.assert_allclose(gram, np.eye(len(expected)), atol=1e-10)
         residual = cube.stiffness @ modes.vectors - (cube.mass @ modes.vectors) * modes.omega**2
         assert abs(residual).max() < 1e-6 * abs(cube.stiffness @ modes.vectors).max()
+
+
+def test_sturm_count_is_that_of_the_dense_spectrum(block):
+    omega_squared = scipy.linalg.eigvalsh(block.stiffness.toarray(), block.mass.toarray())
+    omega = np.sqrt(np.maximum(omega_squared, 0.0))
+    for k in (5, 6, 11, 40, 200):
+        assert sturm_count(block.stiffness, block.mass, (omega[k] + omega[k + 1]) / 2) == k + 1
+
+
+def test_double_modes_count_twice():
+    """A square held membrane of springs: the modes (i, j) and (j, i) are one frequency."""
+    n = 12
+    chain = sp.diags([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1])
+    K, M = sp.csr_matrix(sp.kronsum(chain, chain)), sp.identity(n * n, format="csr")
+    squared = 4 * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1))) ** 2
+    exact = np.sort(np.sqrt(np.add.outer(squared, squared)).ravel())
+    assert np.count_nonzero(np.diff(exact) < 1e-9) > 60
+    for k in (1, 4, 6, 30, 70):
+        omega = 0.5 * (exact[k] + exact[exact > exact[k] + 1e-9][0])
+        below = exact[exact < omega]
+        assert sturm_count(K, M, omega) == len(below)
+        np.testing.assert_allclose(eigenmodes(K, M, np.empty((n * n, 0)), omega).omega, below, rtol=1e-10)
+
+
+def test_no_count_without_pivots_on_the_diagonal():
+    swap = sp.csr_matrix(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    with pytest.raises(IndefiniteMatrixError, match="move the shift"):
+        sturm_count(swap, sp.identity(2), 0.0)
+
+
+def test_a_missed_mode_is_reported(cube, dense, monkeypatch):
+    omega, _ = dense
+    counted = Factorisation.negative_pivots
+    monkeypatch.setattr(Factorisation, "negative_pivots", lambda self: counted(self) + 1)
+    rigid = mass_normalised(cube.rigid_modes, cube.mass)
+    expected = np.count_nonzero(omega < 1.01 * omega[30])
+    with pytest.warns(ModeCountWarning, match=f"expected {expected + 1} elastic modes .* found {expected}"):
+        modes = eigenmodes(cube.stiffness, cube.mass, rigid, 1.01 * omega[30])
+    assert len(modes.omega) == expected
+
+
+def test_a_band_that_ends_at_a_mode_includes_it(cube, dense):
+    omega, _ = dense
+    rigid = mass_normalised(cube.rigid_modes, cube.mass)
+    simple = next(k for k in range(1, 40) if min(omega[k] - omega[k - 1], omega[k + 1] - omega[k]) > 1e-3 * omega[k])
+    modes = eigenmodes(cube.stiffness, cube.mass, rigid, omega[simple])
+    np.testing.assert_allclose(modes.omega, omega[: simple + 1], rtol=1e-9)
 
 
 def test_no_mode_in_band(cube, dense):
