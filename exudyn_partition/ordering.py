@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
-from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
+from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_bipartite_matching
 
 Array = np.ndarray
 
@@ -63,7 +63,8 @@ def _cut(graph: sp.csr_matrix) -> Array | None:
     for _ in range(3):
         order, level = _fronts(graph, start)
         if len(order) < n:
-            return np.where(level < 0, -1, 1)
+            count, part = connected_components(graph, directed=False)
+            return np.where(part < count // 2, -1, 1)
         start = order[-1]
         size = np.bincount(level)
         before = np.cumsum(size)[:-1]
