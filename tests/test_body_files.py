@@ -333,6 +333,7 @@ INTERFACES = {
     "motion": lambda joint: 1.01 * joint.motion,
 }
 OPTIONS = {"f_cut": 1.001 * F_CUT, "basis": "residual"}
+IMPACTS = {"tolerance": 0.2, "speed": 2.0, "duration": 1e-4}
 
 
 def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed, tmp_path, monkeypatch):
@@ -364,13 +365,33 @@ def test_the_key_changes_with_all_fields_of_patches_and_interfaces(block, top):
         assert len(keys | {archive.digest(value)}) == len(changes) + 1
 
 
+def test_the_key_changes_with_the_impact_that_a_tolerance_is_for(block, top, tmp_path, monkeypatch):
+    keys = []
+
+    def remember(cache, inputs, file, make):
+        keys.append(archive.digest(inputs))
+        return (None, None)
+
+    monkeypatch.setattr(body_module, "cached", remember)
+    options = {"tolerance": 0.1, "speed": 1.0, "duration": 2e-4}
+    for changed in ({}, *({name: value} for name, value in IMPACTS.items())):
+        ep.reduce_pair((block, top), (block, top), **{**options, **changed})
+    other = replace(top, patches=(replace(top.patches[0], name="top"),))
+    ep.reduce_pair((block, other), (block, top), **options)
+    ep.reduce_pair((block, top), (block, other), **options)
+    assert len(set(keys)) == len(keys) == 6
+
+
 def test_no_input_is_forgotten_in_the_tests_above():
     assert MODELS.keys() == {f.name for f in dataclasses.fields(ep.FEModel)}
     # A partition with another number of nodes is of another mesh, and refused.
     assert PARTITIONS.keys() == {f.name for f in dataclasses.fields(ep.Partition)} - {"n_nodes"}
     assert PATCHES.keys() == {f.name for f in dataclasses.fields(Patch)}
     assert INTERFACES.keys() == {f.name for f in dataclasses.fields(Interface)}
-    assert OPTIONS.keys() == inspect.signature(ep.reduce).parameters.keys() - {"fem", "partition", "progress", "cache"}
+    models = {"fem", "partition", "slave", "master", "patches"}  # patches are in the partitions, by number
+    told = OPTIONS.keys() | IMPACTS.keys() | models | {"progress", "cache"}
+    for function in (ep.reduce, ep.reduce_pair):
+        assert inspect.signature(function).parameters.keys() <= told
 
 
 @pytest.mark.parametrize("damage", [lambda whole: whole[: len(whole) // 2], lambda whole: b"", lambda whole: b"x" * 99])
