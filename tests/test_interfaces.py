@@ -3,6 +3,7 @@
 import contextlib
 
 import exudyn as exu
+import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -277,3 +278,39 @@ def test_what_may_not_overlap(link):
     other = ep.fe_model(box(0.010, 0.008, 0.030), ep.STEEL, maxh=6e-3)
     with pytest.raises(InputError, match="one is of a mesh with"):
         side | ep.Partition.interface(other, "foot", end(other, 0.0))
+
+
+@pytest.mark.parametrize("kind", ["rigid", "averaged"])
+@pytest.mark.parametrize("basis", ["craig-bampton", "residual", "contact-adapted"])
+def test_exudyn_s_constraint_and_load_attach_without_spurious_compliance(mbs, link, basis, kind):
+    """The rigid foot held by Exudyn, a wrench on the head: its static solver finds the FE model's motion of the head."""
+    foot = ep.Partition.interface(link, "foot", end(link, 0.0))
+    partition = foot | ep.Partition.interface(link, "head", end(link, 0.06), kind=kind)
+    body = ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
+    head, wrench = body.interface_rows("head"), np.array([100.0, 50.0, -30.0, 1.0, 2.0, 3.0])
+    item = ep.CreatePartitionBody(mbs, body)
+    ground = mbs.AddMarker(items.MarkerNodeCoordinates(nodeNumber=mbs.AddNode(items.NodePointGround())))
+    coordinates = mbs.AddMarker(items.MarkerObjectODE2Coordinates(objectNumber=item["oGenericODE2"]))
+    mbs.AddObject(
+        items.ObjectConnectorCoordinateVector(
+            markerNumbers=[ground, coordinates], scalingMarker0=[], scalingMarker1=body.interface_rows("foot")
+        )
+    )
+    mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", head.T @ wrench)
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    assert mbs.SolveStatic(settings)
+    q = mbs.GetNodeOutput(item["nModal"], exu.OutputVariableType.Coordinates)
+
+    model = tie(link, partition)
+    moving = np.setdiff1d(np.arange(model.n), model.interface_columns[:6])
+    load = np.zeros((link.n_nodes, 3))
+    joint = partition.find_interface("head")
+    load[joint.nodes] = (wrench @ joint.motion).reshape(-1, 3)
+    u = np.zeros(model.n)
+    u[moving] = scipy.sparse.linalg.spsolve(
+        model.stiffness[moving][:, moving].tocsc(), (model.expand.T @ load.ravel())[moving]
+    )
+    expected = joint.motion @ (model.expand @ u).reshape(-1, 3)[joint.nodes].ravel()
+    np.testing.assert_allclose(head @ q, expected, rtol=1e-6, atol=1e-6 * abs(expected[:3]).max())
