@@ -283,7 +283,7 @@ def test_what_may_not_overlap(link):
 @pytest.mark.parametrize("kind", ["rigid", "averaged"])
 @pytest.mark.parametrize("basis", ["craig-bampton", "residual", "contact-adapted"])
 def test_exudyn_s_constraint_and_load_attach_without_spurious_compliance(mbs, link, basis, kind):
-    """The rigid foot held by Exudyn, a wrench on the head: its static solver finds the FE model's motion of the head."""
+    """The foot held by Exudyn, a wrench on the head: its static solver finds the FE model's motion of the head."""
     foot = ep.Partition.interface(link, "foot", end(link, 0.0))
     partition = foot | ep.Partition.interface(link, "head", end(link, 0.06), kind=kind)
     body = ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
