@@ -16,7 +16,7 @@ from ._checks import read_only, validate_choice, validate_positive
 from .archive import Format
 from .basis import Progress, ReducedBasis
 from .cache import cached
-from .contact.rows import Surface
+from .contact.surface import Surface
 from .errors import FrequencyRangeError, InputError
 from .estimate import Estimate, grow_to_tolerance
 from .fem import FEModel, nearest_node, node_dofs, rigid_modes

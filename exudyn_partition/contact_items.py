@@ -12,7 +12,7 @@ from ._checks import validate_choice
 from ._optional import require
 from .contact.compliance import ComplianceContact
 from .contact.lagrange import LagrangeContact
-from .contact.rows import node_to_segment
+from .contact.rows import pair
 from .errors import InputError, ModelLimitWarning, RunError
 from .history import at_times
 from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
@@ -182,7 +182,7 @@ def CreatePartitionContact(
     """Add frictionless contact between the patches of two partition bodies.
 
     Each patch node of the slave faces the point of the master's facets that it meets along the line of contact
-    (node-to-segment, paper section 3; `contact.rows.node_to_segment`). Pairs stay as they are found here.
+    (node-to-segment, paper section 3; `contact.rows.pair`). Pairs stay as they are found here.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def CreatePartitionContact(
     validate_choice("formulation", formulation, ("compliance", "lagrange"))
     patches = (slave.body.partition.patch(slavePatch), master.body.partition.patch(masterPatch))
     surfaces = [item.body.surface(item.position, i) for item, i in zip((slave, master), patches, strict=True)]
-    rows = node_to_segment(*surfaces)
+    rows = pair(*surfaces)
     law_of = ComplianceContact if formulation == "compliance" else LagrangeContact
     law = law_of(rows, slave.body, master.body, patches)
     contact = PartitionContact(name, slave, master, patches, law)

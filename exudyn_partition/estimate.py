@@ -28,7 +28,8 @@ import scipy.linalg
 
 from .basis import DROP_ABOVE, AdaptedSpace, Progress, patch_slice, residual_flexibility
 from .contact.complementarity import Complementarity
-from .contact.rows import Surface, node_to_segment
+from .contact.rows import pair
+from .contact.surface import Surface
 from .errors import ToleranceWarning
 from .fem import FEModel, node_dofs
 from .partition import Partition
@@ -165,7 +166,7 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
         rows = [-np.kron(np.eye(len(gap)), line)]
         weights = [np.eye(len(gap))]
     else:
-        contact = node_to_segment(*surfaces)
+        contact = pair(*surfaces)
         sizes = [len(surface.points) for surface in surfaces]
         gap, line = contact.gap - contact.gap.min(), contact.approach
         rows = [G.toarray() for G in contact.matrices(*sizes)]

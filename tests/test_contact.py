@@ -15,8 +15,8 @@ from exudyn_partition.contact import complementarity
 from exudyn_partition.contact.complementarity import Complementarity
 from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.lagrange import LagrangeContact
-from exudyn_partition.contact.rows import Surface, node_to_segment
-from exudyn_partition.contact.surface import closest_points, shape_functions
+from exudyn_partition.contact.rows import pair
+from exudyn_partition.contact.surface import Surface, closest_points, shape_functions
 from exudyn_partition.errors import (
     ComplementarityError,
     EmptyRegionError,
@@ -44,12 +44,12 @@ def saddle(height=0.1):
 def test_shape_functions_reproduce_positions_and_their_derivatives(n_nodes):
     local = np.random.default_rng(0).random((20, 2)) / 2
     nodes = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) if n_nodes == 4 else dome(0.0)[:n_nodes]
-    values, derivatives = shape_functions(local, n_nodes)
+    values, *derivatives = shape_functions(local, n_nodes).swapaxes(0, 1)
     np.testing.assert_allclose(values.sum(axis=1), 1, atol=1e-14)
     np.testing.assert_allclose((values @ nodes)[:, :2], local, atol=1e-14)
     for i, h in enumerate(1e-6 * np.eye(2)):
-        slope = (shape_functions(local + h, n_nodes)[0] - shape_functions(local - h, n_nodes)[0]) / 2e-6
-        np.testing.assert_allclose(derivatives[:, :, i], slope, atol=1e-9)
+        slope = (shape_functions(local + h, n_nodes)[:, 0] - shape_functions(local - h, n_nodes)[:, 0]) / 2e-6
+        np.testing.assert_allclose(derivatives[i], slope, atol=1e-9)
 
 
 @pytest.mark.parametrize("facet", [dome, saddle])
@@ -65,7 +65,7 @@ def test_closest_point_is_the_nearest_of_the_whole_facet(facet, foot, lift, heig
     nodes = facet(height)
     got = closest_points(point[None], nodes[None])
     grid = np.array([(i / 60, j / 60) for i in range(61) for j in range(61 if len(nodes) == 4 else 61 - i)])
-    nearest = np.linalg.norm(shape_functions(grid, len(nodes))[0] @ nodes - point, axis=1).min()
+    nearest = np.linalg.norm(shape_functions(grid, len(nodes))[:, 0] @ nodes - point, axis=1).min()
     distance = np.linalg.norm(got.weights[0] @ nodes - point)
     assert distance <= nearest + 1e-9
     assert np.hypot(got.gap[0], got.offset[0]) == pytest.approx(distance, abs=1e-12)
@@ -93,20 +93,20 @@ def surfaces(sphere, other_sphere):
 
 def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
     slave, master = surfaces
-    rows = node_to_segment(slave, master)
+    rows = pair(slave, master)
     G_s, G_m = rows.matrices(len(slave.points), len(master.points))
     push = np.random.default_rng(0).random(len(rows))
     forces = [(G.T @ push).reshape(-1, 3) for G in (G_s, G_m)]
     np.testing.assert_allclose(forces[0].sum(axis=0), -forces[1].sum(axis=0), atol=1e-12)
     np.testing.assert_allclose(G_s @ np.tile([0, 0, 1.0], len(slave.points)), rows.normal[:, 2], atol=1e-12)
     # Lifted by 3 um, the reference gaps of the same pairs are that much larger along their normals.
-    lifted = node_to_segment(replace(slave, points=slave.points + np.array([0, 0, 3e-6])), master)
+    lifted = pair(replace(slave, points=slave.points + np.array([0, 0, 3e-6])), master)
     assert relative(lifted.gap, rows.gap + 3e-6 * rows.normal[:, 2]) < 1e-3
 
 
 def test_gap_between_two_spheres(surfaces):
-    rows = node_to_segment(*surfaces)
-    r = np.linalg.norm(surfaces[0].points[rows.slave, :2], axis=1)
+    rows = pair(*surfaces)
+    r = np.linalg.norm(surfaces[0].points[rows.points.row_nodes, :2], axis=1)
     np.testing.assert_allclose(rows.gap, r**2 / 0.01, atol=1e-7)
 
 
@@ -116,7 +116,7 @@ def test_pairs_do_not_depend_on_the_way_to_go(bodies, ball_is_slave):
     target = bodies[1].surface(np.zeros(3))
     touching, apart = (bodies[0].surface(np.add(TOP, [0, 0, height])) for height in (0.0, 0.2))
     pairs = [(ball, target) if ball_is_slave else (target, ball) for ball in (touching, apart)]
-    near, far = (node_to_segment(*pair) for pair in pairs)
+    near, far = (pair(*both) for both in pairs)
     np.testing.assert_array_equal(near.slave, far.slave)
     np.testing.assert_allclose(far.weights, near.weights, atol=2e-3)
     np.testing.assert_allclose(far.gap, near.gap + 0.2 * abs(far.normal[:, 2]), atol=1e-7)
@@ -127,27 +127,27 @@ def test_a_direction_that_is_given_leads(sphere, other_sphere):
     (fem, part), (other, other_part) = sphere, other_sphere
     given = ep.Partition.ball(fem, (0, 0, 0), 0.45e-3, direction=[0, 0, -1])
     master = Surface.of(other.points, other_part.patches[0], np.zeros(3))
-    touching = node_to_segment(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
-    apart = node_to_segment(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
+    touching = pair(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
+    apart = pair(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
     np.testing.assert_array_equal(touching.slave, apart.slave)
     np.testing.assert_allclose(apart.gap, touching.gap + abs(touching.normal[:, 2]), rtol=1e-6)
     with pytest.raises(EmptyRegionError):
-        node_to_segment(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
+        pair(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
 
 
 def test_penetration_at_the_start(surfaces):
     slave, master = surfaces
     pushed = replace(slave, points=slave.points - [0, 0, 1e-4])
     with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by .* Move one body"):
-        node_to_segment(pushed, master)
+        pair(pushed, master)
 
 
 def test_patches_that_do_not_face_each_other(surfaces):
     slave, master = surfaces
     with pytest.raises(EmptyRegionError, match=r"none of the .* slave nodes faces a facet"):
-        node_to_segment(replace(slave, points=slave.points + np.array([0.05, 0, 0])), master)
+        pair(replace(slave, points=slave.points + np.array([0.05, 0, 0])), master)
     with pytest.raises(EmptyRegionError, match="outward normals"):
-        node_to_segment(replace(slave, direction=-slave.direction), master)
+        pair(replace(slave, direction=-slave.direction), master)
 
 
 def conditions(F, h, lam):
@@ -202,7 +202,7 @@ def test_bad_complementarity_problems():
 
 @pytest.fixture(scope="module")
 def law(bodies):
-    rows = node_to_segment(bodies[0].surface(np.array(TOP)), bodies[1].surface(np.zeros(3)))
+    rows = pair(bodies[0].surface(np.array(TOP)), bodies[1].surface(np.zeros(3)))
     return ComplianceContact(rows, *bodies)
 
 
@@ -255,7 +255,7 @@ def test_formulations_name_the_bases_that_they_need(block, top, bodies, law):
 
 def test_multipliers_notice_a_solver_that_is_not_central_differences(ball, block, top):
     nodal = [ep.reduce(fem, p, basis="free", f_cut=150e3) for fem, p in (ball, (block, top))]
-    rows = node_to_segment(nodal[0].surface(np.array(TOP)), nodal[1].surface(np.zeros(3)))
+    rows = pair(nodal[0].surface(np.array(TOP)), nodal[1].surface(np.zeros(3)))
     law = LagrangeContact(rows, *nodal)
     q = np.zeros(sum(body.n_dofs for body in nodal))
     v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])

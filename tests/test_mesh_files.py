@@ -11,8 +11,8 @@ from conftest import SPHERE_RADIUS, TOP, box
 
 import exudyn_partition as ep
 from exudyn_partition.basis import pressure
-from exudyn_partition.contact.rows import Surface, node_to_segment
-from exudyn_partition.contact.surface import shape_functions
+from exudyn_partition.contact.rows import pair
+from exudyn_partition.contact.surface import Surface, shape_functions
 from exudyn_partition.errors import InputError, MeshError, MissingPackageError
 from exudyn_partition.linalg import eigenmodes, mass_normalised
 
@@ -58,10 +58,10 @@ def surface_volume(fem):
     if fem.facets.shape[1] != 4:  # a square collapsed to a triangle
         weight = weight * (1 - local[:, 0])
         local[:, 1] *= 1 - local[:, 0]
-    values, derivatives = shape_functions(local, fem.facets.shape[1])
+    values, *derivatives = shape_functions(local, fem.facets.shape[1]).swapaxes(0, 1)
     nodes = fem.points[fem.facets]
     position = np.einsum("qn,fnd->fqd", values, nodes)
-    a, b = np.einsum("qni,fnd->ifqd", derivatives, nodes)
+    a, b = np.einsum("iqn,fnd->ifqd", derivatives, nodes)
     return np.einsum("q,fqd,fqd->", weight, position, np.cross(a, b)) / 3
 
 
@@ -151,16 +151,16 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
         Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP)),
     )
     slave, master = (plate, tip) if hexahedra_are_slave else (tip, plate)
-    rows = node_to_segment(slave, master)
-    r = np.linalg.norm(slave.points[rows.slave, :2], axis=1)
+    rows = pair(slave, master)
+    r = np.linalg.norm(slave.points[rows.points.row_nodes, :2], axis=1)
     feet = np.einsum("ck,ckd->cd", rows.weights, master.points[rows.master])
-    np.testing.assert_allclose(feet, slave.points[rows.slave] - rows.gap[:, None] * rows.normal, atol=2e-6)
+    np.testing.assert_allclose(feet, slave.points[rows.points.row_nodes] - rows.gap[:, None] * rows.normal, atol=2e-6)
     if hexahedra_are_slave:
         np.testing.assert_allclose(rows.gap, np.hypot(r, SPHERE_RADIUS) - SPHERE_RADIUS, atol=2e-6)
         assert rows.unpaired  # the plate's patch is the wider one, so rows end where the tip's facets do
         assert rows.at_edge[r > 1.1e-3].all()
     else:
-        np.testing.assert_allclose(rows.gap, tip.points[rows.slave, 2] - TOP[2], atol=1e-15)
+        np.testing.assert_allclose(rows.gap, tip.points[rows.points.row_nodes, 2] - TOP[2], atol=1e-15)
         assert not rows.unpaired
     assert not rows.at_edge[r < 0.5e-3].any()
     np.testing.assert_allclose(rows.weights.sum(axis=1), 1, atol=1e-14)

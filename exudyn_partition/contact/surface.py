@@ -7,17 +7,46 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..fem import facet_corners
+from ..fem import area_vectors, facet_corners
+from ..partition import Patch
 
 Array = np.ndarray
 
 _NEWTON_STEPS = 30
 _CANDIDATES = 8  # facets tried a point, nearest centroids first
+_FOLLOWING_STEPS = 6
+_FOLLOWED = 1e-8  # last step in a facet's coordinates
 _TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # corners in the facet's coordinates
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
+# Shape functions as polynomials: coefficients of 1, r, s, r^2, rs, s^2, a row for each node.
+_POLYNOMIALS = {
+    3: [[1, -1, -1, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0]],
+    4: [[1, -1, -1, 0, 1, 0], [0, 1, 0, 0, -1, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, -1, 0]],
+    6: [
+        [1, -3, -3, 2, 4, 2],
+        [0, -1, 0, 2, 0, 0],
+        [0, 0, -1, 0, 0, 2],
+        [0, 4, 0, -4, -4, 0],
+        [0, 0, 0, 0, 4, 0],
+        [0, 0, 4, 0, -4, -4],
+    ],
+}
 
-def shape_functions(local: Array, n_nodes: int) -> tuple[Array, Array]:
+
+def _table(polynomials: list[list[int]]) -> Array:
+    """(6, 3n) array: coefficients of all values, then of the derivatives by r, then by s."""
+    value = np.array(polynomials, dtype=float).T
+    by_r, by_s = np.zeros((2, *value.shape))
+    by_r[0], by_r[1], by_r[2] = value[1], 2 * value[3], value[4]
+    by_s[0], by_s[1], by_s[2] = value[2], value[4], 2 * value[5]
+    return np.hstack([value, by_r, by_s])
+
+
+_TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _POLYNOMIALS.items()}
+
+
+def shape_functions(local: Array, n_nodes: int) -> Array:
     """Shape functions of triangles or quads and their derivatives.
 
     Parameters
@@ -29,23 +58,61 @@ def shape_functions(local: Array, n_nodes: int) -> tuple[Array, Array]:
 
     Returns
     -------
-    values : (k, n_nodes) array
-    derivatives : (k, n_nodes, 2) array
+    (k, 3, n_nodes) array
+        Values, derivatives by r, derivatives by s.
     """
-    r, s = local.T
-    if n_nodes == 4:
-        values = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
-        along_r, along_s = [s - 1, 1 - s, s, -s], [r - 1, -r, r, 1 - r]
-        return values, np.stack([np.stack(along_r, axis=1), np.stack(along_s, axis=1)], axis=2)
-    corner = np.stack([1 - r - s, r, s], axis=1)
-    gradient = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
-    if n_nodes == 3:
-        return corner, np.broadcast_to(gradient, (len(local), 3, 2))
-    following = corner[:, [1, 2, 0]]
-    values = np.hstack([corner * (2 * corner - 1), 4 * corner * following])
-    at_corners = (4 * corner - 1)[:, :, None] * gradient
-    at_edges = 4 * (corner[:, :, None] * gradient[[1, 2, 0]] + following[:, :, None] * gradient)
-    return values, np.concatenate([at_corners, at_edges], axis=1)
+    monomials = np.empty((len(local), 6))
+    monomials[:, 0] = 1.0
+    monomials[:, 1:3] = local
+    np.multiply(local[:, :1], local, out=monomials[:, 3:5])
+    np.multiply(local[:, 1], local[:, 1], out=monomials[:, 5])
+    return (monomials @ _TABLES[n_nodes]).reshape(len(local), 3, n_nodes)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A contact patch in place: node positions, facets and the line of contact.
+
+    Parameters
+    ----------
+    points : (np, 3) array
+        Positions of the patch's nodes [m].
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Facets as rows of `points`, outward.
+    direction : (3,) array
+        Outward unit vector, the patch's line of contact.
+    rim : (k,) int array
+        Rows of `points` beyond which the body's surface goes on.
+    direction_given : bool
+        Whether the user gave `direction`; else it is the mesh's.
+    """
+
+    points: Array
+    facets: Array
+    direction: Array
+    rim: Array
+    direction_given: bool = False
+
+    @classmethod
+    def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
+        """Contact patch with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
+        nodes = patch.nodes
+        facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
+        return cls(points[nodes] + position, facets, patch.direction, rim, patch.direction_given)
+
+    @property
+    def flatness(self) -> float:
+        """How well `direction` is known: length of the facets' mean unit normal, 1 for a plane; 2 if it was given."""
+        if self.direction_given:
+            return 2.0
+        normals = area_vectors(self.points, self.facets)
+        return float(np.linalg.norm(normals.sum(axis=0)) / np.linalg.norm(normals, axis=1).sum())
+
+    @property
+    def facet_size(self) -> float:
+        """Mean edge length of the facets [m]."""
+        corners = self.points[facet_corners(self.facets)]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +123,8 @@ class Projection:
     ----------
     facet : (k,) int array
         Facet that each point projects to.
+    local : (k, 2) array
+        Coordinates of the closest point in the facet.
     weights : (k, 3), (k, 6) or (k, 4) array
         Shape functions at the closest point.
     normal : (k, 3) array
@@ -68,10 +137,23 @@ class Projection:
     """
 
     facet: Array
+    local: Array
     weights: Array
     normal: Array
     gap: Array
     offset: Array
+
+    @classmethod
+    def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
+        """Make it of `shape_functions` at the closest points, (k, 3, n), their `frame`, (k, 3, 3), and the way there."""
+        a, b = frame[:, 1], frame[:, 2]
+        normal = np.empty_like(a)
+        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # np.cross takes ten times as long for few points
+            normal[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+        normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
+        gap = np.einsum("kd,kd->k", miss, normal)
+        aside = miss - gap[:, None] * normal
+        return cls(facet, local, shape[:, 0], normal, gap, np.sqrt(np.einsum("kd,kd->k", aside, aside)))
 
 
 def closest_points(points: Array, facets: Array) -> Projection:
@@ -99,23 +181,53 @@ def closest_points(points: Array, facets: Array) -> Projection:
     domain = _SQUARE if n_nodes == 4 else _TRIANGLE
     local = np.tile(domain.mean(axis=0), (len(targets), 1))
     for _ in range(_NEWTON_STEPS):
-        values, derivatives = shape_functions(local, n_nodes)
-        miss = targets - np.einsum("kn,knd->kd", values, nodes)
-        tangents = np.einsum("knj,knd->kdj", derivatives, nodes)
-        local_next = _clip(local, _tangent_step(tangents, miss), tangents, domain)
+        frame = shape_functions(local, n_nodes) @ nodes
+        tangents = frame[:, 1:].transpose(0, 2, 1)
+        local_next = _clip(local, _tangent_step(tangents, targets - frame[:, 0]), tangents, domain)
         change = abs(local_next - local).max()
         local = local_next
         if change < 1e-14:
             break
-    values, derivatives = shape_functions(local, n_nodes)
-    miss = targets - np.einsum("kn,knd->kd", values, nodes)
+    miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
     best = (miss**2).sum(axis=1).reshape(k, candidates).argmin(axis=1) + candidates * np.arange(k)
-    tangents = np.einsum("knj,knd->kdj", derivatives[best], nodes[best])
-    normal = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    gap = np.einsum("kd,kd->k", miss[best], normal)
-    offset = np.linalg.norm(miss[best] - gap[:, None] * normal, axis=1)
-    return Projection(nearest[best], values[best], normal, gap, offset)
+    shape = shape_functions(local[best], n_nodes)
+    return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
+
+
+def follow(points: Array, nodes: Array, facet: Array, local: Array) -> tuple[Projection, Array]:
+    """Project points again that have moved a little, from where they were, and say which have left their facet.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        [m]
+    nodes : (k, n, 3) array
+        Positions of the nodes of each point's facet [m].
+    facet : (k,) int array
+        Their numbers, which the projection keeps.
+    local : (k, 2) array
+        Last closest points in the facets' coordinates.
+
+    Returns
+    -------
+    Projection, (k,) bool array
+    """
+    n_nodes = nodes.shape[1]
+    for _ in range(_FOLLOWING_STEPS):
+        shape = shape_functions(local, n_nodes)
+        frame = shape @ nodes
+        miss = points - frame[:, 0]
+        a, b = frame[:, 1], frame[:, 2]
+        aa, ab, bb = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b)))
+        am, bm = np.einsum("kd,kd->k", a, miss), np.einsum("kd,kd->k", b, miss)
+        determinant = aa * bb - ab * ab
+        step = np.stack([(bb * am - ab * bm) / determinant, (aa * bm - ab * am) / determinant], axis=1)
+        if abs(step).max(initial=0.0) < _FOLLOWED:
+            break
+        local = local + np.clip(step, -1.0, 1.0)
+    r, s = local.T
+    outside = (np.minimum(r, s) < 0) | (np.maximum(r, s) > 1 if n_nodes == 4 else r + s > 1)
+    return Projection.at(facet, local, shape, frame, miss), outside
 
 
 def _tangent_step(tangents: Array, miss: Array) -> Array:
