@@ -48,6 +48,11 @@ class Complementarity:
         self.single_pivots = 0
         self.reset()
 
+    def replace(self, F: Array, active: Array) -> None:
+        """Go on with other rows, F (nc, nc) taken as it is, and a guess of those that are active, (nc,) bool."""
+        self.F = F
+        self._set(active)
+
     def reset(self) -> None:
         """Forget the active set of the last call."""
         self._set(np.zeros(len(self.F), dtype=bool))

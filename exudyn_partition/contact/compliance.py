@@ -2,84 +2,114 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from ..body import ReducedBody
-from ..errors import InputError
+from ..errors import ComplementarityError
 from .complementarity import Complementarity
-from .rows import ContactRows
+from .gaps import Gaps
 
 Array = np.ndarray
 
 
 class ComplianceContact:
-    """Massless contact between two bodies whose bases carry a residual flexibility.
+    """Massless contact between two bodies whose rows have a residual flexibility.
 
-    With the modal gap h(q) = g0 + H q and the flexibility F of both bodies at the rows, the normal forces solve
-    lambda >= 0, h + F lambda >= 0, lambda'(h + F lambda) = 0. They are a continuous, piecewise linear function of q and
-    the gradient of the potential 1/2 lambda' F lambda, so that contact stores and returns energy but makes none.
+    With the gap h(q) of the rows, where modes and frames have brought them, and the flexibility F of both bodies at the
+    rows, the normal forces solve lambda >= 0, h + F lambda >= 0, lambda'(h + F lambda) = 0. As long as pairs hold, they
+    are a continuous, piecewise linear function of q and the gradient of the potential 1/2 lambda' F lambda, so that
+    contact stores and returns energy but makes none.
+
+    While pairs move, F is projected on the present normals and facets, for the rows that are no further off than the
+    deepest is inside: the bulge around a contact reaches no further.
 
     Parameters
     ----------
-    rows : ContactRows
-    slave, master : ReducedBody
-    patches : (int, int)
-        Which patch of each.
+    gaps : Gaps
 
     Raises
     ------
-    InputError
-        If neither basis carries a residual flexibility.
     IndefiniteMatrixError
         If the flexibility of the rows is not positive definite.
+
+    Attributes
+    ----------
+    lam : (nr,) array
+        Forces on the present rows of `gaps` [N].
+    index : (na,) int array
+        Those that are closed.
     """
 
-    def __init__(
-        self, rows: ContactRows, slave: ReducedBody, master: ReducedBody, patches: tuple[int, int] = (0, 0)
-    ) -> None:
-        self.rows = rows
-        bodies = (slave, master)
-        for body in bodies:
-            if body.basis.flexibility is None:
-                raise InputError(
-                    f"formulation: 'compliance' needs a residual flexibility, which basis {body.basis.name!r} does not "
-                    "have; take formulation='lagrange', or basis='contact-adapted' or 'residual'"
-                )
-        surfaces = [body.partition.patches[i] for body, i in zip(bodies, patches, strict=True)]
-        sizes = [len(patch.nodes) for patch in surfaces]
-        G = rows.matrices(*sizes)
-        self.H = np.hstack([g @ body.rows(p.nodes) for g, body, p in zip(G, bodies, surfaces, strict=True)])
-        nc = len(rows)
-        F = np.zeros((nc, nc))
-        for body, i, patch, g, weights in zip(bodies, patches, surfaces, G, rows.interpolation(*sizes), strict=True):
-            # Along the line of contact alone, a row's flexibility is that of its nodes.
-            at_nodes = g if patch.axes == "xyz" else weights
-            F += at_nodes @ body.flexibility(i) @ at_nodes.T
-        self.problem = Complementarity(F)
-        self.lam = np.zeros(nc)
-        self._zero = np.zeros(self.H.shape[1])
-
-    def force(self, q: Array) -> Array:
-        """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
-        self.lam = self.problem.solve(self.rows.gap + self.H @ q)
-        index = self.problem.index
-        return self.lam[index] @ self.H[index] if index.size else self._zero
+    def __init__(self, gaps: Gaps) -> None:
+        self.gaps = gaps
+        self._problems: dict[int, Complementarity] = {}
+        self._zero = np.zeros(gaps.n)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the last state, before a new run."""
-        self.problem.reset()
-        self.lam = np.zeros(len(self.rows))
+        self.gaps.reset()
+        self._held = self.gaps.held
+        self.problem = Complementarity(self.gaps.flexibility(np.arange(len(self.gaps.row_nodes))))
+        self._closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
+        self._none()
+
+    def _none(self) -> Array:
+        self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
+        return self._zero
+
+    def force(self, q: Array) -> Array:
+        """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
+        h = self.gaps.at(q)
+        if self.gaps.moving:
+            if not self._solve_near(h):
+                return self._none()
+        else:
+            if self._held is not self.gaps.held:
+                self._take_held()
+            self.lam = self.problem.solve(h)
+            self.index = self.problem.index
+        self.h = h
+        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+
+    def _take_held(self) -> None:
+        """Go on with pairs that have been frozen anew."""
+        self._held = self.gaps.held
+        self.problem = Complementarity(self.gaps.flexibility(np.arange(len(self.gaps.row_nodes))))
+
+    def _solve_near(self, h: Array) -> bool:
+        deepest = h.min(initial=0.0)
+        if not math.isfinite(deepest):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if deepest >= 0.0:
+            self._closed[:] = False
+            return False
+        near = np.flatnonzero(h < -deepest)
+        nodes = self.gaps.row_nodes[near]
+        self.problem.replace(self.gaps.flexibility(near), self._closed[nodes])
+        self._held = None  # the frozen problem has been replaced
+        self.lam = np.zeros(len(h))
+        self.lam[near] = self.problem.solve(h[near])
+        self.index = near[self.problem.index]
+        self._closed[:] = False
+        self._closed[self.gaps.row_nodes[self.index]] = True
+        return True
 
     def tangent(self) -> Array:
-        """Contact stiffness -d force / d q of the present active set, (n, n): H_A' F_AA^-1 H_A."""
-        H = self.H[self.problem.index]
-        return H.T @ self.problem.solve_active(H) if len(H) else np.zeros((self.H.shape[1],) * 2)
+        """Contact stiffness -d force / d q of the present active set, (n, n): H_A' F_AA^-1 H_A, pairs held."""
+        if not self.index.size:
+            return np.zeros((self.gaps.n,) * 2)
+        H = self.gaps.jacobian(self.index)
+        return H.T @ self.problem.solve_active(H)
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
-        return self.H.T @ np.linalg.solve(self.problem.F, self.H)
+        everything = np.arange(len(self.gaps.row_nodes))
+        H = self.gaps.jacobian(everything)
+        return H.T @ np.linalg.solve(self.gaps.flexibility(everything), H)
 
     def potential(self, q: Array) -> float:
         """Energy stored in the contact's flexibility, 1/2 lambda' F lambda [J]."""
-        lam = self.problem.solve(self.rows.gap + self.H @ q)
-        return 0.5 * float(lam @ (self.problem.F @ lam))
+        self.force(q)
+        return 0.5 * float(-self.lam[self.index] @ self.h[self.index]) if self.index.size else 0.0

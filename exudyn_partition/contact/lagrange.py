@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
-from ..body import ReducedBody
-from ..errors import InputError, RunError
+from ..errors import RunError
 from .complementarity import Complementarity
-from .rows import ContactRows
+from .gaps import Gaps
 
 Array = np.ndarray
 
@@ -28,43 +29,53 @@ class LagrangeContact:
 
     Eq. 24 alone, relative acceleration zero, keeps the approach velocity of a node that has just touched, which then
     drifts into penetration. Here lambda_n >= 0 makes g(q_{n+1}) >= 0, complementary: the forward-increment form
-    (Carpenter, Taylor, Katona 1991) of the same central differences.
+    (Carpenter, Taylor, Katona 1991) of the same central differences. Pairs are those at the predicted q_{n+1}.
 
     Parameters
     ----------
-    rows : ContactRows
-    slave, master : ReducedBody
-    patches : (int, int)
-        Which patch of each.
+    gaps : Gaps
+    inverse_mass : (n,) array
+        Inverse of the diagonal mass of both bodies' coordinates.
 
-    Raises
-    ------
-    InputError
-        If a basis gives its patch a residual flexibility instead of coordinates with mass.
+    Attributes
+    ----------
+    lam : (nr,) array
+        Forces on the present rows of `gaps` [N].
+    index : (na,) int array
+        Those that are closed.
     """
 
-    def __init__(
-        self, rows: ContactRows, slave: ReducedBody, master: ReducedBody, patches: tuple[int, int] = (0, 0)
-    ) -> None:
-        self.rows = rows
-        bodies = (slave, master)
-        for body in bodies:
-            if body.basis.flexibility is not None:
-                raise InputError(
-                    f"formulation: 'lagrange' needs a contact patch that moves by coordinates with mass, which basis "
-                    f"{body.basis.name!r} does not have; take formulation='compliance', or basis='free'"
-                )
-        nodes = [body.partition.patches[i].nodes for body, i in zip(bodies, patches, strict=True)]
-        G = rows.matrices(*map(len, nodes))
-        self.G = sp.hstack(
-            [sp.csr_matrix(g @ body.rows(n)) for g, body, n in zip(G, bodies, nodes, strict=True)],
-            format="csr",
-        )
-        inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in bodies])
-        self.push = sp.csr_matrix(self.G.multiply(inverse_mass)).T.tocsr()
-        self.problem = Complementarity((self.G @ self.push).toarray())
-        self.lam = np.zeros(len(rows))
+    def __init__(self, gaps: Gaps, inverse_mass: Array) -> None:
+        self.gaps, self._inverse_mass = gaps, inverse_mass
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last step, before a new run."""
+        self.gaps.reset()
         self._expected: Array | None = None
+        self._rows: Any = None
+        self._closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
+        self._take_rows()
+        self.lam = np.zeros(len(self.gaps.row_nodes))
+        self.index = np.empty(0, dtype=np.int64)
+
+    def _take_rows(self) -> None:
+        """G, M^-1 G' and G M^-1 G' of the present rows, if they are others than before."""
+        gaps = self.gaps
+        if not gaps.moving and self._rows is gaps.held:
+            return
+        self._rows = None if gaps.moving else gaps.held
+        self.G = gaps.jacobian(np.arange(len(gaps.row_nodes)))
+        if sp.issparse(self.G):
+            self.push = sp.csr_matrix(self.G.multiply(self._inverse_mass)).T.tocsr()
+            F = (self.G @ self.push).toarray()
+        else:
+            self.push = (self.G * self._inverse_mass).T
+            F = self.G @ self.push
+        if gaps.moving:
+            self.problem.replace(F, self._closed[gaps.row_nodes])
+        else:
+            self.problem = Complementarity(F)
 
     def increment(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array | None:
         """Acceleration M^-1 G' lambda, (n,), that keeps all gaps open over the coming step; None without contact.
@@ -77,31 +88,39 @@ class LagrangeContact:
             [s]
         """
         self._check_last_step(q)
-        gap = self.rows.gap + self.G @ (q + step * q_t + 0.5 * step**2 * q_tt)
-        self.lam = self.problem.solve(gap / step**2)
-        if not self.problem.index.size:
-            self._expected = None
+        gap = self.gaps.at(q + step * q_t + 0.5 * step**2 * q_tt)
+        self._expected = None
+        self.lam, self.index = np.zeros(len(gap)), np.empty(0, dtype=np.int64)
+        if gap.min(initial=0.0) >= 0.0:
             return None
-        closing = step**2 * (self.problem.F @ self.lam)
-        self._expected, self._scale = gap + closing, abs(closing).max()
+        self._take_rows()
+        self.lam = self.problem.solve(gap / step**2)
+        self.index = self.problem.index
+        self._closed[:] = False
+        self._closed[self.gaps.row_nodes[self.index]] = True
+        if not self.index.size:
+            return None
+        if not self.gaps.moving:
+            closing = step**2 * (self.problem.F @ self.lam)
+            self._expected, self._scale = gap + closing, abs(closing).max()
         return self.push @ self.lam
 
     def _check_last_step(self, q: Array) -> None:
         """Refuse to go on if the last step did not do with the multipliers what central differences do."""
         if self._expected is None:
             return
-        gap = self.rows.gap + self.G @ q
+        gap = self.gaps.at(q)
+        if self.gaps.moving:  # with other pairs, gaps of other rows
+            return
         if abs(gap - self._expected).max() > 1e-3 * self._scale + 1e-12 * abs(q).max():
             raise _not_central_differences("the last step did not close the gaps as predicted")
 
     def check_gaps(self, q: Array) -> None:
         """Refuse coordinates in which a gap is closed further than zero."""
-        gap = self.rows.gap + self.G @ q
-        if gap.min() < -_CLOSED * self.rows.facet_size:
-            raise _not_central_differences(f"a gap is {gap.min():.3g} m")
+        deepest = self.gaps.at(q).min(initial=0.0)
+        if deepest < -_CLOSED * self.gaps.size:
+            raise _not_central_differences(f"a gap is {deepest:.3g} m")
 
-    def reset(self) -> None:
-        """Forget the last step, before a new run."""
-        self._expected = None
-        self.lam = np.zeros(len(self.rows))
-        self.problem.reset()
+    def potential(self, q: Array) -> float:
+        """Multipliers store no energy."""
+        return 0.0

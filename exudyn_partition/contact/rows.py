@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,7 +16,7 @@ EDGE_TOLERANCE = 0.02  # of a facet's size: how far a point may look past the pa
 _FACING = 0.9  # cosine between the slave's line of contact and the master's normal, below which points do not meet
 _TOUCHING = 1e-3  # of a facet's size: as close as patches are brought before pairing
 _APPROACHES = 10  # projections at most to get there
-_PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
+PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def pair(slave: Surface, master: Surface, rows: str = "node-to-segment") -> Cont
     for _ in range(_APPROACHES):
         projection = closest_points(places + way * approach, facets)
         paired = facing(projection, slave.direction, size)
-        if way == 0.0 and paired.any() and projection.gap[paired].min() < -_PENETRATION_TOLERANCE * size:
+        if way == 0.0 and paired.any() and projection.gap[paired].min() < -PENETRATION_TOLERANCE * size:
             gap = projection.gap[paired]
             worst = np.flatnonzero(paired)[gap.argmin()]
             raise PenetrationError(
@@ -157,21 +157,29 @@ def pair(slave: Surface, master: Surface, rows: str = "node-to-segment") -> Cont
             f"the patches do not come together along {approach}: after {_APPROACHES} projections {clearance:.3g} m are "
             "left. Give both partitions a direction, the line along which the bodies meet"
         )
-    kept = points.restricted(paired)
+    gap = projection.gap - way * (projection.normal @ approach)
+    return rows_of(points, replace(projection, gap=gap), paired, slave, master, approach)
+
+
+def rows_of(
+    points: ContactPoints, projection: Projection, paired: Array, slave: Surface, master: Surface, approach: Array
+) -> ContactRows:
+    """Rows of the points that are paired, a mask, by their projection on the master."""
+    kept, size = points.restricted(paired), master.facet_size
     # At the edge are also the neighbours of points that look past the rim of the master's patch, where its body goes
     # on, and of points that lie on it but face it too much aslant.
     past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
     lost = ~paired & (past_rim | (projection.offset <= EDGE_TOLERANCE * size))
     beside = np.unique(slave.facets[points.facets @ lost > 0])
-    facet, normals = projection.facet[paired], projection.normal[paired]
+    facet = projection.facet[paired]
     return ContactRows(
         points=kept,
         facet=facet,
         local=projection.local[paired],
         master=master.facets[facet],
         weights=projection.weights[paired],
-        normals=normals,
-        gap=kept.mean @ (projection.gap[paired] - way * (normals @ approach)),
+        normals=projection.normal[paired],
+        gap=kept.mean @ projection.gap[paired],
         at_edge=np.isin(kept.row_nodes, np.union1d(slave.rim, beside)),
         facet_size=size,
         unpaired=int(np.count_nonzero(~paired)),

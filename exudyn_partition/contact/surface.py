@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -109,6 +110,12 @@ class Surface:
         return float(np.linalg.norm(normals.sum(axis=0)) / np.linalg.norm(normals, axis=1).sum())
 
     @property
+    def normal_here(self) -> Array:
+        """Mean normal of the facets as they lie, (3,)."""
+        normal = area_vectors(self.points, self.facets).sum(axis=0)
+        return normal / np.linalg.norm(normal)
+
+    @cached_property
     def facet_size(self) -> float:
         """Mean edge length of the facets [m]."""
         corners = self.points[facet_corners(self.facets)]

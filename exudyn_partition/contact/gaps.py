@@ -1,0 +1,351 @@
+"""Gaps between two patches wherever their bodies have moved: frozen pairs while they hold, followed ones after that.
+
+Pairs hold as long as the patches have not slid along each other: gaps are linear then, h = h0 + H q, and cost one
+product. When they have slid by 2 % of a facet, every evaluation takes positions from the bodies' coordinates and
+projects the contact points anew, starting from where they were: Newton's iteration on the facet, and a search for those
+that have left it. A search of all points, with a tree, comes when the patches have moved by a quarter of a facet. When
+the sliding stops, pairs are frozen again. So the motion decides, and nobody has to know it beforehand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..body import ReducedBody
+from ..fem import node_dofs
+from ..kinematics import InertialKinematics
+from .points import contact_points
+from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair, rows_of
+from .surface import Array, Surface, closest_points, follow
+
+_HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
+_STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again
+_PATIENCE = 200
+_SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
+_NEAR = 1.0  # of a facet's size: points with smaller gaps are followed between searches
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A patch in motion.
+
+    Parameters
+    ----------
+    surface : Surface
+        Where it starts.
+    kinematics : InertialKinematics or like it
+        Of the patch's nodes.
+    flexibility : (d np, d np) array or None
+        Residual flexibility of the patch's nodes [m/N], d = 1 along `surface.direction` or 3 along the body's axes.
+    """
+
+    surface: Surface
+    kinematics: Any
+    flexibility: Array | None = None
+
+
+    @classmethod
+    def of(cls, body: ReducedBody, patch: int = 0, position: Array = (0.0, 0.0, 0.0)) -> Side:  # type: ignore[assignment]
+        """Patch of a body in an inertial frame, its mesh's origin at `position`, (3,) [m]."""
+        place = np.asarray(position, dtype=float)
+        kinematics = InertialKinematics(body, place, body.partition.patches[patch].nodes)
+        flexible = body.basis.flexibility is not None
+        return cls(body.surface(place, patch), kinematics, body.flexibility(patch) if flexible else None)
+
+
+class Gaps:
+    """Rows of a patch against something: what they are now, and what forces on them do. Subclasses say where to.
+
+    Attributes
+    ----------
+    sides : tuple of Side
+        Slave, and master if that is a patch too.
+    n : int
+        Number of their coordinates.
+    size : float
+        Facets' size, the measure of motion [m].
+    moving : bool
+        Whether rows follow the motion; if not, their gaps are linear in the coordinates.
+    held : object
+        Another one each time that rows are frozen.
+    row_nodes : (nr,) int array
+        The slave's patch node of each present row; of moving ones, those that can touch soon.
+    area : (nr,) array
+        Area that each row stands for [m2].
+    at_edge : (nr,) bool array
+        Rows at the edge of what can touch.
+    normals : (p, 3) array
+        Outward normals of the master at the contact points.
+    unpaired : int
+        Contact points that face nothing.
+    approach : (3,) array
+        Unit vector along which the slave approached at the start.
+    """
+
+    sides: tuple[Side, ...]
+    n: int
+    size: float
+    moving: bool
+    held: Any
+    row_nodes: Array
+    area: Array
+    at_edge: Array
+    normals: Array
+    unpaired: int
+    approach: Array
+    H: Any
+    _mean: Array | None  # (nr, p): rows by points; None if each row is one point
+    _shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
+    _q: Array
+
+    def reset(self) -> None:
+        """Go back to the start, before a new run."""
+        raise NotImplementedError
+
+    def at(self, q: Array) -> Array:
+        """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
+        raise NotImplementedError
+
+    @property
+    def slave(self) -> Side:
+        """The side whose points are kept out."""
+        return self.sides[0]
+
+    @property
+    def normal(self) -> Array:
+        """(nr, 3) array: mean normal of each present row."""
+        return self.normals if self._mean is None else self._mean @ self.normals
+
+    def split(self, q: Array) -> list[Array]:
+        """Coordinates of each side, of q, (n,)."""
+        return np.split(q, np.cumsum([side.kinematics.n for side in self.sides])[:-1])
+
+    def places(self, q: Array) -> list[Array]:
+        """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
+        return [side.kinematics.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
+
+    def jacobian(self, index: Array) -> Any:
+        """Derivative of some present rows' gaps by the coordinates, (na, n), pairs held."""
+        if not self.moving:
+            return self.H[index]
+        points = index if self._mean is None else np.arange(len(self.normals))
+        parts = []
+        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
+            G = directed_matrix(nodes[points], weights[points], self.normals[points], len(side.surface.points))
+            G = G @ side.kinematics.jacobian(q)
+            parts.append(G if self._mean is None else self._mean[index] @ G)
+        return _joined(parts)
+
+    def generalised(self, lam: Array) -> Array:
+        """Generalised forces, (n,), of forces on the present rows, (nr,) [N]."""
+        if not self.moving:
+            return lam @ self.H
+        at_points = lam if self._mean is None else lam @ self._mean
+        active = np.flatnonzero(at_points)
+        forces = at_points[active, None] * self.normals[active]
+        parts = []
+        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
+            on_nodes = np.zeros((len(side.surface.points), 3))
+            np.add.at(on_nodes, nodes[active], weights[active, :, None] * forces[:, None, :])
+            parts.append(side.kinematics.generalised(q, on_nodes))
+        return np.concatenate(parts)
+
+    def moment(self, lam: Array, point: Array) -> Array:
+        """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
+        at_points = lam if self._mean is None else lam @ self._mean
+        (nodes, weights), x = self._shares[0], self.places(self._q)[0]
+        arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
+        return np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
+
+    def flexibility(self, index: Array) -> Array:
+        """Residual flexibility between some present rows, (na, na) [m/N]."""
+        mean, points = None, index
+        if self._mean is not None:
+            mean = self._mean[index]
+            points = np.flatnonzero(mean.any(axis=0))
+            mean = mean[:, points]
+        F = np.zeros((len(index),) * 2)
+        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
+            if side.flexibility is not None:
+                along = side.kinematics.in_frame(q, self.normals[points])
+                F += _row_flexibility(side, nodes[points], weights[points], along, mean)
+        return F
+
+
+def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
+    """Flexibility of rows, the means (nr, p) of points that are weighted nodes, (p, k), of the patch."""
+    n, F = len(side.surface.points), side.flexibility
+    used = np.flatnonzero(np.bincount(nodes.ravel(), minlength=n))
+    place = np.empty(n, dtype=np.int64)
+    place[used] = np.arange(len(used))
+    at = np.arange(len(nodes))[:, None], place[nodes]
+    if len(F) == n:
+        # Along the line of contact alone, a point's flexibility is that of its nodes, whatever its own direction.
+        rows, dofs = np.zeros((len(nodes), len(used))), used
+        rows[at] = weights
+    else:
+        rows, dofs = np.zeros((len(nodes), len(used), 3)), node_dofs(used)
+        rows[at] = weights[:, :, None] * along[:, None, :]
+        rows = rows.reshape(len(nodes), -1)
+    if mean is not None:
+        rows = mean @ rows
+    return rows @ F[np.ix_(dofs, dofs)] @ rows.T
+
+
+class PatchGaps(Gaps):
+    """Gaps between two patches in motion.
+
+    Parameters
+    ----------
+    slave, master : Side
+    kind : {"node-to-segment", "integrated"}
+
+    Raises
+    ------
+    EmptyRegionError, PenetrationError
+        As `rows.pair`.
+    """
+
+    def __init__(self, slave: Side, master: Side, kind: str = "node-to-segment") -> None:
+        self.sides = (slave, master)
+        self._all = contact_points(slave.surface, kind)
+        self._start = pair(slave.surface, master.surface, kind)
+        self.size, self.approach = self._start.facet_size, self._start.approach
+        self.n = slave.kinematics.n + master.kinematics.n
+        self._linear = slave.kinematics.linear and master.kinematics.linear
+        self._witnesses = tuple(_spread(side.surface.points) for side in self.sides)
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the pairs at the start, before a new run."""
+        self.held: Any = None
+        self._since = 0
+        self._searched_at: Array | None = None
+        self._stood_at: Array | None = None
+        self._hold(self._start, np.zeros(self.n))
+        self.moving = not self._linear
+
+    # Frozen pairs.
+
+    def _hold(self, rows: ContactRows, q: Array) -> None:
+        """Freeze these pairs, whose gaps are those at q."""
+        self._take(rows)
+        self.moving, self.held, self._q = True, rows, q
+        if self._linear:
+            self.H = self.jacobian(np.arange(len(rows)))
+            self._gap = rows.gap - self.H @ q
+            self._drift = self._drift_rows(rows)
+            self._drift_start = self._drift @ q
+            self.moving = False
+
+    def _take(self, rows: ContactRows) -> None:
+        """Make these the present rows."""
+        self._points, self._facet, self._local = rows.points, rows.facet.copy(), rows.local
+        self._mean = None if rows.points.nodal else rows.points.mean.toarray()
+        self._shares = (rows.points.nodes, rows.points.weights), (rows.master, -rows.weights)
+        self.row_nodes, self.area, self.at_edge = rows.points.row_nodes, rows.points.area, rows.at_edge
+        self.normals, self.unpaired = rows.normals, rows.unpaired
+
+    def _drift_rows(self, rows: ContactRows) -> Array:
+        """Rows of the sliding of some pairs along two tangents, (6, n)."""
+        some = _spread(rows.points.at(self.slave.surface.points))
+        blocks = []
+        for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
+            along = np.tile(tangent, (len(some), 1))
+            blocks.append([
+                _dense(directed_matrix(nodes[some], weights[some], along, len(side.surface.points)))
+                @ side.kinematics.rows
+                for (nodes, weights), side in zip(self._shares, self.sides, strict=True)
+            ])  # fmt: skip
+        return np.vstack([np.hstack([_dense(b) for b in block]) for block in blocks])
+
+    # Pairs that follow.
+
+    def at(self, q: Array) -> Array:
+        """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
+        if not self.moving:
+            if abs(self._drift @ q - self._drift_start).max() <= _HELD * self.size:
+                return self._gap + self.H @ q
+            self.moving, self._since, self._searched_at = True, 0, None
+        self._q = q
+        x_s, x_m = self.places(q)
+        if self._since == _PATIENCE and self._linear and self._stands_still(x_s, x_m):
+            rows = self._project(x_s, x_m)[0]
+            self._hold(rows, q)
+            return rows.gap
+        self._since = self._since % _PATIENCE + 1
+        if self._has_moved(x_s, x_m):
+            self._search(x_s, x_m)
+        return self._follow(x_s, x_m)
+
+    def _has_moved(self, x_s: Array, x_m: Array) -> bool:
+        """Whether points may meet other facets than those that were near at the last search."""
+        here = np.vstack([x_s[self._witnesses[0]], x_m[self._witnesses[1]]])
+        if self._searched_at is not None and abs(here - self._searched_at).max() <= self._reach:
+            return False
+        self._searched_at = here
+        return True
+
+    def _project(self, x_s: Array, x_m: Array, near: float = np.inf) -> tuple[ContactRows, float]:
+        """Rows of the points whose gaps are below `near` [m] and of those that share a row with them; least gap."""
+        slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
+        found = closest_points(self._all.at(x_s), x_m[master.facets])
+        paired = facing(found, slave.normal_here, self.size)
+        least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
+        if np.isfinite(near):
+            close = (paired & (found.gap < near)).astype(float)
+            beside = self._all.mean.T @ (self._all.mean @ close > 0)
+            paired &= beside > 0
+        return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
+
+    def _search(self, x_s: Array, x_m: Array) -> None:
+        rows, least = self._project(x_s, x_m, _NEAR * self.size)
+        self._take(rows)
+        self._gone = np.zeros(len(rows.facet), dtype=bool)
+        # Far apart, the next search comes when the patches may have come near.
+        self._reach = max(_SEARCHED * self.size, 0.25 * (least - _NEAR * self.size))
+
+    def _follow(self, x_s: Array, x_m: Array) -> Array:
+        facets = self.sides[1].surface.facets
+        x = self._points.at(x_s)
+        pairs, left = follow(x, x_m[facets[self._facet]], self._facet, self._local)
+        left &= ~self._gone
+        if left.any():
+            found = closest_points(x[left], x_m[facets])
+            for name in ("facet", "local", "weights", "normal", "gap"):
+                getattr(pairs, name)[left] = getattr(found, name)
+            # Points that look past the edge of the patch stay away until the next search.
+            self._gone[left] = found.offset > EDGE_TOLERANCE * self.size
+        self._local, self.normals = pairs.local, pairs.normal
+        self._shares = self._shares[0], (facets[self._facet], -pairs.weights)
+        gap = np.where(self._gone, self.size, pairs.gap) if self._gone.any() else pairs.gap
+        return gap if self._mean is None else self._mean @ gap
+
+    def _stands_still(self, x_s: Array, x_m: Array) -> bool:
+        """Whether the patches have hardly slid since this was asked last."""
+        here = x_s[self._witnesses[0]] - x_m[self._witnesses[1]].mean(axis=0)
+        here -= np.outer(here @ self.approach, self.approach)
+        last, self._stood_at = self._stood_at, here
+        return last is not None and bool(abs(here - last).max() < _STILL * _HELD * self.size)
+
+
+def _spread(points: Array) -> Array:
+    """Three points far from each other."""
+    first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
+    second = int(np.linalg.norm(points - points[first], axis=1).argmax())
+    both = np.linalg.norm(points - points[first], axis=1) * np.linalg.norm(points - points[second], axis=1)
+    return np.unique([first, second, int(both.argmax())])
+
+
+def _dense(matrix: Any) -> Array:
+    return matrix.toarray() if sp.issparse(matrix) else matrix
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Side by side, (nr, n): csr if all of them are."""
+    return sp.hstack(parts, format="csr") if all(map(sp.issparse, parts)) else np.hstack([*map(_dense, parts)])

@@ -1,0 +1,195 @@
+"""Rigid surfaces that a patch can meet: plane, sphere and cylinder, and the gaps of a patch to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from .._checks import validate_positive, validate_vector
+from ..errors import InputError, PenetrationError
+from .gaps import Gaps, Side
+from .points import contact_points
+from .rows import PENETRATION_TOLERANCE
+from .surface import Array
+
+
+class RigidSurface(Protocol):
+    """A surface that knows how far points are from it."""
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Half-space behind a plane.
+
+    Parameters
+    ----------
+    point : (3,)
+        On the plane [m].
+    normal : (3,)
+        Outward; any length.
+    """
+
+    point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    normal: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", validate_vector("point", self.point))
+        object.__setattr__(self, "normal", _unit("normal", self.normal))
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+        return (x - self.point) @ self.normal, np.broadcast_to(self.normal, x.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """Solid sphere.
+
+    Parameters
+    ----------
+    center : (3,)
+        [m]
+    radius : float
+        [m]
+    """
+
+    center: Array
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "center", validate_vector("center", self.center))
+        validate_positive("radius", self.radius, "m")
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+        return _from_axis(x - self.center, self.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """Solid cylinder without ends.
+
+    Parameters
+    ----------
+    point : (3,)
+        On the axis [m].
+    axis : (3,)
+        Any length.
+    radius : float
+        [m]
+    """
+
+    point: Array
+    axis: Array
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", validate_vector("point", self.point))
+        object.__setattr__(self, "axis", _unit("axis", self.axis))
+        validate_positive("radius", self.radius, "m")
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+        arm = x - self.point
+        return _from_axis(arm - np.outer(arm @ self.axis, self.axis), self.radius)
+
+
+def _from_axis(arm: Array, radius: float) -> tuple[Array, Array]:
+    distance = np.sqrt(np.einsum("kd,kd->k", arm, arm))
+    return distance - radius, arm / np.maximum(distance, 1e-300)[:, None]
+
+
+def _unit(name: str, vector: Array) -> Array:
+    vector = validate_vector(name, vector)
+    length = np.linalg.norm(vector)
+    if length == 0:
+        raise InputError(f"{name}: expected a vector of any length but zero")
+    return vector / length
+
+
+class RigidGaps(Gaps):
+    """Gaps of a patch to a rigid surface, which a body may carry.
+
+    Gaps to a plane at rest are linear in the coordinates; all others are evaluated anew each time.
+
+    Parameters
+    ----------
+    slave : Side
+    surface : RigidSurface
+        In the frame of what carries it.
+    kind : {"node-to-segment", "integrated"}
+    pose : callable, optional
+        () -> place of that frame, (3,) [m], and its rotation matrix, (3, 3); default: the frame of space.
+
+    Raises
+    ------
+    PenetrationError
+        If the patch starts inside the surface.
+    InputError
+        If it faces away from it.
+    """
+
+    def __init__(
+        self,
+        slave: Side,
+        surface: RigidSurface,
+        kind: str = "node-to-segment",
+        pose: Callable[[], tuple[Array, Array]] | None = None,
+    ) -> None:
+        self.surface, self._pose, self.sides = surface, pose, (slave,)
+        self.n, self.size = slave.kinematics.n, slave.surface.facet_size
+        self._points = contact_points(slave.surface, kind)
+        self._mean = None if self._points.nodal else self._points.mean.toarray()
+        self._shares = ((self._points.nodes, self._points.weights),)
+        self.row_nodes, self.area, self.unpaired = self._points.row_nodes, self._points.area, 0
+        self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
+        linear = slave.kinematics.linear and isinstance(surface, Plane) and pose is None
+        self._q = np.zeros(self.n)
+        start = self._evaluate(slave.surface.points)
+        self._check_start(start)
+        self.moving, self.held = True, None
+        if linear:
+            self._gap, self.H = start, self.jacobian(np.arange(len(self.row_nodes)))
+            self.moving, self.held = False, self
+
+    def reset(self) -> None:
+        """Go back to the start, before a new run."""
+        self._q = np.zeros(self.n)
+
+    def at(self, q: Array) -> Array:
+        """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
+        self._q = q
+        if not self.moving:
+            return self._gap + self.H @ q
+        return self._evaluate(self.places(q)[0])
+
+    def _evaluate(self, nodes: Array) -> Array:
+        x = self._points.at(nodes)
+        if self._pose is None:
+            gap, self.normals = self.surface.project(x)
+        else:
+            place, axes = self._pose()
+            gap, normals = self.surface.project((x - place) @ axes)
+            self.normals = normals @ axes.T
+        return gap if self._mean is None else self._mean @ gap
+
+    def _check_start(self, gap: Array) -> None:
+        deepest, surface = int(gap.argmin()), self.slave.surface
+        self.approach = -self.normal[deepest]
+        if self.approach @ surface.direction <= 0:
+            raise InputError(
+                f"master: the slave's patch, with outward normal {surface.direction}, faces away from the rigid "
+                f"surface, whose normal there is {-self.approach}; turn the normal, or choose another patch"
+            )
+        if gap[deepest] < -PENETRATION_TOLERANCE * self.size:
+            raise PenetrationError(
+                f"{np.count_nonzero(gap < 0)} of {len(gap)} contact rows start inside the rigid surface, the worst by "
+                f"{-gap[deepest]:.4g} m at {surface.points[self.row_nodes[deepest]]} m. Move the body by at least that "
+                "(referencePosition)"
+            )
