@@ -461,7 +461,7 @@ def _body(
     estimate: Estimate | None = None,
 ) -> ReducedBody:
     mass, stiffness = _reduced_matrices(fem, reduced)
-    # Here, where the FE mass is at hand: it is gone when a frame is chosen. Six products of shapes, far below the modes.
+    # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
     inertia = None if len(reduced.nodal) else InertiaIntegrals.of(fem, reduced.shapes[:, 6:])
     return ReducedBody(
         basis=reduced,

@@ -82,8 +82,7 @@ class PartitionBody(dict):
 
     def displacement(self, result: Result, point: Array) -> Array:
         """Displacement of the node nearest to `point`, (n, 3) [m]; point (3,) in the body's own coordinates [m]."""
-        node = self._node(point)
-        return (node.place(self.coordinates(result)) - node.place(np.zeros(self.body.n_dofs)))[:, 0]
+        return self._node(point).displacements(self.coordinates(result))[:, 0]
 
     def velocity(self, result: Result, point: Array) -> Array:
         """Velocity of the node nearest to `point`, (n, 3) [m/s]; point (3,) in the body's own coordinates [m]."""
@@ -124,7 +123,7 @@ class PartitionBody(dict):
 
     def deformation(self, q: Array) -> Array:
         """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
-        return abs(self.kinematics.at(self.body.partition.patch_nodes).deformation(q)).max(axis=(1, 2))
+        return abs(self.kinematics.at(self.body.partition.patch_nodes).deformation(q)).max(axis=(1, 2), initial=0.0)
 
     def _node(self, point: Array) -> Kinematics:
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))
@@ -245,7 +244,8 @@ def _add_inertial(mbs: Any, body: ReducedBody, name: str, position: Array, q_t: 
     exu = require("exudyn")
     parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
     indices = {key: _add_node(mbs, part) for key, part in parts.items() if len(part)}
-    item = PartitionBody(body, name, InertialKinematics(body, position), (), **indices)
+    said = ("large rotation, and the inertia forces of a rotating frame (frame='floating')",)
+    item = PartitionBody(body, name, InertialKinematics(body, position), said, **indices)
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions = {}
     if "nNodal" in indices:

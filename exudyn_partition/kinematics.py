@@ -51,7 +51,11 @@ class InertialKinematics:
 
     def place(self, q: Array) -> Array:
         """Places of the nodes, (..., k, 3) [m]."""
-        return self.frame(q)[0][..., None, :] + self.arms + _fields(self.rows, q)
+        return self.frame(q)[0][..., None, :] + self.arms + self.displacements(q)
+
+    def displacements(self, q: Array) -> Array:
+        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        return _fields(self.rows, q)
 
     def velocities(self, q: Array, q_t: Array) -> Array:
         """Velocities of the nodes, (..., k, 3) [m/s]."""
@@ -129,6 +133,10 @@ class FloatingKinematics:
         """Places of the nodes, (..., k, 3) [m]."""
         r, A = self.frame(q)
         return r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
+
+    def displacements(self, q: Array) -> Array:
+        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        return self.place(q) - self.place(np.zeros(q.shape[-1]))
 
     def velocities(self, q: Array, q_t: Array) -> Array:
         """Velocities of the nodes, (..., k, 3) [m/s]."""
