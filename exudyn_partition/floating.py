@@ -123,6 +123,10 @@ class InertiaForces:
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
         self._inertia, self._cross = integrals.inertia, integrals.cross
 
+    def coriolis_force(self, omega: Array, z_t: Array) -> Array:
+        """Coriolis forces on the elastic coordinates, (n,)."""
+        return 2 * (omega @ (self._cross @ z_t)) if self.coriolis else np.zeros_like(z_t)
+
     def force(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).
 

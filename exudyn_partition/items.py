@@ -331,21 +331,32 @@ def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dic
     """Inertia forces of a floating frame and their Jacobian."""
     start_of_step = exu.ConfigurationType.StartOfStep
 
+    def end_velocities(mbs: Any, t: float, z: Array, middle: Array) -> Array:
+        """Velocities at the end of a step of VelocityVerlet, which evaluates forces with those of its middle.
+
+        Inertia forces with the latter would be of first order, and pump energy into modes of equal frequency. From the
+        middle on it is half a step with the accelerations of its start, but for elastic and Coriolis forces, whose
+        change is fast and known.
+        """
+        data = mbs.systemData
+        rigid, modal = (mbs.GetNodeODE2Index(node) for node in nodes)
+        own = np.r_[rigid + 3 : rigid + _RIGID, modal : modal + len(z)]
+        q, q_t, q_tt = (
+            get(start_of_step, copy=False)[own]
+            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
+        )
+        half_step = (t - data.GetTime(start_of_step)) / 2
+        v = middle + half_step * q_tt
+        v[3:] -= half_step * forces.stiffness * (z - q[3:])
+        v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
+        return v
+
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         z, v = np.asarray(q)[_RIGID:], np.asarray(q_t)[3:]
         if not v.any():
             return np.zeros(_RIGID + len(z))  # as in a static solution
         if _runs_verlet(mbs, t):
-            # Forces are evaluated with the velocities at the middle of the step. Inertia forces with them would be of
-            # first order, and pump energy into modes of equal frequency. To the end it is half a step, with the
-            # accelerations of its start but for the elastic forces, which change fast and are known.
-            data = mbs.systemData
-            rigid, modal = (mbs.GetNodeODE2Index(node) for node in nodes)
-            turn, shapes = slice(rigid + 3, rigid + _RIGID), slice(modal, modal + len(z))
-            before = data.GetODE2Coordinates(start_of_step, copy=False)[shapes]
-            v_t = data.GetODE2Coordinates_tt(start_of_step, copy=False)
-            v_t = np.concatenate([v_t[turn], v_t[shapes] - forces.stiffness * (z - before)])
-            v = v + (t - data.GetTime(start_of_step)) / 2 * v_t
+            v = end_velocities(mbs, t, z, v)
         return np.concatenate([np.zeros(3), forces.force(v[:3], z, v[3:])])
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:

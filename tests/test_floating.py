@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.sparse as sp
-from conftest import relative
+from conftest import box, relative
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from scipy.spatial.transform import Rotation
 
@@ -206,7 +206,7 @@ def test_a_stiff_body_moves_like_a_rigid_one(plank):
     arm = corner - body.centre_of_mass
     place = item.displacement(result, corner) + POSITION + TURNED @ corner
     np.testing.assert_allclose(place, centre + A @ arm, atol=1e-5 * 0.2)
-    velocity = np.einsum("tab,tb->ta", A, np.cross(omega, arm)) + [1, 2, 3]
+    velocity = np.einsum("tab,tb->ta", A, np.cross(omega, arm)) + np.array([1, 2, 3])
     assert relative(item.velocity(result, corner), velocity) < 1e-5
 
 
@@ -235,6 +235,22 @@ def test_verlet_is_of_second_order_under_forces_of_others(body):
     errors = [np.linalg.norm(end - ends[0]) for end in ends[1:]]
     assert errors[1] < 1e-5 * np.linalg.norm(ends[0])
     assert 3.8 < errors[0] / errors[1] < 4.2
+
+
+def test_vibration_of_a_rotor_neither_grows_nor_decays():
+    """Pairs of equal frequency, near the stability limit, are where late velocities in Coriolis forces pump energy."""
+    fem = ep.fe_model(box(0.02, 0.02, 0.2), ep.STEEL, maxh=0.015)
+    body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0.2), 8e-3), basis="residual", f_cut=20e3)
+    mbs, item = spin(body, initialAngularVelocity=[0, 0, 1000.0])
+    omega = body.basis.omega[6:]
+    start = 1e-2 / omega * np.random.default_rng(3).choice([-1.0, 1.0], len(omega))
+    mbs.SetNodeParameter(item["nModal"], "initialCoordinates", start)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=0.1, step=0.9 * ep.stability_limit(mbs), sample_period=1e-4)
+    z, z_t = item.coordinates(result)[:, 6:], item.coordinates_t(result)[:, 6:]
+    energy = np.sum(z_t**2 + (omega * z) ** 2, axis=1)
+    early, late = (part.mean() for part in (energy[:200], energy[-200:]))
+    assert late == pytest.approx(early, rel=0.05)
 
 
 def test_small_rotation_is_that_of_an_inertial_frame(body):
