@@ -238,7 +238,10 @@ def test_verlet_is_of_second_order_under_forces_of_others(body):
 
 
 def test_vibration_of_a_rotor_neither_grows_nor_decays():
-    """Pairs of equal frequency, near the stability limit, are where late velocities in Coriolis forces pump energy."""
+    """Pairs of equal frequency, near the stability limit, are where late velocities in Coriolis forces pump energy.
+
+    Judged by the invariant of central differences, from which the energy itself differs by beats of the modes.
+    """
     fem = ep.fe_model(box(0.02, 0.02, 0.2), ep.STEEL, maxh=0.015)
     body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0.2), 8e-3), basis="residual", f_cut=20e3)
     mbs, item = spin(body, initialAngularVelocity=[0, 0, 1000.0])
@@ -248,9 +251,9 @@ def test_vibration_of_a_rotor_neither_grows_nor_decays():
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=0.1, step=0.9 * ep.stability_limit(mbs), sample_period=1e-4)
     z, z_t = item.coordinates(result)[:, 6:], item.coordinates_t(result)[:, 6:]
-    energy = np.sum(z_t**2 + (omega * z) ** 2, axis=1)
-    early, late = (part.mean() for part in (energy[:200], energy[-200:]))
-    assert late == pytest.approx(early, rel=0.05)
+    invariant = np.sum(z_t**2 + (omega * z) ** 2 * (1 - (omega * result.step / 2) ** 2), axis=1)
+    early, late = (part.mean() for part in (invariant[:200], invariant[-200:]))
+    assert late == pytest.approx(early, rel=5e-3)
 
 
 def test_small_rotation_is_that_of_an_inertial_frame(body):
