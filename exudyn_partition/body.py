@@ -20,6 +20,7 @@ from .contact.surface import Surface
 from .errors import FrequencyRangeError, InputError
 from .estimate import Estimate, grow_to_tolerance
 from .fem import FEModel, nearest_node, node_dofs, rigid_modes
+from .floating import InertiaIntegrals
 from .linalg import one_blas_thread
 from .partition import Interface, Partition, Patch
 
@@ -55,6 +56,8 @@ class ReducedBody:
         Time that the reduction took [s]; of one of a pair, half of the pair's.
     estimate : Estimate or None
         Estimated errors, of a body that was grown to a tolerance.
+    inertia : InertiaIntegrals or None
+        What a floating frame needs to know of the mass; None for a basis with nodal columns.
     """
 
     basis: ReducedBasis
@@ -67,6 +70,7 @@ class ReducedBody:
     f_cut: float
     reduce_s: float
     estimate: Estimate | None = None
+    inertia: InertiaIntegrals | None = None
 
     def __post_init__(self) -> None:
         read_only(self.points, self.centre_of_mass)
@@ -224,9 +228,9 @@ class ReducedBody:
 
 _FILE = Format(
     name="reduced body",
-    version=2,
+    version=3,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
-    classes=(ReducedBody, ReducedBasis, Partition, Patch, Interface, Estimate),
+    classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
 )
 
 
@@ -457,6 +461,8 @@ def _body(
     estimate: Estimate | None = None,
 ) -> ReducedBody:
     mass, stiffness = _reduced_matrices(fem, reduced)
+    # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
+    inertia = None if len(reduced.nodal) else InertiaIntegrals.of(fem, reduced.shapes[:, 6:])
     return ReducedBody(
         basis=reduced,
         partition=partition,
@@ -468,6 +474,7 @@ def _body(
         f_cut=f_cut,
         reduce_s=time.perf_counter() - begin,
         estimate=estimate,
+        inertia=inertia,
     )
 
 

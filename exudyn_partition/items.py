@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
 
-from ._checks import validate_choice, validate_vector
+from ._checks import validate_array, validate_choice, validate_vector
 from ._optional import require
 from .body import ReducedBody
-from .errors import InputError
+from .errors import InputError, RunError
+from .floating import TERMS, InertiaForces
+from .kinematics import FloatingKinematics, InertialKinematics
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -20,30 +23,53 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
+_ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
+_RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
+
+Kinematics = InertialKinematics | FloatingKinematics
 
 
 class PartitionBody(dict):
     """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
 
-    Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns; `oGenericODE2`; `sCoordinates` and
-    `sCoordinates_t`, lists with a sensor for each node.
+    Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
+    frame; `oGenericODE2`; `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+
+    `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
 
-    def __init__(self, body: ReducedBody, name: str, position: Array, **indices: Any) -> None:
+    def __init__(
+        self, body: ReducedBody, name: str, kinematics: Kinematics, frame_left_out: tuple[str, ...], **indices: Any
+    ) -> None:
         super().__init__(**indices)
-        self.body, self.name, self.position = body, name, position
+        self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
+
+    @property
+    def frame(self) -> str:
+        """The frame, "inertial" or "floating"."""
+        return "floating" if isinstance(self.kinematics, FloatingKinematics) else "inertial"
+
+    @property
+    def position(self) -> Array:
+        """Where the origin of the body's mesh was put, (3,) [m]."""
+        return self.kinematics.position
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What body and frame leave out, in sentences."""
+        return self.body.left_out + self._frame_left_out
 
     @property
     def nodes(self) -> list[Any]:
         """Exudyn nodes of the body, in the order of its coordinates."""
-        return [self[key] for key in ("nModal", "nNodal") if key in self]
+        return [self[key] for key in ("nRigid", "nModal", "nNodal") if key in self]
 
     def is_in(self, mbs: Any) -> bool:
         """Whether the model still holds this body's object on its nodes, of its size."""
         nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
         if [*map(int, nodes)] != [*map(int, self.nodes)]:
             return False
-        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", 0) for node in nodes]
+        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", _RIGID) for node in nodes]
         return sum(held) == self.body.n_dofs
 
     def coordinates(self, result: Result) -> Array:
@@ -56,48 +82,51 @@ class PartitionBody(dict):
 
     def displacement(self, result: Result, point: Array) -> Array:
         """Displacement of the node nearest to `point`, (n, 3) [m]; point (3,) in the body's own coordinates [m]."""
-        return np.asarray((self._row(point) @ self.coordinates(result).T).T)
+        return self._node(point).displacements(self.coordinates(result))[:, 0]
 
     def velocity(self, result: Result, point: Array) -> Array:
         """Velocity of the node nearest to `point`, (n, 3) [m/s]; point (3,) in the body's own coordinates [m]."""
-        return np.asarray((self._row(point) @ self.coordinates_t(result).T).T)
+        return self._node(point).velocities(self.coordinates(result), self.coordinates_t(result))[:, 0]
 
     def recover(self, result: Result, rows: sp.csr_matrix) -> Array:
         """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
 
-        It is that of the kept shapes; see `recovery.static_correction` for what they lack.
+        It is that of the kept shapes; see `recovery.static_correction` for what they lack. Displacements are those
+        within the frame, in its axes.
 
         Parameters
         ----------
         result : Result
         rows : (k, 3 nodes) csr matrix
         """
-        return self.coordinates(result) @ self.body.reduced_rows(rows).T
+        return self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
 
     def momentum(self, result: Result) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""
-        weights = self.body.mass @ self.body.rigid[:, :3]
-        return self.coordinates_t(result) @ weights
+        return self.kinematics.momentum(self.coordinates_t(result))
+
+    def angular_momentum(self, result: Result, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s]."""
+        q, q_t = self.coordinates(result), self.coordinates_t(result)
+        return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
 
     def energy(self, result: Result) -> Array:
         """Kinetic and strain energy, (n,) [J]."""
-        q, v = self.coordinates(result), self.coordinates_t(result)
-        kinetic = np.einsum("ij,ij->i", v, (self.body.mass @ v.T).T)
-        return 0.5 * (kinetic + np.einsum("ij,ij->i", q, (self.body.stiffness @ q.T).T))
+        q = self.coordinates(result)
+        elastic = self.kinematics.elastic(q)
+        strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
+        return self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
 
     def rigid_motion(self, q: Array) -> Array:
         """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body."""
-        M_rigid = self.body.mass @ self.body.rigid
-        return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
+        return self.kinematics.rigid_motion(q)
 
     def deformation(self, q: Array) -> Array:
         """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
-        elastic = q - self.rigid_motion(q) @ self.body.rigid.T
-        u = self.body.rows(self.body.partition.patch_nodes) @ elastic.T
-        return abs(u).max(axis=0)
+        return abs(self.kinematics.at(self.body.partition.patch_nodes).deformation(q)).max(axis=(1, 2), initial=0.0)
 
-    def _row(self, point: Array) -> Any:
-        return self.body.rows(np.array([self.body.nearest_node(point)]))
+    def _node(self, point: Array) -> Kinematics:
+        return self.kinematics.at(np.array([self.body.nearest_node(point)]))
 
 
 def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
@@ -108,7 +137,7 @@ def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContac
         if number >= objects or not item.is_in(mbs):
             del bodies[number]
     for number, contact in list(contacts.items()):
-        both_there = all(any(item is body for body in bodies.values()) for item in (contact.slave, contact.master))
+        both_there = all(any(item is body for body in bodies.values()) for item, _ in contact.sides)
         if number >= sensors or not both_there:
             del contacts[number]
     return list(bodies.values()), list(contacts.values())
@@ -121,28 +150,41 @@ def CreatePartitionBody(
     name: str = "",
     frame: str = "inertial",
     referencePosition: Sequence[float] = (0.0, 0.0, 0.0),
+    referenceRotation: Sequence[Sequence[float]] | None = None,
     initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
     initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
+    inertiaTerms: Collection[str] = tuple(TERMS),
 ) -> PartitionBody:
     """Add a reduced body to a model.
 
-    A NodeGenericODE2 holds the shape coordinates, a second one the nodal coordinates of the paper's basis, an
-    ObjectGenericODE2 the matrices: identity mass and diagonal stiffness go to Exudyn as they are; the coupling of
-    shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
+    Inertial frame: a NodeGenericODE2 holds the shape coordinates, a second one the nodal coordinates of the paper's
+    basis, an ObjectGenericODE2 the matrices: identity mass and diagonal stiffness go to Exudyn as they are; the
+    coupling of shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
+
+    Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
+    NodeGenericODE2 holds the elastic ones. Mass is constant, inertia forces are a user function (module `floating`).
+    There are no algebraic equations, so that every solver of Exudyn runs it.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
     body : ReducedBody
     name : str
-    frame : {"inertial"}
-        The body moves by small rotations about its place; translations may be large.
+    frame : {"inertial", "floating", "auto"}
+        "inertial": the body moves by small rotations about its place, translations may be large. "floating": its axes
+        rotate with it, as far as they like. "auto": floating if an initial angular velocity or a reference rotation is
+        given and the basis allows it, inertial otherwise; a body that others will turn needs "floating".
     referencePosition : (3,)
         Where the origin of the body's mesh is put [m].
+    referenceRotation : (3, 3), optional
+        Rotation matrix from the axes of the body's mesh to the global ones; of a floating frame.
     initialVelocity : (3,)
         Of the centre of mass [m/s].
     initialAngularVelocity : (3,)
-        About the centre of mass [rad/s].
+        About the centre of mass, in global axes [rad/s].
+    inertiaTerms : collection of str
+        Inertia forces of a floating frame that are kept, of `floating.TERMS`: "gyroscopic", "coriolis", "centrifugal"
+        and "coupling". Default: all. `left_out` of what is returned says what is missing.
 
     Returns
     -------
@@ -151,57 +193,181 @@ def CreatePartitionBody(
     Raises
     ------
     InputError
+        If an argument is out of range, or the body cannot have a floating frame: its basis has nodal columns ("free"),
+        or it has no inertia about some axis.
     """
-    exu, items = require("exudyn"), require("exudyn.itemInterface")
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() returns, got {type(body).__name__}")
-    validate_choice("frame", frame, ("inertial",))
+    validate_choice("frame", frame, ("inertial", "floating", "auto"))
     position = validate_vector("referencePosition", referencePosition)
-    rigid_velocity = np.r_[
-        validate_vector("initialVelocity", initialVelocity),
-        validate_vector("initialAngularVelocity", initialAngularVelocity),
-    ]
-    q_t = body.rigid @ rigid_velocity
-
-    def add_node(velocities: Array) -> Any:
-        zeros = [0.0] * len(velocities)
-        return mbs.AddNode(
-            items.NodeGenericODE2(
-                referenceCoordinates=zeros,
-                initialCoordinates=zeros,
-                initialCoordinates_t=list(velocities),
-                numberOfODE2Coordinates=len(velocities),
-            )
-        )
-
-    parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
-    indices = {key: add_node(part) for key, part in parts.items() if len(part)}
-    nodes = list(indices.values())
-
-    diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
-    functions = {}
-    if "nNodal" in indices:
-        functions = _coupling_functions(exu, nodes, body.stiffness - diagonal)
-    indices["oGenericODE2"] = mbs.AddObject(
-        items.ObjectGenericODE2(
-            name=name,
-            nodeNumbers=nodes,
-            massMatrix=exu.MatrixContainer(sp.csr_matrix(body.mass)),
-            stiffnessMatrix=exu.MatrixContainer(diagonal),
-            visualization=items.VObjectGenericODE2(show=False),
-            **functions,
-        )
-    )
+    rotation = None if referenceRotation is None else _rotation_vector(referenceRotation)
+    velocity = validate_vector("initialVelocity", initialVelocity)
+    angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
+    for term in inertiaTerms:
+        validate_choice("inertiaTerms", term, TERMS)
+    if frame == "auto":
+        rotates = rotation is not None or angular_velocity.any()
+        frame = "floating" if rotates and body.inertia is not None else "inertial"
+    if frame == "inertial":
+        if rotation is not None:
+            raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
+        item = _add_inertial(mbs, body, name, position, body.rigid @ np.r_[velocity, angular_velocity])
+    else:
+        kinematics = FloatingKinematics(body, position, np.zeros(3) if rotation is None else rotation)
+        item = _add_floating(mbs, kinematics, name, velocity, angular_velocity, inertiaTerms)
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
     for key, kind in (
         ("sCoordinates", exu.OutputVariableType.Coordinates),
         ("sCoordinates_t", exu.OutputVariableType.Coordinates_t),
     ):
-        indices[key] = [
-            mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True)) for n in nodes
+        item[key] = [
+            mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True))
+            for n in item.nodes
         ]
-    item = PartitionBody(body, name, position, **indices)
     mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
     return item
+
+
+def _rotation_vector(matrix: Any) -> Array:
+    """Rotation vector, (3,) [rad], of a matrix that the user gave."""
+    A = validate_array("referenceRotation", matrix, (3, 3))
+    defect = abs(A @ A.T - np.eye(3)).max()
+    if defect > _ORTHONORMAL or np.linalg.det(A) < 0:
+        raise InputError(
+            f"referenceRotation: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
+            f"product with its transpose differs from the identity by {defect:.3g}"
+        )
+    return Rotation.from_matrix(A).as_rotvec()
+
+
+def _add_inertial(mbs: Any, body: ReducedBody, name: str, position: Array, q_t: Array) -> PartitionBody:
+    exu = require("exudyn")
+    parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
+    indices = {key: _add_node(mbs, part) for key, part in parts.items() if len(part)}
+    said = ("large rotation, and the inertia forces of a rotating frame (frame='floating')",)
+    item = PartitionBody(body, name, InertialKinematics(body, position), said, **indices)
+    diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
+    functions = {}
+    if "nNodal" in indices:
+        functions = _coupling_functions(exu, item.nodes, body.stiffness - diagonal)
+    item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions)
+    return item
+
+
+def _add_floating(
+    mbs: Any,
+    kinematics: FloatingKinematics,
+    name: str,
+    velocity: Array,
+    angular_velocity: Array,
+    terms: Collection[str],
+) -> PartitionBody:
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    body, inertia = kinematics.body, kinematics.inertia
+    stiffness = body.basis.omega**2
+    axes = kinematics.frame(np.zeros(body.n_dofs))[1]
+    indices = {
+        "nRigid": mbs.AddNode(
+            items.NodeRigidBodyRotVecLG(
+                name=name,
+                referenceCoordinates=[*kinematics.origin, *kinematics.rotation],
+                initialVelocities=[*velocity, *(angular_velocity @ axes)],
+            )
+        ),
+        "nModal": _add_node(mbs, np.zeros(body.n_dofs - _RIGID)),
+    }
+    said = [f"{sentence} (inertiaTerms)" for term, sentence in TERMS.items() if term not in terms]
+    if "coupling" in terms:
+        said.append("what deformation changes in the inertia that forces of other items meet")
+    item = PartitionBody(body, name, kinematics, tuple(said), **indices)
+    mass = sp.block_diag(
+        [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - _RIGID)], format="csr"
+    )
+    functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, stiffness[_RIGID:], terms))
+    item["oGenericODE2"] = _add_object(mbs, item, mass, sp.diags(stiffness, format="csr"), functions)
+    return item
+
+
+def _add_node(mbs: Any, velocities: Array) -> Any:
+    zeros = [0.0] * len(velocities)
+    return mbs.AddNode(
+        require("exudyn.itemInterface").NodeGenericODE2(
+            referenceCoordinates=zeros,
+            initialCoordinates=zeros,
+            initialCoordinates_t=list(velocities),
+            numberOfODE2Coordinates=len(velocities),
+        )
+    )
+
+
+def _add_object(
+    mbs: Any, item: PartitionBody, mass: sp.csr_matrix, stiffness: sp.csr_matrix, functions: dict[str, Any]
+) -> Any:
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    return mbs.AddObject(
+        items.ObjectGenericODE2(
+            name=item.name,
+            nodeNumbers=item.nodes,
+            massMatrix=exu.MatrixContainer(sp.csr_matrix(mass)),
+            stiffnessMatrix=exu.MatrixContainer(stiffness),
+            visualization=items.VObjectGenericODE2(show=False),
+            **functions,
+        )
+    )
+
+
+def _runs_verlet(mbs: Any, t: float) -> bool:
+    """Whether it is VelocityVerlet that asks for forces at t."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None:
+        raise RunError(
+            "mbs: a body with frame='floating' needs to know Exudyn's solver; leave storeSolver=True in "
+            "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']"
+        )
+    return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
+
+
+def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dict[str, Any]:
+    """Inertia forces of a floating frame and their Jacobian."""
+    start_of_step = exu.ConfigurationType.StartOfStep
+
+    def end_velocities(mbs: Any, t: float, z: Array, middle: Array) -> Array:
+        """Velocities at the end of a step of VelocityVerlet, which evaluates forces with those of its middle.
+
+        Inertia forces with the latter would be of first order, and pump energy into modes of equal frequency. From the
+        middle on it is half a step with the accelerations of its start, but for elastic and Coriolis forces, whose
+        change is fast and known.
+        """
+        data = mbs.systemData
+        rigid, modal = (mbs.GetNodeODE2Index(node) for node in nodes)
+        own = np.r_[rigid + 3 : rigid + _RIGID, modal : modal + len(z)]
+        q, q_t, q_tt = (
+            get(start_of_step, copy=False)[own]
+            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
+        )
+        half_step = (t - data.GetTime(start_of_step)) / 2
+        v = middle + half_step * q_tt
+        v[3:] -= half_step * forces.stiffness * (z - q[3:])
+        v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
+        return v
+
+    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        z, v = np.asarray(q)[_RIGID:], np.asarray(q_t)[3:]
+        if not v.any():
+            return np.zeros(_RIGID + len(z))  # as in a static solution
+        if _runs_verlet(mbs, t):
+            v = end_velocities(mbs, t, z, v)
+        return np.concatenate([np.zeros(3), forces.force(v[:3], z, v[3:])])
+
+    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        z, v = np.asarray(q)[_RIGID:], np.asarray(q_t)[3:]
+        by_z, by_velocity = forces.derivatives(v[:3], z, v[3:])
+        result = np.zeros((_RIGID + len(z),) * 2)
+        result[3:, 3:] = -fODE2_t * by_velocity
+        result[3:, _RIGID:] -= fODE2 * by_z
+        return exu.MatrixContainer(sp.csr_matrix(result))
+
+    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
 def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) -> dict[str, Any]:
@@ -227,5 +393,5 @@ def coordinate_slices(mbs: Any, nodes: list[Any]) -> list[slice]:
     """Places of the nodes' coordinates in the system vector, asked anew: a model may be assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in nodes]
     return [
-        slice(a, a + mbs.GetNodeParameter(n, "numberOfODE2Coordinates")) for a, n in zip(starts, nodes, strict=True)
+        slice(a, a + mbs.GetNode(n).get("numberOfODE2Coordinates", _RIGID)) for a, n in zip(starts, nodes, strict=True)
     ]

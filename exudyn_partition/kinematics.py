@@ -1,15 +1,22 @@
-"""Motion of a reduced body's nodes in space (temporary: the branch `floating` brings the full module)."""
+"""Motion of a reduced body in space: places, velocities and generalised forces of nodes, momentum and energy.
+
+One class a frame, with the same methods: a body in an inertial frame moves by small rotations about its place, one in a
+floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs,), or a history of them, (m, n_dofs).
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from .body import ReducedBody
+from .errors import InputError
+from .floating import InertiaIntegrals, rotation_matrix
 
 Array = np.ndarray
+
+_NO_NODES = np.empty(0, dtype=np.int64)
 
 
 class InertialKinematics:
@@ -21,29 +28,196 @@ class InertialKinematics:
     position : (3,) array
         Where the origin of the body's mesh is put [m].
     nodes : (k,) int array
+        Nodes of the FE model that the methods for nodes are about.
     """
 
-    linear = True
+    linear = True  # in the coordinates
 
-    def __init__(self, body: ReducedBody, position: Array, nodes: Array) -> None:
-        self.points = body.points[nodes] + position
+    def __init__(self, body: ReducedBody, position: Array, nodes: Array = _NO_NODES) -> None:
+        self.body, self.position = body, position
+        self.arms = body.points[nodes] - body.centre_of_mass
         self.rows: Any = body.rows(nodes)
-        # The products below want the rows contiguous as they take them.
-        self._transposed = sp.csr_matrix(self.rows.T) if sp.issparse(self.rows) else np.ascontiguousarray(self.rows.T)
-        self.n = self.rows.shape[1]
+        self._start = position + body.points[nodes]
+
+    def at(self, nodes: Array) -> InertialKinematics:
+        """Kinematics of other nodes, (k,) int array."""
+        return InertialKinematics(self.body, self.position, nodes)
+
+    def frame(self, q: Array) -> tuple[Array, Array]:
+        """Place of the frame's origin, (..., 3) [m], and rotation matrix of its axes, (..., 3, 3)."""
+        origin, axes = self.position + self.body.centre_of_mass, np.eye(3)
+        return np.broadcast_to(origin, (*q.shape[:-1], 3)), np.broadcast_to(axes, (*q.shape[:-1], 3, 3))
+
+    def elastic(self, q: Array) -> Array:
+        """Coordinates q of the motion within the frame."""
+        return q
 
     def place(self, q: Array) -> Array:
-        """Places of the nodes, (k, 3) [m]."""
-        return self.points + (self.rows @ q).reshape(-1, 3)
+        """Places of the nodes, (..., k, 3) [m]."""
+        return self._start + self.displacements(q)
 
-    def jacobian(self, q: Array) -> Any:
-        """Derivative of the places by the coordinates, (3k, n), dense or csr."""
-        return self.rows
+    def displacements(self, q: Array) -> Array:
+        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        return _fields(self.rows, q)
+
+    def velocities(self, q: Array, q_t: Array) -> Array:
+        """Velocities of the nodes, (..., k, 3) [m/s]."""
+        return _fields(self.rows, q_t)
 
     def generalised(self, q: Array, forces: Array) -> Array:
-        """Generalised forces, (n,), of forces on the nodes, (k, 3) [N]."""
-        return self._transposed @ forces.ravel()
+        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]."""
+        return self.rows.T @ forces.ravel()
+
+    def jacobian(self, q: Array) -> Any:
+        """Derivative of the nodes' places, (3k, n_dofs), by velocities of the coordinates; dense or csr."""
+        return self.rows
 
     def in_frame(self, q: Array, directions: Array) -> Array:
-        """Directions in space, (m, 3), in the body's own frame."""
+        """Directions in space, (m, 3), in the body's axes."""
         return directions
+
+    def momentum(self, q_t: Array) -> Array:
+        """Linear momentum, (..., 3) [N s]."""
+        return q_t @ (self.body.mass @ self.body.rigid[:, :3])
+
+    def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
+        """Angular momentum about a point in space, (3,) [m], first order in deformation and rotation, (..., 3)."""
+        arm = self.frame(q)[0] + self.rigid_motion(q)[..., :3] - point
+        return np.cross(arm, self.momentum(q_t)) + q_t @ (self.body.mass @ self.body.rigid[:, 3:])
+
+    def kinetic_energy(self, q: Array, q_t: Array) -> Array:
+        """Kinetic energy, (...,) [J]."""
+        return np.sum(q_t * (self.body.mass @ q_t.T).T, axis=-1) / 2
+
+    def rigid_motion(self, q: Array) -> Array:
+        """Translation of the centre of mass [m] and rotation [rad] of the whole body, (..., 6)."""
+        M_rigid = self.body.mass @ self.body.rigid
+        return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
+
+    def deformation(self, q: Array) -> Array:
+        """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
+        return _fields(self.rows, q - self.rigid_motion(q) @ self.body.rigid.T)
+
+
+class FloatingKinematics:
+    """A body in its mean axes: x = r + A (X - c + Phi z), with q = (r - r0, rotation vector of A - that of A0, z).
+
+    Velocities q_t are (r_t, angular velocity in the body's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them.
+
+    Parameters
+    ----------
+    body : ReducedBody
+        Of a basis without nodal columns.
+    position : (3,) array
+        Where the origin of the body's mesh is put [m].
+    rotation : (3,) array
+        Rotation vector of its axes there [rad].
+    nodes : (k,) int array
+        Nodes of the FE model that the methods for nodes are about.
+
+    Raises
+    ------
+    InputError
+        If the basis has nodal columns, or the body no moment of inertia about some axis.
+    """
+
+    linear = False
+
+    def __init__(self, body: ReducedBody, position: Array, rotation: Array, nodes: Array = _NO_NODES) -> None:
+        self.body, self.position, self.rotation = body, position, rotation
+        self.inertia = _validate_inertia(body)
+        self.origin = position + rotation_matrix(rotation) @ body.centre_of_mass
+        self.arms = body.points[nodes] - body.centre_of_mass
+        self.rows = np.asarray(body.rows(nodes))[:, 6:]
+
+    def at(self, nodes: Array) -> FloatingKinematics:
+        """Kinematics of other nodes, (k,) int array."""
+        return FloatingKinematics(self.body, self.position, self.rotation, nodes)
+
+    def frame(self, q: Array) -> tuple[Array, Array]:
+        """Place of the centre of mass, (..., 3) [m], and rotation matrix of the body's axes, (..., 3, 3)."""
+        return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6])
+
+    def elastic(self, q: Array) -> Array:
+        """Coordinates, in the basis, of the motion within the frame."""
+        return np.concatenate([np.zeros_like(q[..., :6]), q[..., 6:]], axis=-1)
+
+    def place(self, q: Array) -> Array:
+        """Places of the nodes, (..., k, 3) [m]."""
+        r, A = self.frame(q)
+        return r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
+
+    def displacements(self, q: Array) -> Array:
+        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        return self.place(q) - self.place(np.zeros(q.shape[-1]))
+
+    def velocities(self, q: Array, q_t: Array) -> Array:
+        """Velocities of the nodes, (..., k, 3) [m/s]."""
+        local = np.cross(q_t[..., None, 3:6], self._arms(q)) + _fields(self.rows, q_t[..., 6:])
+        return q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
+
+    def generalised(self, q: Array, forces: Array) -> Array:
+        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]; the torque is in the body's axes."""
+        local = forces @ self.frame(q)[1]
+        torque = np.cross(self._arms(q), local).sum(axis=0)
+        return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
+
+    def jacobian(self, q: Array) -> Array:
+        """Derivative of the nodes' places, (3k, n_dofs), by velocities of the coordinates."""
+        A, arms = self.frame(q)[1], self._arms(q)
+        turning = np.cross(np.eye(3), arms[:, None, :])  # unit rotations about the body's axes
+        local = np.concatenate([turning.swapaxes(1, 2), self.rows.reshape(len(arms), 3, -1)], axis=2)
+        translation = np.broadcast_to(np.eye(3), (len(arms), 3, 3))
+        return np.concatenate([translation, A @ local], axis=2).reshape(3 * len(arms), -1)
+
+    def in_frame(self, q: Array, directions: Array) -> Array:
+        """Directions in space, (m, 3), in the body's axes."""
+        return directions @ self.frame(q)[1]
+
+    def momentum(self, q_t: Array) -> Array:
+        """Linear momentum, (..., 3) [N s]."""
+        return self.body.total_mass * q_t[..., :3]
+
+    def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
+        """Angular momentum about a point in space, (3,) [m], (..., 3) [N m s]."""
+        r, A = self.frame(q)
+        local = self.inertia.angular_momentum(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
+        return np.cross(r - point, self.momentum(q_t)) + np.einsum("...ab,...b->...a", A, local)
+
+    def kinetic_energy(self, q: Array, q_t: Array) -> Array:
+        """Kinetic energy, (...,) [J]."""
+        translation = np.sum(q_t[..., :3] * self.momentum(q_t), axis=-1) / 2
+        return translation + self.inertia.kinetic_energy(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
+
+    def rigid_motion(self, q: Array) -> Array:
+        """Translation of the centre of mass [m] and rotation vector of the body's axes [rad], (..., 6)."""
+        return np.concatenate([q[..., :3], self.rotation + q[..., 3:6]], axis=-1)
+
+    def deformation(self, q: Array) -> Array:
+        """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
+        return _fields(self.rows, q[..., 6:])
+
+    def _arms(self, q: Array) -> Array:
+        return self.arms + self.deformation(q)
+
+
+def _fields(rows: Any, q: Array) -> Array:
+    """Vectors at k nodes, (..., k, 3), by rows (3k, n)."""
+    return np.asarray((rows @ q.T).T).reshape(*q.shape[:-1], -1, 3)
+
+
+def _validate_inertia(body: ReducedBody) -> InertiaIntegrals:
+    if body.inertia is None:
+        raise InputError(
+            f"frame: basis {body.basis.name!r} keeps nodes, which move with the rigid motion that a floating frame "
+            "takes out. Reduce the body with basis='contact-adapted', 'residual' or 'craig-bampton', or take "
+            "frame='inertial' if it does not rotate far"
+        )
+    moments = np.linalg.eigvalsh(body.inertia.tensor)
+    if moments[0] <= 1e-12 * moments[2]:
+        raise InputError(
+            f"body: expected moments of inertia above zero about all axes, got {moments} kg m2; a floating frame "
+            "cannot rotate about an axis without inertia. Give the body an extension across it, or take "
+            "frame='inertial'"
+        )
+    return body.inertia

@@ -313,7 +313,7 @@ def eigenmodes(
     rigid: Array,
     omega_max: float,
     *,
-    tolerance: float = 1e-7,
+    tolerance: float = 1e-6,
     block: int = 8,
     progress: Progress | None = None,
 ) -> RitzPairs:

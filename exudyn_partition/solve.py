@@ -393,7 +393,8 @@ def _reviewed(mbs: Any, result: Result) -> Result:
         warnings.warn(result.message, StoppedRunWarning, stacklevel=4)
     if len(result.t):
         for item in bodies:
-            _warn_of_rotation(item, result)
+            if item.frame == "inertial":
+                _warn_of_rotation(item, result)
         for contact in contacts:
             _warn_of_patch(contact, result)
     return result
@@ -410,7 +411,8 @@ def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
         when = result.t[int((angle > _LARGEST_ROTATION).argmax())]
         warnings.warn(
             f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at t = {when:.6g} s: "
-            "frame='inertial' takes rotations as small, results from then on are wrong by their square",
+            "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
+            "frame='floating'",
             ModelLimitWarning,
             stacklevel=5,
         )

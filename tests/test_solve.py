@@ -474,8 +474,8 @@ def test_a_body_that_is_nodes_alone(mbs, block):
 def test_misuse(mbs, bodies, block):
     with pytest.raises(InputError, match="expected what reduce"):
         ep.CreatePartitionBody(mbs, block)
-    with pytest.raises(InputError, match="frame: expected one of 'inertial'"):
-        ep.CreatePartitionBody(mbs, bodies[0], frame="floating")
+    with pytest.raises(InputError, match="frame: expected one of 'inertial', 'floating', 'auto', got 'rotating'"):
+        ep.CreatePartitionBody(mbs, bodies[0], frame="rotating")
     with pytest.raises(InputError, match=r"initialVelocity: expected shape \(3,\)"):
         ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[1.0])
     body = ep.CreatePartitionBody(mbs, bodies[0])

@@ -18,7 +18,6 @@ import scipy.sparse as sp
 
 from ..body import ReducedBody
 from ..fem import node_dofs
-from ..kinematics import InertialKinematics
 from .points import contact_points
 from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair, rows_of
 from .surface import Array, Surface, closest_points, follow
@@ -48,14 +47,21 @@ class Side:
     kinematics: Any
     flexibility: Array | None = None
 
+    @property
+    def n(self) -> int:
+        """Number of coordinates of its body."""
+        return self.kinematics.body.n_dofs
+
 
     @classmethod
-    def of(cls, body: ReducedBody, patch: int = 0, position: Array = (0.0, 0.0, 0.0)) -> Side:  # type: ignore[assignment]
-        """Patch of a body in an inertial frame, its mesh's origin at `position`, (3,) [m]."""
-        place = np.asarray(position, dtype=float)
-        kinematics = InertialKinematics(body, place, body.partition.patches[patch].nodes)
-        flexible = body.basis.flexibility is not None
-        return cls(body.surface(place, patch), kinematics, body.flexibility(patch) if flexible else None)
+    def of(cls, kinematics: Any, patch: int = 0) -> Side:
+        """Patch of a body with these kinematics, where it is at the start; with its flexibility if it has one."""
+        body: ReducedBody = kinematics.body
+        surface = body.surface(np.zeros(3), patch)
+        own = kinematics.at(body.partition.patches[patch].nodes)
+        start = np.zeros(body.n_dofs)
+        placed = replace(surface, points=own.place(start), direction=own.frame(start)[1] @ surface.direction)
+        return cls(placed, own, None if body.basis.flexibility is None else body.flexibility(patch))
 
 
 class Gaps:
@@ -123,7 +129,7 @@ class Gaps:
 
     def split(self, q: Array) -> list[Array]:
         """Coordinates of each side, of q, (n,)."""
-        return np.split(q, np.cumsum([side.kinematics.n for side in self.sides])[:-1])
+        return np.split(q, np.cumsum([side.n for side in self.sides])[:-1])
 
     def places(self, q: Array) -> list[Array]:
         """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
@@ -216,7 +222,7 @@ class PatchGaps(Gaps):
         self._all = contact_points(slave.surface, kind)
         self._start = pair(slave.surface, master.surface, kind)
         self.size, self.approach = self._start.facet_size, self._start.approach
-        self.n = slave.kinematics.n + master.kinematics.n
+        self.n = sum(side.n for side in self.sides)
         self._linear = slave.kinematics.linear and master.kinematics.linear
         self._witnesses = tuple(_spread(side.surface.points) for side in self.sides)
         self.reset()

@@ -143,7 +143,7 @@ class RigidGaps(Gaps):
         pose: Callable[[], tuple[Array, Array]] | None = None,
     ) -> None:
         self.surface, self._pose, self.sides = surface, pose, (slave,)
-        self.n, self.size = slave.kinematics.n, slave.surface.facet_size
+        self.n, self.size = slave.n, slave.surface.facet_size
         self._points = contact_points(slave.surface, kind)
         self._mean = None if self._points.nodal else self._points.mean.toarray()
         self._shares = ((self._points.nodes, self._points.weights),)
