@@ -122,7 +122,7 @@ def summary(fems, times, run, reduce_s, reference, source):
         "dofs": rod.body.n_dofs + plate.body.n_dofs,
         "fe_dofs": sum(fem.n_dofs for fem in fems),
         "modes": [item.body.n_shapes - 6 for item in (rod, plate)],
-        "contact_nodes": len(contact.law.rows),
+        "contact_nodes": contact.n_rows,
         "step_s": result.step,
         "steps": result.steps,
         "time": {

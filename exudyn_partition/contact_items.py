@@ -1,18 +1,25 @@
-"""Exudyn adapter: contacts between partition bodies as objects, sensors and step functions of an existing model."""
+"""Exudyn adapter: contacts of partition bodies as objects, sensors and step functions of an existing model."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg
 
-from ._checks import validate_choice
+from ._checks import validate_choice, validate_positive
 from ._optional import require
 from .contact.compliance import ComplianceContact
+from .contact.gaps import PatchGaps, Side
 from .contact.lagrange import LagrangeContact
-from .contact.rows import pair
+from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
+from .contact.points import ROWS
+from .contact.rigid import Cylinder, Plane, RigidGaps, RigidSurface, Sphere
+from .contact.two_pass import TwoPass
 from .errors import InputError, ModelLimitWarning, RunError
 from .history import at_times
 from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
@@ -21,30 +28,61 @@ if TYPE_CHECKING:
     from .solve import Result
 
 Array = np.ndarray
+Law = ComplianceContact | LagrangeContact | PenaltyContact | TwoPass
+
+FORMULATIONS = ("compliance", "lagrange", "penalty")
+PASSES = ("finer", "given", "two")
 
 _COUPLED = 0.01  # residual flexibility between two patches over their own, below which nobody needs a warning
+_FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
+
+
+@dataclass(frozen=True)
+class SubImpact:
+    """A time of uninterrupted contact.
+
+    Parameters
+    ----------
+    start, end : float
+        [s]
+    impulse : float
+        Of the total normal force [N s].
+    peak : float
+        Largest total normal force [N].
+    """
+
+    start: float
+    end: float
+    impulse: float
+    peak: float
 
 
 class PartitionContact(dict):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact` with compliance; `sForce`, a sensor of the total normal force [N], the number of closed rows and
-    the force on the slave [N]; of multipliers also the impulses so far, total and on the slave [N s].
+    Keys: `oContact`, the force element of compliance and penalty; `sForce`, a sensor of the total normal force [N], the
+    number of closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far,
+    total and on the slave [N s]. `sMoment`, a sensor of the moment on the slave about the origin [N m], which stores
+    nothing unless it is told to, as its lever arms cost time.
+
+    `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """
 
-    def __init__(
-        self, name: str, slave: PartitionBody, master: PartitionBody, patches: tuple[int, int], law: Any
-    ) -> None:
+    def __init__(self, name: str, sides: Sequence[tuple[PartitionBody, int]], rigid: RigidSurface | None) -> None:
         super().__init__()
-        self.name, self.slave, self.master, self.patches, self.law = name, slave, master, patches, law
-        self.restart()
+        self.name, self.sides = name, tuple(sides)
+        self.slave = sides[0][0]
+        self.master = rigid if rigid is not None else sides[1][0]
+        self.law: Law
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
         self.law.reset()
         self.reached_edge_at: float | None = None
         self._sampled_at = self._stepped_to = t
-        self._impulse = np.zeros(len(self.law.rows))
+        self._impulse = np.zeros(4)
+        self._samples: list[tuple[float, Array, Array]] = []
+        self._areas = self.law.node_areas
 
     def before_step(self, mbs: Any, t: float) -> None:
         """Apply multipliers ahead of the step that ends at t, once.
@@ -56,12 +94,12 @@ class PartitionContact(dict):
             return
         exu, data = require("exudyn"), mbs.systemData
         step = t - data.GetTime(exu.ConfigurationType.StartOfStep)
-        slices = coordinate_slices(mbs, self.nodes)
+        slices = self._slices(mbs)
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
         views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
         increment = self.law.increment(*[np.concatenate([view[s] for s in slices]) for view in views], step=step)
         if increment is not None:
-            self._impulse += step * self.law.lam
+            self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
             start = 0
             for s in slices:
                 part = increment[start : start + s.stop - s.start]
@@ -75,13 +113,19 @@ class PartitionContact(dict):
         if t < max(self._sampled_at, self._stepped_to):
             self.restart(t)
         self._sampled_at = t
-        lam, index, rows = self.law.lam, self.law.problem.index, self.law.rows
-        if self.reached_edge_at is None and index.size and rows.at_edge[index].any():
-            self.reached_edge_at = t
-        values = [lam.sum(), index.size, *(lam @ rows.normal)]
+        law = self.law
+        closed = law.index
         if self.explicit_only:
             self._check_step(mbs, t)
-            values += [self._impulse.sum(), *(self._impulse @ rows.normal)]
+        if closed.size:
+            if self.reached_edge_at is None and law.reaches_edge():
+                self.reached_edge_at = t
+            self._samples.append((t, law.row_nodes[closed], law.lam[closed]))
+            values = [law.lam.sum(), closed.size, *law.resultant(), 0.0]
+        else:
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, law.least_gap]
+        if self.explicit_only:
+            values += [*self._impulse]
         return [float(value) for value in values]
 
     def _check_step(self, mbs: Any, t: float) -> None:
@@ -93,30 +137,33 @@ class PartitionContact(dict):
                 "CreatePartitionContact, or run the model by solve_dynamic"
             )
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        self.law.check_gaps(np.concatenate([coordinates[s] for s in coordinate_slices(mbs, self.nodes)]))
+        self.law.check_gaps(np.concatenate([coordinates[s] for s in self._slices(mbs)]))
 
-    @property
-    def sides(self) -> list[tuple[PartitionBody, int]]:
-        """Slave and master, each with the number of its patch."""
-        return [(self.slave, self.patches[0]), (self.master, self.patches[1])]
+    def _slices(self, mbs: Any) -> list[slice]:
+        return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
-        """Gap rows of multipliers on the coordinates of one of the bodies, (nc, n_dofs)."""
+        """Gap rows of multipliers on the coordinates of one of the bodies, (nr, n_dofs)."""
         n = self.slave.body.n_dofs
-        return self.law.G[:, :n] if item is self.slave else self.law.G[:, n:]
+        return sp.csr_matrix(self.law.G[:, :n] if item is self.slave else self.law.G[:, n:])
 
     @property
     def nodes(self) -> list[Any]:
         """Exudyn nodes of slave and master."""
-        return self.slave.nodes + self.master.nodes
+        return [node for item, _ in self.sides for node in item.nodes]
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows that the contact starts with."""
+        return len(self._areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
 
     def force(self, result: Result) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
-        return self._sampled(result, slice(0, 1), slice(5, 6))[:, 0]
+        return self._sampled(result, slice(0, 1), slice(6, 7))[:, 0]
 
     def force_on_slave(self, result: Result) -> Array:
         """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return self._sampled(result, slice(2, 5), slice(6, 9))
+        return self._sampled(result, slice(2, 5), slice(7, 10))
 
     def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
         """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
@@ -131,11 +178,66 @@ class PartitionContact(dict):
         """Number of closed contact rows, (n,)."""
         return result.sensor(self["sForce"])[:, 1].astype(int)
 
+    def gap(self, result: Result) -> Array:
+        """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it."""
+        return result.sensor(self["sForce"])[:, 5]
+
+    def row_forces(self, result: Result) -> sp.csr_matrix:
+        """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
+
+        With two passes, those of the master's patch nodes follow; both halves together are the total force.
+        """
+        times = np.array([t for t, *_ in self._samples])
+        at = np.searchsorted(result.t, times - 1e-12 * result.t[-1])
+        kept = [k for k in range(len(times)) if at[k] < len(result.t) and abs(result.t[at[k]] - times[k]) < 1e-15]
+        data = [self._samples[k][2] for k in kept]
+        columns = [self._samples[k][1] for k in kept]
+        counts = np.zeros(len(result.t), dtype=np.int64)
+        counts[at[kept]] = [len(c) for c in columns]
+        empty = [np.empty(0)]
+        return sp.csr_matrix(
+            (np.concatenate(data + empty), np.concatenate(columns + empty).astype(int), np.r_[0, np.cumsum(counts)]),
+            shape=(len(result.t), len(self._areas)),
+        )
+
+    def pressure(self, result: Result) -> sp.csr_matrix:
+        """Mean contact pressure of each row, (n, np) [Pa], columns as those of `row_forces`."""
+        forces = self.row_forces(result)
+        inverse = np.divide(1.0, self._areas, out=np.zeros_like(self._areas), where=self._areas > 0)
+        return sp.csr_matrix(forces @ sp.diags(inverse))
+
+    def area(self, result: Result) -> Array:
+        """Contact area, the sum of the closed rows' areas, (n,) [m2]."""
+        closed = self.row_forces(result)
+        closed.data[:] = closed.data > 0
+        return closed @ self._areas
+
+    def radius(self, result: Result) -> Array:
+        """Radius of a circle of the contact area, (n,) [m]."""
+        return np.sqrt(self.area(result) / np.pi)
+
+    def impacts(self, result: Result) -> list[SubImpact]:
+        """Times of uninterrupted contact, with the impulse and peak of each."""
+        force, t = self.force(result), result.t
+        edges = np.diff(np.r_[0, force > 0, 0].astype(int))
+        found = []
+        for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+            around = slice(max(first - 1, 0), min(last + 1, len(t)))
+            impulse = float(np.trapezoid(force[around], t[around]))
+            found.append(SubImpact(float(t[first]), float(t[last - 1]), impulse, float(force[around].max())))
+        return found
+
     def energy(self, result: Result) -> Array:
-        """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none."""
+        """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
+
+        The contact is evaluated again at the stored coordinates, in their order.
+        """
         if self.explicit_only:
             return np.zeros(len(result.t))
-        q = np.hstack([self.slave.coordinates(result), self.master.coordinates(result)])
+        if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
+            raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
+        self.law.reset()
+        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
         return np.array([self.law.potential(x) for x in q])
 
     @property
@@ -143,26 +245,10 @@ class PartitionContact(dict):
         """Whether the contact runs in explicit solvers only."""
         return isinstance(self.law, LagrangeContact)
 
-    def largest_slide(self, result: Result) -> tuple[float, float]:
-        """Largest tangential displacement between the patches while closed [m], of some 50 samples, and when [s]."""
-        closed = np.flatnonzero(self.force(result) > 0)
-        if not len(closed):
-            return 0.0, 0.0
-        samples = closed[:: max(1, len(closed) // 50)]
-        means = []
-        for item, patch in self.sides:
-            nodes = item.body.partition.patches[patch].nodes
-            u = item.body.rows(nodes) @ item.coordinates(result)[samples].T
-            means.append(u.reshape(len(nodes), 3, -1).mean(axis=0))
-        line = self.law.rows.approach
-        between = means[0] - means[1]
-        slide = np.linalg.norm(between - np.outer(line, line @ between), axis=0)
-        return float(slide.max()), float(result.t[samples[slide.argmax()]])
-
     @property
     def left_out(self) -> list[str]:
         """What the contact leaves out, in sentences."""
-        unpaired = self.law.rows.unpaired
+        unpaired = self.law.gaps.unpaired
         said = ["tangential rows: the contact is frictionless"]
         if unpaired:
             said.append(f"{unpaired} nodes of {self.slave.name or 'the slave'} that face no facet of the master patch")
@@ -172,28 +258,45 @@ class PartitionContact(dict):
 def CreatePartitionContact(
     mbs: Any,
     slave: PartitionBody,
-    master: PartitionBody,
+    master: PartitionBody | RigidSurface,
     *,
     formulation: str = "compliance",
+    rows: str = "node-to-segment",
+    passes: str = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
+    masterBody: Any = None,
+    stiffness: float | None = None,
     name: str = "",
 ) -> PartitionContact:
-    """Add frictionless contact between the patches of two partition bodies.
+    """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
 
-    Each patch node of the slave faces the point of the master's facets that it meets along the line of contact
-    (node-to-segment, paper section 3; `contact.rows.pair`). Pairs stay as they are found here.
+    Points of the slave's patch are kept out of the master. Pairs stay as they are found at the start, along the line of
+    contact, until the patches slide along each other; then they follow (`contact.gaps`).
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-    slave, master : PartitionBody
-        Take the body with the finer or the curved patch as slave.
-    formulation : {"compliance", "lagrange"}
-        "compliance" for bases with a residual flexibility, explicit and implicit; "lagrange" for those whose patch has
-        mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet.
+    slave : PartitionBody
+    master : PartitionBody, Plane, Sphere or Cylinder
+        Rigid surfaces are fixed in space, or to `masterBody`.
+    formulation : {"compliance", "lagrange", "penalty"}
+        "compliance" where a basis carries a residual flexibility, explicit and implicit; "lagrange" for bases whose
+        patch has mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet; "penalty" for any basis,
+        an elastic layer on the slave's patch.
+    rows : {"node-to-segment", "integrated"}
+        What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
+        facets; see `contact.points`.
+    passes : {"finer", "given", "two"}
+        Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
+        the contact each.
     slavePatch, masterPatch : int or str, optional
         Number or name of the contact patch, for bodies that have several.
+    masterBody : optional
+        Exudyn body that carries the rigid surface, which is then given in that body's axes.
+    stiffness : float, optional
+        Of the penalty's layer [N/m3]. Default: what makes it yield under uniform pressure as the residual flexibility
+        does; where patches have mass, what adds a tenth to their highest squared frequency at most.
     name : str
 
     Returns
@@ -205,33 +308,144 @@ def CreatePartitionContact(
     EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
     """
     bodies, contacts = partition_items(mbs)
-    for role, item in (("slave", slave), ("master", master)):
+    rigid = not isinstance(master, PartitionBody)
+    if rigid and not isinstance(master, (Plane, Sphere, Cylinder)):
+        raise InputError(
+            "master: expected what CreatePartitionBody returns, or a rigid Plane, Sphere or Cylinder, got "
+            f"{type(master).__name__}"
+        )
+    for role, item in (("slave", slave),) if rigid else (("slave", slave), ("master", master)):
         if not isinstance(item, PartitionBody):
             raise InputError(f"{role}: expected what CreatePartitionBody returns, got {type(item).__name__}")
         if not any(item is body for body in bodies):
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
-    validate_choice("formulation", formulation, ("compliance", "lagrange"))
-    patches = (slave.body.partition.patch(slavePatch), master.body.partition.patch(masterPatch))
-    surfaces = [item.body.surface(item.position, i) for item, i in zip((slave, master), patches, strict=True)]
-    rows = pair(*surfaces)
-    law_of = ComplianceContact if formulation == "compliance" else LagrangeContact
-    law = law_of(rows, slave.body, master.body, patches)
-    contact = PartitionContact(name, slave, master, patches, law)
+    validate_choice("formulation", formulation, FORMULATIONS)
+    validate_choice("rows", rows, ROWS)
+    validate_choice("passes", passes, PASSES)
+    if masterBody is not None and not rigid:
+        raise InputError("masterBody: only a rigid surface is carried by a body")
+    sides = [(slave, slave.body.partition.patch(slavePatch))]
+    if not rigid:
+        sides.append((master, master.body.partition.patch(masterPatch)))
+    placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    if passes == "finer" and not rigid and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
+        sides, placed = sides[::-1], placed[::-1]
+    contact = PartitionContact(name, sides, master if rigid else None)
+    _check_formulation(formulation, [item for item, _ in sides])
+
+    def law_of(a: Side, b: Side | None) -> Law:
+        gaps = PatchGaps(a, b, rows) if b is not None else RigidGaps(a, master, rows, _pose(mbs, masterBody))
+        return _law(formulation, gaps, stiffness)
+
+    contact.law = law_of(placed[0], None if rigid else placed[1])
+    if passes == "two":
+        if rigid or formulation == "lagrange":
+            raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
+        contact.law = TwoPass(contact.law, law_of(placed[1], placed[0]))
+    contact.restart()
     _check_shared_bodies(contact, contacts)
-    items = require("exudyn.itemInterface")
-    if formulation == "compliance":
-        contact["oContact"] = _add_force_element(mbs, contact)
-    else:
+    if contact.explicit_only:
         _chain_before_step(mbs, contact)
+    else:
+        contact["oContact"] = _add_force_element(mbs, contact)
+    if masterBody is not None:
+        _load_carrier(mbs, contact, masterBody)
+    items = require("exudyn.itemInterface")
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(
             name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(mbs, t), storeInternal=True
         )
     )
+    contact["sMoment"] = mbs.AddSensor(
+        items.SensorUserFunction(
+            name=f"{name} moment" if name else "",
+            sensorUserFunction=lambda mbs, t, *unused: [*map(float, contact.law.moment(np.zeros(3)))],
+            storeInternal=False,
+        )
+    )
     mbs.sys[REGISTRY][1][int(contact["sForce"])] = contact
     return contact
+
+
+def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:
+    flexible = [item.body.basis.flexibility is not None for item in items]
+    names = " and ".join(repr(item.body.basis.name) for item in items)
+    if formulation == "compliance" and not any(flexible):
+        raise InputError(
+            f"formulation: 'compliance' needs a residual flexibility, which basis {names} does not have; take "
+            "formulation='lagrange', or basis='contact-adapted' or 'residual'"
+        )
+    if formulation == "lagrange":
+        if any(flexible):
+            raise InputError(
+                f"formulation: 'lagrange' needs contact patches that move by coordinates with mass, which basis {names} "
+                "does not give them; take formulation='compliance', or basis='free'"
+            )
+        if any(item.frame == "floating" for item in items):
+            raise InputError(
+                "formulation: 'lagrange' needs bodies in an inertial frame; take formulation='compliance' with "
+                "basis='contact-adapted' for bodies that rotate"
+            )
+
+
+def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None) -> Law:
+    if formulation == "compliance":
+        return ComplianceContact(gaps)
+    bodies = [side.kinematics.body for side in gaps.sides]
+    inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in bodies])
+    if formulation == "lagrange":
+        return LagrangeContact(gaps, inverse_mass)
+    if stiffness is not None:
+        stiffness = validate_positive("stiffness", stiffness, "N/m3")
+    elif any(side.flexibility is not None for side in gaps.sides):
+        stiffness = bed_stiffness(gaps)
+    else:
+        stiffness = inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, bodies)))
+    return PenaltyContact(gaps, stiffness)
+
+
+def _highest_frequency(body: Any) -> float:
+    """Highest circular frequency of a reduced body [rad/s]."""
+    scale = sp.diags(1 / np.sqrt(body.mass.diagonal()))
+    K = scale @ body.stiffness @ scale
+    start = np.ones(K.shape[0])
+    largest = scipy.sparse.linalg.eigsh(K, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
+    return float(np.sqrt(largest))
+
+
+def _pose(mbs: Any, body: Any) -> Any:
+    """Where an Exudyn body is now: a function of nothing, or None without a body."""
+    if body is None:
+        return None
+    variable = require("exudyn").OutputVariableType
+
+    def pose() -> tuple[Array, Array]:
+        place = mbs.GetObjectOutputBody(body, variable.Position, localPosition=[0.0, 0.0, 0.0])
+        axes = mbs.GetObjectOutputBody(body, variable.RotationMatrix, localPosition=[0.0, 0.0, 0.0])
+        return np.asarray(place), np.asarray(axes).reshape(3, 3)
+
+    return pose
+
+
+def _load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
+    """Put the contact's reaction on the body that carries the rigid surface, as loads.
+
+    Exudyn evaluates loads after objects, so that the contact's forces are those of the same coordinates.
+    """
+    items, pose = require("exudyn.itemInterface"), _pose(mbs, body)
+    marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
+
+    def force(mbs: Any, t: float, load: Any) -> list[float]:
+        return [*map(float, -contact.law.resultant())]
+
+    def torque(mbs: Any, t: float, load: Any) -> list[float]:
+        return [*map(float, -contact.law.moment(pose()[0]))] if contact.law.index.size else [0.0, 0.0, 0.0]
+
+    zero = [0.0, 0.0, 0.0]
+    mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))
+    mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=torque))
 
 
 def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContact]) -> None:
@@ -280,12 +494,19 @@ def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) ->
 
 
 def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
-    """Massless object over the nodes of both bodies, with the contact's force and its Jacobian."""
+    """Massless object over the nodes of all bodies, with the contact's force and its Jacobian."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
-    law: ComplianceContact = contact.law
+    law: Any = contact.law
+    floating = [(s, item) for s, item in _own_slices(contact) if item.frame == "floating"]
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
-        return law.force(np.asarray(q))
+        q = np.asarray(q)
+        f = law.force(q)
+        if floating and law.index.size:
+            f = f.copy()
+            for own, item in floating:
+                f[own] = item.kinematics.on_constant_mass(q[own], f[own])
+        return f
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
         law.force(np.asarray(q))
@@ -300,6 +521,12 @@ def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
             visualization=items.VObjectGenericODE2(show=False),
         )
     )
+
+
+def _own_slices(contact: PartitionContact) -> list[tuple[slice, PartitionBody]]:
+    """Where each body's coordinates are among the contact's."""
+    ends = np.cumsum([0] + [item.body.n_dofs for item, _ in contact.sides])
+    return [(slice(a, b), item) for a, b, (item, _) in zip(ends[:-1], ends[1:], contact.sides, strict=True)]
 
 
 def _chain_before_step(mbs: Any, contact: PartitionContact) -> None:

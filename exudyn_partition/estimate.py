@@ -28,7 +28,7 @@ import scipy.linalg
 
 from .basis import DROP_ABOVE, AdaptedSpace, Progress, patch_slice, residual_flexibility
 from .contact.complementarity import Complementarity
-from .contact.rows import pair
+from .contact.rows import pair_surfaces
 from .contact.surface import Surface
 from .errors import ToleranceWarning
 from .fem import FEModel, node_dofs
@@ -166,7 +166,7 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
         rows = [-np.kron(np.eye(len(gap)), line)]
         weights = [np.eye(len(gap))]
     else:
-        contact = pair(*surfaces)
+        contact = pair_surfaces(*surfaces)
         sizes = [len(surface.points) for surface in surfaces]
         gap, line = contact.gap - contact.gap.min(), contact.approach
         rows = [G.toarray() for G in contact.matrices(*sizes)]

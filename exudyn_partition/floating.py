@@ -81,6 +81,11 @@ class InertiaIntegrals:
         """(3, 3) array: inertia of the undeformed body about its centre of mass [kg m2]."""
         return self.inertia[:, 0, 0][_PLACE]
 
+    def of_place(self, z: Array) -> tuple[Array, Array]:
+        """J(z), (3, 3), and C(z), (3, n), of the angular momentum J omega + C z_t, at elastic coordinates z, (n,)."""
+        place = np.concatenate([[1.0], z])
+        return ((self.inertia @ place) @ place)[_PLACE], -(self.cross @ z)
+
     def angular_momentum(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Angular momentum about the centre of mass in the body's axes, J(z) omega + C(z) z_t, (..., 3) [N m s].
 

@@ -64,6 +64,12 @@ class PartitionBody(dict):
         """Exudyn nodes of the body, in the order of its coordinates."""
         return [self[key] for key in ("nRigid", "nModal", "nNodal") if key in self]
 
+    @property
+    def node_sizes(self) -> list[int]:
+        """Number of coordinates of each node."""
+        first = _RIGID if "nRigid" in self else self.body.n_shapes
+        return [size for size in (first, self.body.n_dofs - first) if size]
+
     def is_in(self, mbs: Any) -> bool:
         """Whether the model still holds this body's object on its nodes, of its size."""
         nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
@@ -249,7 +255,7 @@ def _add_inertial(mbs: Any, body: ReducedBody, name: str, position: Array, q_t: 
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions = {}
     if "nNodal" in indices:
-        functions = _coupling_functions(exu, item.nodes, body.stiffness - diagonal)
+        functions = _coupling_functions(exu, item, body.stiffness - diagonal)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions)
     return item
 
@@ -370,7 +376,7 @@ def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dic
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) -> dict[str, Any]:
+def _coupling_functions(exu: Any, item: PartitionBody, stiffness: sp.csr_matrix) -> dict[str, Any]:
     """Force and Jacobian of what is not diagonal.
 
     The force reads Exudyn's coordinates in place: converting the list that a user function receives costs more than the
@@ -381,7 +387,7 @@ def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) ->
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        return -(stiffness @ np.concatenate([coordinates[s] for s in coordinate_slices(mbs, nodes)]))
+        return -(stiffness @ np.concatenate([coordinates[s] for s in coordinate_slices(mbs, item)]))
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * stiffness))
@@ -389,9 +395,7 @@ def _coupling_functions(exu: Any, nodes: list[Any], stiffness: sp.csr_matrix) ->
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def coordinate_slices(mbs: Any, nodes: list[Any]) -> list[slice]:
-    """Places of the nodes' coordinates in the system vector, asked anew: a model may be assembled again."""
-    starts = [mbs.GetNodeODE2Index(node) for node in nodes]
-    return [
-        slice(a, a + mbs.GetNode(n).get("numberOfODE2Coordinates", _RIGID)) for a, n in zip(starts, nodes, strict=True)
-    ]
+def coordinate_slices(mbs: Any, item: PartitionBody) -> list[slice]:
+    """Places of a body's coordinates in the system vector, asked anew: a model may be assembled again."""
+    starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
+    return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]

@@ -48,6 +48,11 @@ class InertialKinematics:
         origin, axes = self.position + self.body.centre_of_mass, np.eye(3)
         return np.broadcast_to(origin, (*q.shape[:-1], 3)), np.broadcast_to(axes, (*q.shape[:-1], 3, 3))
 
+    @property
+    def from_basis(self) -> Array:
+        """(n_dofs, n_dofs) array: the coordinates' velocities by those of the body's basis, at the start."""
+        return np.eye(self.body.n_dofs)
+
     def elastic(self, q: Array) -> Array:
         """Coordinates q of the motion within the frame."""
         return q
@@ -138,6 +143,14 @@ class FloatingKinematics:
         """Place of the centre of mass, (..., 3) [m], and rotation matrix of the body's axes, (..., 3, 3)."""
         return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6])
 
+    @property
+    def from_basis(self) -> Array:
+        """(n_dofs, n_dofs) array: the coordinates' velocities by those of the body's basis, at the start."""
+        result = np.eye(self.body.n_dofs)
+        result[:6, :6] = np.linalg.inv(self.body.rigid[:6])
+        result[:3] = rotation_matrix(self.rotation) @ result[:3]
+        return result
+
     def elastic(self, q: Array) -> Array:
         """Coordinates, in the basis, of the motion within the frame."""
         return np.concatenate([np.zeros_like(q[..., :6]), q[..., 6:]], axis=-1)
@@ -173,6 +186,15 @@ class FloatingKinematics:
     def in_frame(self, q: Array, directions: Array) -> Array:
         """Directions in space, (m, 3), in the body's axes."""
         return directions @ self.frame(q)[1]
+
+    def on_constant_mass(self, q: Array, force: Array) -> Array:
+        """Generalised forces that give the constant mass diag(m, J, 1) the acceleration which `force` gives the true one.
+
+        See `floating.InertiaForces`, which does the same for inertia and elastic forces.
+        """
+        J, C = self.inertia.of_place(q[6:])
+        omega_t = np.linalg.solve(J - C @ C.T, force[3:6] - C @ force[6:])
+        return np.concatenate([force[:3], self.inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
 
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""

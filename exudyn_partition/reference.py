@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from ._checks import validate_choice, validate_positive, validate_vector
 from .contact.complementarity import Complementarity
-from .contact.rows import ContactRows, pair
+from .contact.rows import ContactRows, pair_surfaces
 from .contact.surface import Surface
 from .errors import InputError
 from .fem import FEModel, node_dofs
@@ -139,7 +139,7 @@ def simulate(
     alpha : float
         Numerical damping, 0 to 1/3.
     rows : ContactRows, optional
-        Default: `contact.pair`, the same rows as a partition contact has.
+        Default: `contact.rows.pair_surfaces`, the same rows as a partition contact has.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -163,7 +163,7 @@ def simulate(
     points = points or {}
     begin = time.perf_counter()
     slave, master = bodies
-    rows = rows if rows is not None else pair(slave.surface, master.surface)
+    rows = rows if rows is not None else pair_surfaces(slave.surface, master.surface)
     sides = []
     for body, G in zip(bodies, rows.matrices(*(len(b.contact.nodes) for b in bodies)), strict=True):
         wide = G @ _selection(node_dofs(body.contact.nodes), body.fem.n_dofs)

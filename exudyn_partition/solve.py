@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive
 from ._optional import require
-from .contact.compliance import ComplianceContact
 from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
@@ -88,11 +88,11 @@ class Result:
     ) -> History:
         """Force of a contact and velocities of named points, to compare, plot and save."""
         velocity = {name: body.velocity(self, point) for name, (body, point) in (points or {}).items()}
-        bodies = (contact.slave.body, contact.master.body)
+        bodies = [item.body for item, _ in contact.sides]
         info = {
             "label": f"{bodies[0].basis.name}, {self.method}",
             "dofs": sum(body.n_dofs for body in bodies),
-            "contact_nodes": len(contact.law.rows),
+            "contact_nodes": contact.n_rows,
             "step_s": self.step,
             "steps": self.steps,
             "time_s": self.time_s,
@@ -125,9 +125,11 @@ def stability_limit(mbs: Any) -> float:
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        if isinstance(contact.law, ComplianceContact):
-            dofs = np.concatenate([place[id(contact.slave)], place[id(contact.master)]])
-            closed.append((dofs, contact.law.closed_stiffness()))
+        if not contact.explicit_only:
+            items = [item for item, _ in contact.sides]
+            to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
+            stiffness = to_coordinates.T @ contact.law.closed_stiffness() @ to_coordinates
+            closed.append((np.concatenate([place[id(item)] for item in items]), stiffness))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
@@ -196,7 +198,7 @@ def solve_dynamic(
     ModelLimitWarning
         If a body rotated further than its frame allows.
     ContactPatchWarning
-        If a contact reached the edge of its patch or slid further than its frozen pairs allow.
+        If a contact reached the edge of its patch.
     """
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
@@ -424,15 +426,6 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
         warnings.warn(
             f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s; the force is too small from "
             "then on. Enlarge the contact radius of both partitions",
-            ContactPatchWarning,
-            stacklevel=5,
-        )
-    slide, when = contact.largest_slide(result)
-    size = contact.law.rows.facet_size
-    if slide > size:
-        warnings.warn(
-            f"{name} slid by {slide:.3g} m at t = {when:.6g} s while closed, more than a facet ({size:.3g} m): its "
-            "pairs are frozen and no longer true. Bodies that start far apart need the partition's direction",
             ContactPatchWarning,
             stacklevel=5,
         )

@@ -18,7 +18,7 @@ from exudyn_partition import archive, cache
 from exudyn_partition import body as body_module
 from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.lagrange import LagrangeContact
-from exudyn_partition.contact.rows import pair
+from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.errors import CacheWarning, InputError
 from exudyn_partition.partition import Interface, Patch
 
@@ -93,7 +93,7 @@ def test_a_loaded_body_is_the_saved_one(pair, tmp_path):
 
 def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
     def answer(striker, target):
-        rows = pair(striker.surface(np.array(TOP)), target.surface(np.zeros(3)))
+        rows = pair_surfaces(striker.surface(np.array(TOP)), target.surface(np.zeros(3)))
         down = np.r_[0, 0, -1.0, 0, 0, 0]
         q = np.r_[striker.rigid @ (2e-6 * down), np.zeros(target.n_dofs)]
         if striker.basis.name == "free":

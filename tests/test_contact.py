@@ -14,9 +14,11 @@ import exudyn_partition as ep
 from exudyn_partition.contact import complementarity
 from exudyn_partition.contact.complementarity import Complementarity
 from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.gaps import PatchGaps, Side
 from exudyn_partition.contact.lagrange import LagrangeContact
-from exudyn_partition.contact.rows import pair
+from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.contact.surface import Surface, closest_points, shape_functions
+from exudyn_partition.kinematics import InertialKinematics
 from exudyn_partition.errors import (
     ComplementarityError,
     EmptyRegionError,
@@ -93,19 +95,19 @@ def surfaces(sphere, other_sphere):
 
 def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
     slave, master = surfaces
-    rows = pair(slave, master)
+    rows = pair_surfaces(slave, master)
     G_s, G_m = rows.matrices(len(slave.points), len(master.points))
     push = np.random.default_rng(0).random(len(rows))
     forces = [(G.T @ push).reshape(-1, 3) for G in (G_s, G_m)]
     np.testing.assert_allclose(forces[0].sum(axis=0), -forces[1].sum(axis=0), atol=1e-12)
     np.testing.assert_allclose(G_s @ np.tile([0, 0, 1.0], len(slave.points)), rows.normal[:, 2], atol=1e-12)
     # Lifted by 3 um, the reference gaps of the same pairs are that much larger along their normals.
-    lifted = pair(replace(slave, points=slave.points + np.array([0, 0, 3e-6])), master)
+    lifted = pair_surfaces(replace(slave, points=slave.points + np.array([0, 0, 3e-6])), master)
     assert relative(lifted.gap, rows.gap + 3e-6 * rows.normal[:, 2]) < 1e-3
 
 
 def test_gap_between_two_spheres(surfaces):
-    rows = pair(*surfaces)
+    rows = pair_surfaces(*surfaces)
     r = np.linalg.norm(surfaces[0].points[rows.points.row_nodes, :2], axis=1)
     np.testing.assert_allclose(rows.gap, r**2 / 0.01, atol=1e-7)
 
@@ -116,8 +118,8 @@ def test_pairs_do_not_depend_on_the_way_to_go(bodies, ball_is_slave):
     target = bodies[1].surface(np.zeros(3))
     touching, apart = (bodies[0].surface(np.add(TOP, [0, 0, height])) for height in (0.0, 0.2))
     pairs = [(ball, target) if ball_is_slave else (target, ball) for ball in (touching, apart)]
-    near, far = (pair(*both) for both in pairs)
-    np.testing.assert_array_equal(near.slave, far.slave)
+    near, far = (pair_surfaces(*both) for both in pairs)
+    np.testing.assert_array_equal(near.points.row_nodes, far.points.row_nodes)
     np.testing.assert_allclose(far.weights, near.weights, atol=2e-3)
     np.testing.assert_allclose(far.gap, near.gap + 0.2 * abs(far.normal[:, 2]), atol=1e-7)
 
@@ -127,27 +129,27 @@ def test_a_direction_that_is_given_leads(sphere, other_sphere):
     (fem, part), (other, other_part) = sphere, other_sphere
     given = ep.Partition.ball(fem, (0, 0, 0), 0.45e-3, direction=[0, 0, -1])
     master = Surface.of(other.points, other_part.patches[0], np.zeros(3))
-    touching = pair(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
-    apart = pair(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
-    np.testing.assert_array_equal(touching.slave, apart.slave)
+    touching = pair_surfaces(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
+    apart = pair_surfaces(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
+    np.testing.assert_array_equal(touching.points.row_nodes, apart.points.row_nodes)
     np.testing.assert_allclose(apart.gap, touching.gap + abs(touching.normal[:, 2]), rtol=1e-6)
     with pytest.raises(EmptyRegionError):
-        pair(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
+        pair_surfaces(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
 
 
 def test_penetration_at_the_start(surfaces):
     slave, master = surfaces
     pushed = replace(slave, points=slave.points - [0, 0, 1e-4])
     with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by .* Move one body"):
-        pair(pushed, master)
+        pair_surfaces(pushed, master)
 
 
 def test_patches_that_do_not_face_each_other(surfaces):
     slave, master = surfaces
-    with pytest.raises(EmptyRegionError, match=r"none of the .* slave nodes faces a facet"):
-        pair(replace(slave, points=slave.points + np.array([0.05, 0, 0])), master)
+    with pytest.raises(EmptyRegionError, match=r"none of the .* contact points of the slave faces a facet"):
+        pair_surfaces(replace(slave, points=slave.points + np.array([0.05, 0, 0])), master)
     with pytest.raises(EmptyRegionError, match="outward normals"):
-        pair(replace(slave, direction=-slave.direction), master)
+        pair_surfaces(replace(slave, direction=-slave.direction), master)
 
 
 def conditions(F, h, lam):
@@ -202,8 +204,14 @@ def test_bad_complementarity_problems():
 
 @pytest.fixture(scope="module")
 def law(bodies):
-    rows = pair(bodies[0].surface(np.array(TOP)), bodies[1].surface(np.zeros(3)))
-    return ComplianceContact(rows, *bodies)
+    return ComplianceContact(PatchGaps(*sides(bodies)))
+
+
+def sides(bodies, slave_at=TOP):
+    """Patches of two bodies, the first shifted."""
+    return [
+        Side.of(InertialKinematics(body, np.array(at))) for body, at in zip(bodies, (slave_at, (0, 0, 0)), strict=True)
+    ]
 
 
 def closing_state(law, bodies, depth, seed=0):
@@ -211,7 +219,7 @@ def closing_state(law, bodies, depth, seed=0):
     rng = np.random.default_rng(seed)
     n = [body.n_dofs for body in bodies]
     q = np.concatenate([-depth * bodies[0].rigid[:, 2], np.zeros(n[1])])
-    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.H).max() / np.sqrt(sum(n))
+    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.gaps.H).max() / np.sqrt(sum(n))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -224,7 +232,7 @@ def test_contact_force_jacobian_and_potential_against_finite_differences(law, bo
     rng = np.random.default_rng(seed)
     for _ in range(3):
         d = rng.standard_normal(len(q))
-        d *= 1e-5 * depth / abs(law.H @ d).max()
+        d *= 1e-5 * depth / abs(law.gaps.H @ d).max()
         slope = law.force(q + d) - law.force(q - d)
         assert relative(-2 * tangent @ d, slope) < 1e-5
         work = law.potential(q + d) - law.potential(q - d)
@@ -245,23 +253,33 @@ def test_no_force_without_contact(law, bodies):
     assert not law.tangent().any()
 
 
-def test_formulations_name_the_bases_that_they_need(block, top, bodies, law):
-    free = ep.reduce(block, top, basis="free", f_cut=80e3)
+@pytest.fixture(scope="module")
+def nodal(ball, block, top):
+    """Ball and block in the paper's basis."""
+    return [ep.reduce(fem, p, basis="free", f_cut=150e3) for fem, p in (ball, (block, top))]
+
+
+def placed(mbs, bodies, position=TOP):
+    """Partition bodies of a model, the first shifted."""
+    return [ep.CreatePartitionBody(mbs, bodies[0], referencePosition=position), ep.CreatePartitionBody(mbs, bodies[1])]
+
+
+def test_formulations_name_the_bases_that_they_need(mbs, bodies, nodal):
+    flexible, massive = placed(mbs, bodies), placed(mbs, nodal)
     with pytest.raises(InputError, match="'compliance' needs a residual flexibility"):
-        ComplianceContact(law.rows, bodies[0], free)
-    with pytest.raises(InputError, match="'lagrange' needs a contact patch that moves"):
-        LagrangeContact(law.rows, *bodies)
+        ep.CreatePartitionContact(mbs, *massive)
+    with pytest.raises(InputError, match="'lagrange' needs contact patches that move"):
+        ep.CreatePartitionContact(mbs, *flexible, formulation="lagrange")
 
 
-def test_multipliers_notice_a_solver_that_is_not_central_differences(ball, block, top):
-    nodal = [ep.reduce(fem, p, basis="free", f_cut=150e3) for fem, p in (ball, (block, top))]
-    rows = pair(nodal[0].surface(np.array(TOP)), nodal[1].surface(np.zeros(3)))
-    law = LagrangeContact(rows, *nodal)
+def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
+    gaps = PatchGaps(*sides(nodal))
+    law = LagrangeContact(gaps, 1 / np.concatenate([body.mass.diagonal() for body in nodal]))
     q = np.zeros(sum(body.n_dofs for body in nodal))
     v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
     h = 1e-9
     c = law.increment(q, v, 0 * q, h)
-    gap = rows.gap + law.G @ (q + h * (v + h * c))
+    gap = gaps.held.gap + law.G @ (q + h * (v + h * c))
     assert gap.min() > -1e-18
     law.increment(q + h * (v + h * c), v, 0 * q, h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):

@@ -11,7 +11,7 @@ from conftest import SPHERE_RADIUS, TOP, box
 
 import exudyn_partition as ep
 from exudyn_partition.basis import pressure
-from exudyn_partition.contact.rows import pair
+from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.contact.surface import Surface, shape_functions
 from exudyn_partition.errors import InputError, MeshError, MissingPackageError
 from exudyn_partition.linalg import eigenmodes, mass_normalised
@@ -151,7 +151,7 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
         Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP)),
     )
     slave, master = (plate, tip) if hexahedra_are_slave else (tip, plate)
-    rows = pair(slave, master)
+    rows = pair_surfaces(slave, master)
     r = np.linalg.norm(slave.points[rows.points.row_nodes, :2], axis=1)
     feet = np.einsum("ck,ckd->cd", rows.weights, master.points[rows.master])
     np.testing.assert_allclose(feet, slave.points[rows.points.row_nodes] - rows.gap[:, None] * rows.normal, atol=2e-6)

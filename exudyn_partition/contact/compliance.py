@@ -8,12 +8,12 @@ import numpy as np
 
 from ..errors import ComplementarityError
 from .complementarity import Complementarity
-from .gaps import Gaps
+from .law import ContactLaw
 
 Array = np.ndarray
 
 
-class ComplianceContact:
+class ComplianceContact(ContactLaw):
     """Massless contact between two bodies whose rows have a residual flexibility.
 
     With the gap h(q) of the rows, where modes and frames have brought them, and the flexibility F of both bodies at the
@@ -32,69 +32,42 @@ class ComplianceContact:
     ------
     IndefiniteMatrixError
         If the flexibility of the rows is not positive definite.
-
-    Attributes
-    ----------
-    lam : (nr,) array
-        Forces on the present rows of `gaps` [N].
-    index : (na,) int array
-        Those that are closed.
     """
 
-    def __init__(self, gaps: Gaps) -> None:
-        self.gaps = gaps
-        self._problems: dict[int, Complementarity] = {}
-        self._zero = np.zeros(gaps.n)
-        self.reset()
-
     def reset(self) -> None:
-        """Forget the last state, before a new run."""
-        self.gaps.reset()
+        """Forget the last run."""
+        super().reset()
+        self._take_held()
+
+    def _take_held(self) -> None:
+        """Go on with the rows that are frozen, or will be followed from here."""
         self._held = self.gaps.held
         self.problem = Complementarity(self.gaps.flexibility(np.arange(len(self.gaps.row_nodes))))
-        self._closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
-        self._none()
-
-    def _none(self) -> Array:
-        self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
-        return self._zero
 
     def force(self, q: Array) -> Array:
         """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
-        h = self.gaps.at(q)
+        self.h = h = self.gaps.at(q)
+        self.least_gap = h.min(initial=np.inf)
         if self.gaps.moving:
-            if not self._solve_near(h):
-                return self._none()
-        else:
-            if self._held is not self.gaps.held:
-                self._take_held()
-            self.lam = self.problem.solve(h)
-            self.index = self.problem.index
-        self.h = h
+            return self._force_near(h)
+        if self._held is not self.gaps.held:
+            self._take_held()
+        self.lam = self.problem.solve(h)
+        self.index = self.problem.index
         return self.gaps.generalised(self.lam) if self.index.size else self._zero
 
-    def _take_held(self) -> None:
-        """Go on with pairs that have been frozen anew."""
-        self._held = self.gaps.held
-        self.problem = Complementarity(self.gaps.flexibility(np.arange(len(self.gaps.row_nodes))))
-
-    def _solve_near(self, h: Array) -> bool:
-        deepest = h.min(initial=0.0)
-        if not math.isfinite(deepest):
+    def _force_near(self, h: Array) -> Array:
+        if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if deepest >= 0.0:
-            self._closed[:] = False
-            return False
-        near = np.flatnonzero(h < -deepest)
-        nodes = self.gaps.row_nodes[near]
-        self.problem.replace(self.gaps.flexibility(near), self._closed[nodes])
-        self._held = None  # the frozen problem has been replaced
-        self.lam = np.zeros(len(h))
-        self.lam[near] = self.problem.solve(h[near])
-        self.index = near[self.problem.index]
-        self._closed[:] = False
-        self._closed[self.gaps.row_nodes[self.index]] = True
-        return True
+        if self.least_gap >= 0.0:
+            return self._open()
+        near = np.flatnonzero(h < -self.least_gap)
+        self.problem.replace(self.gaps.flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
+        self._held = None  # the frozen problem is no more
+        lam = np.zeros(len(h))
+        lam[near] = self.problem.solve(h[near])
+        self._close(lam, near[self.problem.index])
+        return self.gaps.generalised(lam)
 
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q of the present active set, (n, n): H_A' F_AA^-1 H_A, pairs held."""
@@ -112,4 +85,4 @@ class ComplianceContact:
     def potential(self, q: Array) -> float:
         """Energy stored in the contact's flexibility, 1/2 lambda' F lambda [J]."""
         self.force(q)
-        return 0.5 * float(-self.lam[self.index] @ self.h[self.index]) if self.index.size else 0.0
+        return -0.5 * float(self.lam[self.index] @ self.h[self.index])

@@ -18,8 +18,8 @@ import scipy.sparse as sp
 
 from ..body import ReducedBody
 from ..fem import node_dofs
-from .points import contact_points
-from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair, rows_of
+from .points import ContactPoints, contact_points
+from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair_surfaces, rows_of
 from .surface import Array, Surface, closest_points, follow
 
 _HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
@@ -105,6 +105,7 @@ class Gaps:
     unpaired: int
     approach: Array
     H: Any
+    _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
     _shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
     _q: Array
@@ -121,6 +122,13 @@ class Gaps:
     def slave(self) -> Side:
         """The side whose points are kept out."""
         return self.sides[0]
+
+    @property
+    def node_areas(self) -> Array:
+        """(np,) array: area of the row of each of the slave's patch nodes [m2]; zero where there is none."""
+        areas = np.zeros(len(self.slave.surface.points))
+        areas[self._all.row_nodes] = self._all.area
+        return areas
 
     @property
     def normal(self) -> Array:
@@ -214,13 +222,13 @@ class PatchGaps(Gaps):
     Raises
     ------
     EmptyRegionError, PenetrationError
-        As `rows.pair`.
+        As `rows.pair_surfaces`.
     """
 
     def __init__(self, slave: Side, master: Side, kind: str = "node-to-segment") -> None:
         self.sides = (slave, master)
         self._all = contact_points(slave.surface, kind)
-        self._start = pair(slave.surface, master.surface, kind)
+        self._start = pair_surfaces(slave.surface, master.surface, kind)
         self.size, self.approach = self._start.facet_size, self._start.approach
         self.n = sum(side.n for side in self.sides)
         self._linear = slave.kinematics.linear and master.kinematics.linear

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from ..errors import RunError
 from .complementarity import Complementarity
 from .gaps import Gaps
+from .law import ContactLaw
 
 Array = np.ndarray
 
@@ -24,7 +25,7 @@ def _not_central_differences(reason: str) -> RunError:
     )
 
 
-class LagrangeContact:
+class LagrangeContact(ContactLaw):
     """Multipliers of the paper's basis, chosen so that no gap is closed further than zero at the end of the step.
 
     Eq. 24 alone, relative acceleration zero, keeps the approach velocity of a node that has just touched, which then
@@ -36,35 +37,25 @@ class LagrangeContact:
     gaps : Gaps
     inverse_mass : (n,) array
         Inverse of the diagonal mass of both bodies' coordinates.
-
-    Attributes
-    ----------
-    lam : (nr,) array
-        Forces on the present rows of `gaps` [N].
-    index : (na,) int array
-        Those that are closed.
     """
 
     def __init__(self, gaps: Gaps, inverse_mass: Array) -> None:
-        self.gaps, self._inverse_mass = gaps, inverse_mass
-        self.reset()
+        self._inverse_mass = inverse_mass
+        super().__init__(gaps)
 
     def reset(self) -> None:
-        """Forget the last step, before a new run."""
-        self.gaps.reset()
+        """Forget the last run."""
+        super().reset()
         self._expected: Array | None = None
-        self._rows: Any = None
-        self._closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
+        self._held: Any = None
+        self.problem: Complementarity | None = None
         self._take_rows()
-        self.lam = np.zeros(len(self.gaps.row_nodes))
-        self.index = np.empty(0, dtype=np.int64)
 
     def _take_rows(self) -> None:
         """G, M^-1 G' and G M^-1 G' of the present rows, if they are others than before."""
         gaps = self.gaps
-        if not gaps.moving and self._rows is gaps.held:
+        if not gaps.moving and self._held is gaps.held and self.problem:
             return
-        self._rows = None if gaps.moving else gaps.held
         self.G = gaps.jacobian(np.arange(len(gaps.row_nodes)))
         if sp.issparse(self.G):
             self.push = sp.csr_matrix(self.G.multiply(self._inverse_mass)).T.tocsr()
@@ -72,10 +63,11 @@ class LagrangeContact:
         else:
             self.push = (self.G * self._inverse_mass).T
             F = self.G @ self.push
-        if gaps.moving:
-            self.problem.replace(F, self._closed[gaps.row_nodes])
-        else:
+        if self.problem is None or not gaps.moving:
             self.problem = Complementarity(F)
+        else:
+            self.problem.replace(F, self._closed_nodes[gaps.row_nodes])
+        self._held = gaps.held
 
     def increment(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array | None:
         """Acceleration M^-1 G' lambda, (n,), that keeps all gaps open over the coming step; None without contact.
@@ -89,17 +81,13 @@ class LagrangeContact:
         """
         self._check_last_step(q)
         gap = self.gaps.at(q + step * q_t + 0.5 * step**2 * q_tt)
-        self._expected = None
-        self.lam, self.index = np.zeros(len(gap)), np.empty(0, dtype=np.int64)
-        if gap.min(initial=0.0) >= 0.0:
+        self._expected, self.least_gap = None, gap.min(initial=np.inf)
+        if self.least_gap >= 0.0:
+            self._open()
             return None
         self._take_rows()
-        self.lam = self.problem.solve(gap / step**2)
-        self.index = self.problem.index
-        self._closed[:] = False
-        self._closed[self.gaps.row_nodes[self.index]] = True
-        if not self.index.size:
-            return None
+        lam = self.problem.solve(gap / step**2)
+        self._close(lam, self.problem.index)
         if not self.gaps.moving:
             closing = step**2 * (self.problem.F @ self.lam)
             self._expected, self._scale = gap + closing, abs(closing).max()

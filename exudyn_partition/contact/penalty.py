@@ -1,18 +1,22 @@
-"""Contact by a penalty: an elastic layer on the slave's patch, for comparison and for other kinds of bodies."""
+"""Contact by a penalty: an elastic layer on the slave's patch, for comparison and for bodies of other kinds."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..errors import ComplementarityError
 from .gaps import Gaps
+from .law import ContactLaw
 
 Array = np.ndarray
 
+_SOFT = 0.1  # of the bodies' own highest squared frequency: what the layer may add to it
 
-class PenaltyContact:
+
+class PenaltyContact(ContactLaw):
     """Each row pushes with its area times a layer's stiffness times the depth that its gap is closed beyond zero.
 
     Parameters
@@ -20,52 +24,41 @@ class PenaltyContact:
     gaps : Gaps
     stiffness : float
         Of the layer [N/m3].
-
-    Attributes
-    ----------
-    lam : (nr,) array
-        Forces on the present rows of `gaps` [N].
-    index : (na,) int array
-        Those that are closed.
     """
 
     def __init__(self, gaps: Gaps, stiffness: float) -> None:
-        self.gaps, self.stiffness = gaps, stiffness
-        self._zero = np.zeros(gaps.n)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the last state, before a new run."""
-        self.gaps.reset()
-        self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
+        self.stiffness = stiffness
+        super().__init__(gaps)
 
     def force(self, q: Array) -> Array:
         """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
-        h = self.gaps.at(q)
-        if not math.isfinite(h.min(initial=0.0)):
+        self.h = self.gaps.at(q)
+        self.least_gap = self.h.min(initial=np.inf)
+        if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        self.h = np.minimum(h, 0.0)
-        self.lam = -self.stiffness * self.gaps.area * self.h
-        self.index = np.flatnonzero(self.lam)
-        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+        if self.least_gap >= 0.0:
+            return self._open()
+        lam = np.where(self.h < 0.0, -self.stiffness * self.gaps.area * self.h, 0.0)
+        self._close(lam, np.flatnonzero(lam))
+        return self.gaps.generalised(lam)
 
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q of the closed rows, (n, n), pairs held."""
-        return self._stiffness(self.index)
+        return self._tangent(self.index)
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n)."""
-        return self._stiffness(np.arange(len(self.gaps.row_nodes)))
+        return self._tangent(np.arange(len(self.gaps.row_nodes)))
 
-    def _stiffness(self, index: Array) -> Array:
+    def _tangent(self, index: Array) -> Array:
         H = self.gaps.jacobian(index)
-        H = H.toarray() if hasattr(H, "toarray") else H
-        return H.T @ ((self.stiffness * self.gaps.area[index])[:, None] * H)
+        k = self.stiffness * self.gaps.area[index]
+        return (H.T @ sp.diags(k) @ H).toarray() if sp.issparse(H) else H.T @ (k[:, None] * H)
 
     def potential(self, q: Array) -> float:
         """Energy stored in the layer [J]."""
         self.force(q)
-        return 0.5 * float(self.lam @ -self.h)
+        return -0.5 * float(self.lam[self.index] @ self.h[self.index])
 
 
 def bed_stiffness(gaps: Gaps) -> float:
@@ -73,5 +66,15 @@ def bed_stiffness(gaps: Gaps) -> float:
 
     With the rows' areas A and flexibility F, a unit pressure moves them by F A; the layer's mean is the same.
     """
-    index, A = np.arange(len(gaps.row_nodes)), gaps.area
-    return float(A.sum() / (A @ gaps.flexibility(index) @ A))
+    A = gaps.area
+    return float(A.sum() / (A @ gaps.flexibility(np.arange(len(A))) @ A))
+
+
+def inertial_stiffness(gaps: Gaps, inverse_mass: Array, omega_max: float) -> float:
+    """Stiffness of the layer that raises no squared frequency of patches with mass by more than a tenth [N/m3].
+
+    A row with mobility g = G M^-1 G' and stiffness k adds at most k g to omega_max^2.
+    """
+    H = gaps.jacobian(np.arange(len(gaps.area)))
+    mobility = np.asarray((H.multiply(H) if sp.issparse(H) else H * H) @ inverse_mass).ravel()
+    return float(np.min(_SOFT * omega_max**2 / (mobility * gaps.area)))

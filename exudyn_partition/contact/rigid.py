@@ -143,11 +143,12 @@ class RigidGaps(Gaps):
         pose: Callable[[], tuple[Array, Array]] | None = None,
     ) -> None:
         self.surface, self._pose, self.sides = surface, pose, (slave,)
+        self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
-        self._points = contact_points(slave.surface, kind)
-        self._mean = None if self._points.nodal else self._points.mean.toarray()
-        self._shares = ((self._points.nodes, self._points.weights),)
-        self.row_nodes, self.area, self.unpaired = self._points.row_nodes, self._points.area, 0
+        self._all = contact_points(slave.surface, kind)
+        self._mean = None if self._all.nodal else self._all.mean.toarray()
+        self._shares = ((self._all.nodes, self._all.weights),)
+        self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
         linear = slave.kinematics.linear and isinstance(surface, Plane) and pose is None
         self._q = np.zeros(self.n)
@@ -170,7 +171,7 @@ class RigidGaps(Gaps):
         return self._evaluate(self.places(q)[0])
 
     def _evaluate(self, nodes: Array) -> Array:
-        x = self._points.at(nodes)
+        x = self._all.at(nodes)
         if self._pose is None:
             gap, self.normals = self.surface.project(x)
         else:

@@ -84,7 +84,7 @@ def size_case(maxh):
         "reduce_s_of_each": [body.reduce_s for body in bodies],
         "memory_GB": memory,
         "reduced_dofs": sum(body.n_dofs for body in bodies),
-        "contact_rows": len(contact.law.rows),
+        "contact_rows": contact.n_rows,
         "online_s": online_s,
         "steps": result.steps,
         "step_size_s": result.step,

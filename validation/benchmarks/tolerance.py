@@ -116,7 +116,7 @@ def evaluate(scene):
     error = ep.compare(history, reference).error
     return {
         "fe_dofs": sum(fem.n_dofs for fem, _ in scene.models),
-        "contact_nodes": len(contact.law.rows),
+        "contact_nodes": contact.n_rows,
         "dofs": sum(body.n_dofs for body in bodies),
         "f_cut_Hz": estimate.f_cut,
         "f_top_Hz": estimate.f_top,

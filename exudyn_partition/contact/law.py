@@ -1,0 +1,70 @@
+"""What all contact laws have in common: rows, their present forces, and the resultants."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .gaps import Gaps
+
+Array = np.ndarray
+
+
+class ContactLaw:
+    """Forces on the rows of a contact.
+
+    Attributes
+    ----------
+    gaps : Gaps
+    lam : (nr,) array
+        Forces on the present rows of `gaps` [N].
+    index : (na,) int array
+        Those that are closed.
+    least_gap : float
+        Smallest gap of the present rows, before the contact's own flexibility gives way [m].
+    """
+
+    def __init__(self, gaps: Gaps) -> None:
+        self.gaps = gaps
+        self._closed_nodes = np.zeros(len(gaps.slave.surface.points), dtype=bool)
+        self._zero = np.zeros(gaps.n)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        self.gaps.reset()
+        self.least_gap = np.inf
+        self._open()
+
+    def _open(self) -> Array:
+        """No row is closed."""
+        self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
+        self._closed_nodes[:] = False
+        return self._zero
+
+    def _close(self, lam: Array, index: Array) -> None:
+        """These rows are closed; which nodes they belong to is the first guess of the next step."""
+        self.lam, self.index = lam, index
+        self._closed_nodes[:] = False
+        self._closed_nodes[self.gaps.row_nodes[index]] = True
+
+    @property
+    def row_nodes(self) -> Array:
+        """Slave's patch node of each present row, (nr,)."""
+        return self.gaps.row_nodes
+
+    @property
+    def node_areas(self) -> Array:
+        """Area of the row of each of the slave's patch nodes, (np,) [m2]; zero where there is none."""
+        return self.gaps.node_areas
+
+    def resultant(self) -> Array:
+        """Force on the slave, (3,) [N]."""
+        return self.lam[self.index] @ self.gaps.normal[self.index]
+
+    def moment(self, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m]."""
+        return self.gaps.moment(self.lam, point)
+
+    def reaches_edge(self) -> bool:
+        """Whether a closed row is at the edge of what can touch."""
+        return bool(self.gaps.at_edge[self.index].any())

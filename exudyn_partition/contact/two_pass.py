@@ -1,0 +1,97 @@
+"""Two-pass contact: the mean of both ways to choose slave and master."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compliance import ComplianceContact
+from .penalty import PenaltyContact
+
+Array = np.ndarray
+
+
+class TwoPass:
+    """Half of a law with one side as slave, and half of it with the other: no side is preferred, no row redundant.
+
+    Each half is the gradient of a potential, so their sum is, and each alone carries the whole force.
+
+    Parameters
+    ----------
+    there, back : ComplianceContact or PenaltyContact
+        The laws of the two passes; the second has slave and master exchanged.
+    """
+
+    def __init__(
+        self, there: ComplianceContact | PenaltyContact, back: ComplianceContact | PenaltyContact
+    ) -> None:
+        self.passes = (there, back)
+        self.gaps = there.gaps
+        n, n_back = there.gaps.n, back.gaps.sides[0].n
+        self._exchange = np.r_[n - n_back : n, : n - n_back]  # master first
+        self._restore = np.argsort(self._exchange)
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        for law in self.passes:
+            law.reset()
+
+    def force(self, q: Array) -> Array:
+        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
+        there, back = self.passes
+        return 0.5 * (there.force(q) + back.force(q[self._exchange])[self._restore])
+
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q, (n, n)."""
+        there, back = (law.tangent() for law in self.passes)
+        return 0.5 * (there + back[np.ix_(self._restore, self._restore)])
+
+    def closed_stiffness(self) -> Array:
+        """Contact stiffness with all rows closed, (n, n)."""
+        there, back = (law.closed_stiffness() for law in self.passes)
+        return 0.5 * (there + back[np.ix_(self._restore, self._restore)])
+
+    def potential(self, q: Array) -> float:
+        """Energy stored in the contact [J]."""
+        there, back = self.passes
+        return 0.5 * (there.potential(q) + back.potential(q[self._exchange]))
+
+    @property
+    def lam(self) -> Array:
+        """Forces on the rows of the first pass, then of the second [N]; their sum is the total force."""
+        return 0.5 * np.concatenate([law.lam for law in self.passes])
+
+    @property
+    def index(self) -> Array:
+        """Closed rows among them."""
+        there, back = self.passes
+        return np.r_[there.index, len(there.lam) + back.index]
+
+    @property
+    def row_nodes(self) -> Array:
+        """Patch nodes of the rows, those of the second pass counted on from the first slave's."""
+        there, back = self.passes
+        return np.r_[there.row_nodes, len(there.node_areas) + back.row_nodes]
+
+    @property
+    def node_areas(self) -> Array:
+        """Half the areas of the rows of all patch nodes [m2]: forces over areas are pressures, their sum is one side's."""
+        return 0.5 * np.concatenate([law.node_areas for law in self.passes])
+
+    @property
+    def least_gap(self) -> float:
+        """Smallest gap of both passes [m]."""
+        return min(law.least_gap for law in self.passes)
+
+    def resultant(self) -> Array:
+        """Force on the slave of the first pass, (3,) [N]."""
+        there, back = self.passes
+        return 0.5 * (there.resultant() - back.resultant())
+
+    def moment(self, point: Array) -> Array:
+        """Moment on it about a point in space, (3,) [N m]."""
+        there, back = self.passes
+        return 0.5 * (there.moment(point) - back.moment(point))
+
+    def reaches_edge(self) -> bool:
+        """Whether a closed row is at the edge of what can touch."""
+        return any(law.reaches_edge() for law in self.passes)
