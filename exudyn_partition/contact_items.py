@@ -363,6 +363,7 @@ def CreatePartitionContact(
             name=f"{name} moment" if name else "",
             sensorUserFunction=lambda mbs, t, *unused: [*map(float, contact.law.moment(np.zeros(3)))],
             storeInternal=False,
+            writeToFile=False,
         )
     )
     mbs.sys[REGISTRY][1][int(contact["sForce"])] = contact
@@ -416,14 +417,18 @@ def _highest_frequency(body: Any) -> float:
 
 
 def _pose(mbs: Any, body: Any) -> Any:
-    """Where an Exudyn body is now: a function of nothing, or None without a body."""
+    """Where an Exudyn body is now, in a model that is not assembled yet at its reference; None without a body."""
     if body is None:
         return None
-    variable = require("exudyn").OutputVariableType
+    exu = require("exudyn")
+    variable, configuration = exu.OutputVariableType, exu.ConfigurationType
 
     def pose() -> tuple[Array, Array]:
-        place = mbs.GetObjectOutputBody(body, variable.Position, localPosition=[0.0, 0.0, 0.0])
-        axes = mbs.GetObjectOutputBody(body, variable.RotationMatrix, localPosition=[0.0, 0.0, 0.0])
+        now = configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference
+        place, axes = (
+            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=now)
+            for what in (variable.Position, variable.RotationMatrix)
+        )
         return np.asarray(place), np.asarray(axes).reshape(3, 3)
 
     return pose

@@ -18,7 +18,6 @@ from exudyn_partition.contact.gaps import PatchGaps, Side
 from exudyn_partition.contact.lagrange import LagrangeContact
 from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.contact.surface import Surface, closest_points, shape_functions
-from exudyn_partition.kinematics import InertialKinematics
 from exudyn_partition.errors import (
     ComplementarityError,
     EmptyRegionError,
@@ -27,6 +26,7 @@ from exudyn_partition.errors import (
     PenetrationError,
     RunError,
 )
+from exudyn_partition.kinematics import InertialKinematics
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 

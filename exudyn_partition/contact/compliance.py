@@ -12,6 +12,8 @@ from .law import ContactLaw
 
 Array = np.ndarray
 
+_BULGE = 0.25
+
 
 class ComplianceContact(ContactLaw):
     """Massless contact between two bodies whose rows have a residual flexibility.
@@ -21,8 +23,8 @@ class ComplianceContact(ContactLaw):
     are a continuous, piecewise linear function of q and the gradient of the potential 1/2 lambda' F lambda, so that
     contact stores and returns energy but makes none.
 
-    While pairs move, F is projected on the present normals and facets, for the rows that are no further off than the
-    deepest is inside: the bulge around a contact reaches no further.
+    While pairs move, F is projected on the present normals and facets, for the rows that can close: those inside, and
+    those no further off than a quarter of the deepest one's depth, for the bulge around a contact.
 
     Parameters
     ----------
@@ -61,7 +63,7 @@ class ComplianceContact(ContactLaw):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if self.least_gap >= 0.0:
             return self._open()
-        near = np.flatnonzero(h < -self.least_gap)
+        near = np.flatnonzero(h < -_BULGE * self.least_gap)
         self.problem.replace(self.gaps.flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
         self._held = None  # the frozen problem is no more
         lam = np.zeros(len(h))

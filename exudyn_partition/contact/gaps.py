@@ -19,13 +19,14 @@ import scipy.sparse as sp
 from ..body import ReducedBody
 from ..fem import node_dofs
 from .points import ContactPoints, contact_points
-from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair_surfaces, rows_of
+from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair_surfaces, point_matrix, rows_of
 from .surface import Array, Surface, closest_points, follow
 
 _HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
 _STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again
 _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
+_ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 _NEAR = 1.0  # of a facet's size: points with smaller gaps are followed between searches
 
 
@@ -51,7 +52,6 @@ class Side:
     def n(self) -> int:
         """Number of coordinates of its body."""
         return self.kinematics.body.n_dofs
-
 
     @classmethod
     def of(cls, kinematics: Any, patch: int = 0) -> Side:
@@ -194,21 +194,20 @@ class Gaps:
 def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
     """Flexibility of rows, the means (nr, p) of points that are weighted nodes, (p, k), of the patch."""
     n, F = len(side.surface.points), side.flexibility
+    # Along the line of contact alone, a point's flexibility is that of its nodes, whatever its own direction.
+    normal_only = len(F) == n
+    if normal_only and mean is None and nodes.shape[1] == 1:
+        return F[np.ix_(nodes[:, 0], nodes[:, 0])]
     used = np.flatnonzero(np.bincount(nodes.ravel(), minlength=n))
     place = np.empty(n, dtype=np.int64)
     place[used] = np.arange(len(used))
-    at = np.arange(len(nodes))[:, None], place[nodes]
-    if len(F) == n:
-        # Along the line of contact alone, a point's flexibility is that of its nodes, whatever its own direction.
-        rows, dofs = np.zeros((len(nodes), len(used))), used
-        rows[at] = weights
+    if normal_only:
+        rows, dofs = point_matrix(place[nodes], weights, len(used)), used
     else:
-        rows, dofs = np.zeros((len(nodes), len(used), 3)), node_dofs(used)
-        rows[at] = weights[:, :, None] * along[:, None, :]
-        rows = rows.reshape(len(nodes), -1)
+        rows, dofs = directed_matrix(place[nodes], weights, along, len(used)), node_dofs(used)
     if mean is not None:
-        rows = mean @ rows
-    return rows @ F[np.ix_(dofs, dofs)] @ rows.T
+        rows = sp.csr_matrix(mean @ rows)
+    return rows @ (rows @ F[np.ix_(dofs, dofs)]).T
 
 
 class PatchGaps(Gaps):
@@ -232,7 +231,9 @@ class PatchGaps(Gaps):
         self.size, self.approach = self._start.facet_size, self._start.approach
         self.n = sum(side.n for side in self.sides)
         self._linear = slave.kinematics.linear and master.kinematics.linear
-        self._witnesses = tuple(_spread(side.surface.points) for side in self.sides)
+        self._witnesses = [
+            side.kinematics.at(side.surface.nodes[_spread(side.surface.points)]) for side in self.sides
+        ]  # fmt: skip
         self.reset()
 
     def reset(self) -> None:
@@ -287,19 +288,26 @@ class PatchGaps(Gaps):
                 return self._gap + self.H @ q
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
+        witnesses = [w.place(part) for w, part in zip(self._witnesses, self.split(q), strict=True)]
+        moved = self._has_moved(np.vstack(witnesses))
+        if not moved and not len(self.row_nodes):
+            return np.empty(0)
         x_s, x_m = self.places(q)
-        if self._since == _PATIENCE and self._linear and self._stands_still(x_s, x_m):
-            rows = self._project(x_s, x_m)[0]
-            self._hold(rows, q)
-            return rows.gap
-        self._since = self._since % _PATIENCE + 1
-        if self._has_moved(x_s, x_m):
+        if moved:
             self._search(x_s, x_m)
-        return self._follow(x_s, x_m)
+        gap = self._follow(x_s, x_m)
+        self._since += 1
+        if self._since >= _PATIENCE and self._linear:
+            self._since = 0
+            # Only where they touch: pairs of patches far apart are not those that will meet.
+            if self._stands_still(*witnesses) and gap.min(initial=np.inf) < _HELD * self.size:
+                rows = self._project(x_s, x_m)[0]
+                self._hold(rows, q)
+                return rows.gap
+        return gap
 
-    def _has_moved(self, x_s: Array, x_m: Array) -> bool:
-        """Whether points may meet other facets than those that were near at the last search."""
-        here = np.vstack([x_s[self._witnesses[0]], x_m[self._witnesses[1]]])
+    def _has_moved(self, here: Array) -> bool:
+        """Whether points may meet other facets than those that were near at the last search, by the witnesses' places."""
         if self._searched_at is not None and abs(here - self._searched_at).max() <= self._reach:
             return False
         self._searched_at = here
@@ -320,7 +328,7 @@ class PatchGaps(Gaps):
     def _search(self, x_s: Array, x_m: Array) -> None:
         rows, least = self._project(x_s, x_m, _NEAR * self.size)
         self._take(rows)
-        self._gone = np.zeros(len(rows.facet), dtype=bool)
+        self._gone, self._past = np.zeros((2, len(rows.facet)), dtype=bool)
         # Far apart, the next search comes when the patches may have come near.
         self._reach = max(_SEARCHED * self.size, 0.25 * (least - _NEAR * self.size))
 
@@ -328,21 +336,22 @@ class PatchGaps(Gaps):
         facets = self.sides[1].surface.facets
         x = self._points.at(x_s)
         pairs, left = follow(x, x_m[facets[self._facet]], self._facet, self._local)
-        left &= ~self._gone
+        left &= ~self._past
         if left.any():
             found = closest_points(x[left], x_m[facets])
             for name in ("facet", "local", "weights", "normal", "gap"):
                 getattr(pairs, name)[left] = getattr(found, name)
-            # Points that look past the edge of the patch stay away until the next search.
+            # Points that look past the edge of the patch are left alone until the next search.
+            self._past[left] = found.offset > _ON_EDGE * self.size
             self._gone[left] = found.offset > EDGE_TOLERANCE * self.size
         self._local, self.normals = pairs.local, pairs.normal
         self._shares = self._shares[0], (facets[self._facet], -pairs.weights)
         gap = np.where(self._gone, self.size, pairs.gap) if self._gone.any() else pairs.gap
         return gap if self._mean is None else self._mean @ gap
 
-    def _stands_still(self, x_s: Array, x_m: Array) -> bool:
-        """Whether the patches have hardly slid since this was asked last."""
-        here = x_s[self._witnesses[0]] - x_m[self._witnesses[1]].mean(axis=0)
+    def _stands_still(self, of_slave: Array, of_master: Array) -> bool:
+        """Whether the patches have hardly slid since this was asked last, by the witnesses' places."""
+        here = of_slave - of_master.mean(axis=0)
         here -= np.outer(here @ self.approach, self.approach)
         last, self._stood_at = self._stood_at, here
         return last is not None and bool(abs(here - last).max() < _STILL * _HELD * self.size)

@@ -84,6 +84,8 @@ class Surface:
         Outward unit vector, the patch's line of contact.
     rim : (k,) int array
         Rows of `points` beyond which the body's surface goes on.
+    nodes : (np,) int array
+        Nodes of the body that `points` belong to.
     direction_given : bool
         Whether the user gave `direction`; else it is the mesh's.
     """
@@ -92,6 +94,7 @@ class Surface:
     facets: Array
     direction: Array
     rim: Array
+    nodes: Array
     direction_given: bool = False
 
     @classmethod
@@ -99,7 +102,7 @@ class Surface:
         """Contact patch with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
         nodes = patch.nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
-        return cls(points[nodes] + position, facets, patch.direction, rim, patch.direction_given)
+        return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given)
 
     @property
     def flatness(self) -> float:
@@ -193,7 +196,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
         local_next = _clip(local, _tangent_step(tangents, targets - frame[:, 0]), tangents, domain)
         change = abs(local_next - local).max()
         local = local_next
-        if change < 1e-14:
+        if change < 1e-12:
             break
     miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
     best = (miss**2).sum(axis=1).reshape(k, candidates).argmin(axis=1) + candidates * np.arange(k)

@@ -21,9 +21,7 @@ class TwoPass:
         The laws of the two passes; the second has slave and master exchanged.
     """
 
-    def __init__(
-        self, there: ComplianceContact | PenaltyContact, back: ComplianceContact | PenaltyContact
-    ) -> None:
+    def __init__(self, there: ComplianceContact | PenaltyContact, back: ComplianceContact | PenaltyContact) -> None:
         self.passes = (there, back)
         self.gaps = there.gaps
         n, n_back = there.gaps.n, back.gaps.sides[0].n
