@@ -20,6 +20,7 @@ Array = np.ndarray
 Progress = Callable[[float], None]
 
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
+_DEPENDENT = 1e-10  # of a vector's length: what is left of it beyond the basis, below which it is dropped
 _TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
 
 
@@ -126,7 +127,7 @@ def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> A
     Directions that are in the span of the basis to 1e-6 of their length are dropped.
     """
     lengths = np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
-    vectors = vectors / lengths
+    vectors = vectors[:, lengths > 0] / lengths[lengths > 0]
     mass_basis = mass @ basis
     for _ in range(2):
         vectors = vectors - basis @ (mass_basis.T @ vectors)
@@ -239,9 +240,13 @@ class BlockKrylov:
         new = block - self._rigid @ (self._mass_rigid.T @ block)
         coefficients = mass_basis.T @ new
         new -= basis @ coefficients
-        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new) / np.outer(norms, norms))
-        keep = values > 1e-20
-        new = (new / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
+        lengths = np.sqrt(np.einsum("ij,ij->j", new, self._mass @ new))
+        independent = lengths > _DEPENDENT * norms
+        new = new[:, independent] / lengths[independent]
+        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new))
+        # Of unit vectors; what is smaller is round-off of the eigenvalues.
+        keep = values > 1e-14
+        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
         # The second pass: normalising amplifies what the first left of the basis.
         new -= self._rigid @ (self._mass_rigid.T @ new)
         new -= basis @ (mass_basis.T @ new)

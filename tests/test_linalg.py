@@ -140,3 +140,17 @@ def test_krylov_vectors_stay_orthonormal_until_the_space_is_exhausted(block):
     below, combination = krylov.rayleigh_ritz(block.stiffness)
     X = krylov.vectors @ combination
     np.testing.assert_allclose(np.diag(X.T @ (block.stiffness @ X)), below**2, rtol=1e-8)
+
+
+@pytest.mark.parametrize("n", range(7, 40))
+def test_a_space_smaller_than_its_blocks_is_exhausted(n):
+    """The last blocks, and blocks of nearly dependent loads, hold less than they have columns: round-off is dropped."""
+    rng = np.random.default_rng(n)
+    K, M = sp.diags(np.geomspace(1e6, 1e12, n), format="csr"), sp.identity(n, format="csr")
+    loads = rng.standard_normal((n, 5))
+    loads = np.hstack([loads, loads @ rng.standard_normal((5, 3)) + 1e-12 * rng.standard_normal((n, 3))])
+    krylov = BlockKrylov(Factorisation(K + 1e9 * M).solve, M, 1e9, np.eye(n)[:, :6], loads)
+    assert not krylov.grow(n)
+    V = krylov.vectors
+    np.testing.assert_allclose(V.T @ V, np.eye(n - 6), atol=1e-12)
+    np.testing.assert_allclose(krylov.rayleigh_ritz(K)[0] ** 2, K.diagonal()[6:], rtol=1e-6)
