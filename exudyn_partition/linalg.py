@@ -13,7 +13,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 from threadpoolctl import threadpool_limits
 
-from .errors import IndefiniteMatrixError, ModeCountWarning
+from .errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
 from .ordering import nested_dissection
 
 Array = np.ndarray
@@ -22,6 +22,7 @@ Progress = Callable[[float], None]
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
 _DEPENDENT = 1e-10  # of a vector's length: what is left of it beyond the basis, below which it is dropped
 _TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
+_ENERGY_OFF = 1e-8  # of omega_max^2: error of the modes' strain energy; some 1e-11 where all is well
 
 
 @contextlib.contextmanager
@@ -347,6 +348,12 @@ def eigenmodes(
     RitzPairs
         Empty if there is no elastic mode in the band.
 
+    Raises
+    ------
+    ModeAccuracyError
+        If Phi' K Phi of the modes is not diag(omega^2) to 1e-8 omega_max^2: the factors have lost accuracy, which
+        pivots on the diagonal of an indefinite matrix can.
+
     Warns
     -----
     ModeCountWarning
@@ -378,7 +385,21 @@ def eigenmodes(
             _warn_of_count(omega_max, expected, inside)
             break
         size = krylov.size + max(block, krylov.size // 20)
-    return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+    modes = RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+    _check_strain_energy(modes, stiffness, omega_max)
+    return modes
+
+
+def _check_strain_energy(modes: RitzPairs, stiffness: sp.csr_matrix, omega_max: float) -> None:
+    """Phi' K Phi = diag(w^2), with K itself: the residuals know the factors alone, which small pivots spoil unseen."""
+    energy = modes.vectors.T @ (stiffness @ modes.vectors)
+    off = abs(energy - np.diag(modes.omega**2)).max(initial=0.0) / omega_max**2
+    if not off <= _ENERGY_OFF:
+        raise ModeAccuracyError(
+            f"the elastic modes below {omega_max / (2 * np.pi):.6g} Hz are not accurate: their strain energy is off by "
+            f"{off:.2g} of that at the end of the band, expected at most {_ENERGY_OFF:.2g}. A pivot of "
+            "K - omega^2 M is too small there; move the end of the band, f_cut, by some percent"
+        )
 
 
 def _warn_of_count(omega_max: float, expected: int, found: int) -> None:

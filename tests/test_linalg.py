@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import IndefiniteMatrixError, ModeCountWarning
+from exudyn_partition.errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
 from exudyn_partition.linalg import (
     BlockKrylov,
     Factorisation,
@@ -103,6 +103,16 @@ def test_a_missed_mode_is_reported(cube, dense, monkeypatch):
     with pytest.warns(ModeCountWarning, match=f"expected {expected + 1} elastic modes .* found {expected}"):
         modes = eigenmodes(cube.stiffness, cube.mass, rigid, 1.01 * omega[30])
     assert len(modes.omega) == expected
+
+
+def test_inaccurate_factors_are_reported(cube, dense, monkeypatch):
+    """Solves with another matrix than the one that was given: pairs converge, to wrong frequencies."""
+    solve = Factorisation.solve
+    off = 1 + 1e-6 * np.random.default_rng(0).standard_normal((cube.n_dofs, 1))
+    monkeypatch.setattr(Factorisation, "solve", lambda self, rhs: solve(self, off * rhs))
+    rigid = mass_normalised(cube.rigid_modes, cube.mass)
+    with pytest.raises(ModeAccuracyError, match=r"strain energy is off by .* move the end of the band, f_cut"):
+        eigenmodes(cube.stiffness, cube.mass, rigid, 1.01 * dense[0][30])
 
 
 def test_a_band_that_ends_at_a_mode_includes_it(cube, dense):
