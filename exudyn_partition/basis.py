@@ -101,11 +101,13 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         pairs = _with_attachments(body, pairs, body.static_answers()[:, _n_rows(partition) :])
     region = node_dofs(partition.nodes)
     # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
-    shapes = body.model.expand @ np.hstack([body.rigid, pairs.vectors])
-    rigid_outside = np.array(fem.rigid_modes)
-    shapes[region] = rigid_outside[region] = 0.0
+    rigid_outside, modes = np.array(fem.rigid_modes), body.model.expand @ pairs.vectors
+    rigid_outside[region] = modes[region] = 0.0
     M = fem.lumped_mass_matrix
-    omega_squared, combination = scipy.linalg.eigh(shapes.T @ (fem.stiffness @ shapes), shapes.T @ (M @ shapes))
+    # A few nodes have fewer independent motions than there are modes, or even rigid motions.
+    moved = orthonormal_complement(rigid_outside, M, np.empty((fem.n_dofs, 0)))
+    shapes = np.hstack([moved, orthonormal_complement(modes, M, moved)])
+    omega_squared, combination = np.linalg.eigh(shapes.T @ (fem.stiffness @ shapes))
     shapes = shapes @ combination
     omega = np.sqrt(np.maximum(omega_squared, 0.0))
     return ReducedBasis(
