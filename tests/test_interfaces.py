@@ -123,6 +123,47 @@ def test_columns_are_labelled(body):
     assert kinds == expected[body.basis.name]
 
 
+@pytest.mark.parametrize("kind", ["rigid", "averaged"])
+@pytest.mark.parametrize("basis", BASES)
+def test_a_body_without_contact(link, basis, kind):
+    """Interfaces alone: six rigid columns, named so, with no stiffness at all, and modes and static answers of joints.
+
+    What lies below f_cut is an elastic mode, what lies above is an attachment, which only joints brought in.
+    """
+    partition = ep.Partition.interface(link, "foot", end(link, 0.0), kind=kind)
+    if basis == "craig-bampton" and kind == "averaged":
+        with pytest.raises(InputError, match="'craig-bampton' needs a boundary that holds the body"):
+            ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
+        return
+    body = ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
+    T = np.column_stack([body.displacement(unit).ravel() for unit in np.eye(body.n_dofs)])
+    M = link.mass if body.basis.mass == "consistent" else link.lumped_mass_matrix
+    np.testing.assert_allclose(T.T @ (M @ T), np.eye(body.n_dofs), atol=1e-10)
+    assert (body.basis.omega[:6] == 0).all()
+    assert all(label.startswith("rigid") for label in body.labels[:6])
+    np.testing.assert_allclose(T @ body.rigid, link.rigid_modes, atol=1e-9)
+    kept = 1.5 * F_CUT if basis == "contact-adapted" else F_CUT
+    if basis != "craig-bampton":
+        kinds = ["elastic" if w < 2 * np.pi * kept else "attachment" for w in body.basis.omega[6:]]
+        assert [label.split()[0] for label in body.labels[6:]] == kinds
+
+
+def test_an_attachment_a_little_above_f_cut_is_no_elastic_mode(block):
+    for f_cut in (45e3, 50e3, 60e3):
+        body = ep.reduce(block, ep.Partition.interface(block, "foot", end(block, 0.0)), basis="residual", f_cut=f_cut)
+        assert 1 < body.basis.omega[body.basis.omega > 2 * np.pi * f_cut][0] / (2 * np.pi * f_cut) < 1.5
+        assert sum(label.startswith("elastic") for label in body.labels) == np.sum(
+            body.basis.omega[6:] < 2 * np.pi * f_cut
+        )
+
+
+@pytest.mark.parametrize("basis", ["free", "residual", "contact-adapted"])
+def test_a_rigid_interface_that_holds_all_nodes(link, basis):
+    everything = ep.Partition.interface(link, "all", np.arange(link.n_nodes))
+    with pytest.raises(InputError, match="a rigid interface holds all nodes, so that nothing deforms"):
+        ep.reduce(link, everything, basis=basis, f_cut=F_CUT)
+
+
 def test_a_body_with_joints_in_a_file(body, tmp_path):
     body.save(tmp_path / "body.npz")
     again = ep.load_body(tmp_path / "body.npz")
