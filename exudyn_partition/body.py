@@ -18,7 +18,7 @@ from .basis import Progress, ReducedBasis
 from .cache import cached
 from .contact.rows import Surface
 from .errors import FrequencyRangeError, InputError
-from .estimate import Estimate, grow_to_tolerance
+from .estimate import Estimate, grow_to_tolerance, warn_if_missed
 from .fem import FEModel, nearest_node, node_dofs, rigid_modes
 from .linalg import one_blas_thread
 from .partition import Interface, Partition, Patch
@@ -335,6 +335,7 @@ def reduce(
             raise InputError("tolerance: the partition has no contact patch whose force could be judged; give f_cut")
         inputs |= options
         (body,) = cached(cache, inputs, _FILE, lambda: _reduce_to_tolerance(models, patches, options, progress))
+        warn_if_missed(body.estimate)
     if progress:
         progress(1.0)
     return body
@@ -392,6 +393,7 @@ def reduce_pair(
     models = [slave, master]
     inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
     pair = cached(cache, inputs, _FILE, lambda: _reduce_to_tolerance(models, [numbers], options, progress))
+    warn_if_missed(pair[0].estimate)
     if progress:
         progress(1.0)
     return pair

@@ -199,7 +199,7 @@ def _gap_to_rigid(surface: Surface, fem: FEModel, speed: float) -> Array:
 
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
-    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]; inf if unstable."""
+    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]."""
     t, force, velocity = impact.run(duration, 1 / (STEPS_A_PERIOD * f_top))
     scale = np.linalg.norm(force), np.linalg.norm(velocity - velocity[0])
     result = []
@@ -273,15 +273,19 @@ def grow_to_tolerance(
         tolerance=tolerance,
         limit=limit,
     )
-    if limit:
-        warnings.warn(
-            f"tolerance: {tolerance:.3g} cannot be promised; the best body has an estimated error of "
-            f"{estimate.error:.3g} at f_cut = {estimate.f_cut:.4g} Hz. What limits it is {limit}. Refine the mesh, or "
-            "accept that estimate",
-            ToleranceWarning,
-            stacklevel=4,
-        )
     return spaces, estimate
+
+
+def warn_if_missed(estimate: Estimate) -> None:
+    """Warn (`ToleranceWarning`) if something kept an estimate above its tolerance: of a body from the cache, too."""
+    if estimate.limit:
+        warnings.warn(
+            f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
+            f"{estimate.error:.3g} at f_cut = {estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}. Refine the "
+            "mesh, or accept that estimate",
+            ToleranceWarning,
+            stacklevel=3,
+        )
 
 
 def _share(progress: Progress | None, i: int, n: int) -> Progress | None:
