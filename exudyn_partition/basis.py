@@ -173,8 +173,10 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     )
     held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
     n_held, n_boundary = len(held.omega), len(boundary)
-    columns = np.zeros((model.n, n_held + answers.shape[1]), order="F")
-    columns[interior] = np.hstack([held.vectors, answers])
+    # The more modes are held, the less is left of the answers to averaged interfaces; only that is a new motion.
+    attached = orthonormal_complement(answers[:, n_boundary:], M, held.vectors)
+    columns = np.zeros((model.n, n_held + n_boundary + attached.shape[1]), order="F")
+    columns[interior] = np.hstack([held.vectors, answers[:, :n_boundary], attached])
     columns[boundary, n_held + np.arange(n_boundary)] = 1.0
     gram = columns.T @ (model.mass @ columns)
     omega_squared, combination = scipy.linalg.eigh(columns.T @ (model.stiffness @ columns), gram)

@@ -148,6 +148,15 @@ def test_a_body_without_contact(link, basis, kind):
         assert [label.split()[0] for label in body.labels[6:]] == kinds
 
 
+def test_many_modes_leave_little_of_an_answer_that_is_still_mass_normalised(block):
+    """Craig-Bampton: the answer to an averaged interface's load is nearly in the span of many held modes."""
+    partition = ep.Partition.ball(block, (0, 0, 0.03), 3e-3)
+    partition |= ep.Partition.interface(block, "foot", end(block, 0.0), kind="averaged")
+    body = ep.reduce(block, partition, basis="craig-bampton", f_cut=0.99 * block.resolved_frequency)
+    T = body.basis.shapes
+    np.testing.assert_allclose(T.T @ (block.mass @ T), np.eye(body.n_dofs), atol=1e-11)
+
+
 def test_an_attachment_a_little_above_f_cut_is_no_elastic_mode(block):
     for f_cut in (45e3, 50e3, 60e3):
         body = ep.reduce(block, ep.Partition.interface(block, "foot", end(block, 0.0)), basis="residual", f_cut=f_cut)
