@@ -90,11 +90,11 @@ class ReducedBody:
     def left_out(self) -> tuple[str, ...]:
         """What the body leaves out, in sentences."""
         said = list(self.basis.left_out)
-        surface = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
-        if len(surface):
+        beside = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
+        if len(beside):
             said.append(
-                f"contact rows at {len(surface)} nodes of the impact region outside the patch (contact_radius of the "
-                "partition)"
+                f"contact rows at {len(beside)} nodes of the impact region, inside the body or beside the patch "
+                "(contact_radius of the partition widens the patch)"
             )
         said.append("strain and stress rows, until `recovery` is asked for them")
         return tuple(said)

@@ -316,6 +316,16 @@ def test_bad_interfaces(link):
         ep.Partition.interface(link, "pin", end(link, 0.0), kind="RBE2")
 
 
+def test_every_node_of_an_interface_has_its_share(link):
+    """By area on a whole face; equally where some nodes span a facet by chance and others none."""
+    face = ep.Partition.interface(link, "face", end(link, 0.0), kind="averaged").interfaces[0]
+    np.testing.assert_allclose(face.position, (0, 0, 0), atol=1e-12)
+    layer = np.flatnonzero(link.points[:, 2] < 0.012)
+    assert (ep.Partition.interface(link, "layer", layer).interfaces[0].weights == 1 / len(layer)).all()
+    some = np.union1d(link.facets[0], end(link, 0.06)[::7])
+    assert (ep.Partition.interface(link, "some", some).interfaces[0].weights > 0).all()
+
+
 def test_what_may_not_overlap(link):
     side = ep.Partition.ball(link, (0.005, 0, 0.03), 5e-3)
     foot = ep.Partition.interface(link, "foot", end(link, 0.0))
