@@ -258,9 +258,9 @@ def grow_to_tolerance(
             break
         # Errors fall as f^-2.
         f_top = min(f_top * np.clip(np.sqrt(found[-1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
-    # The lowest from which on all do; else the best.
-    chosen = len(ladder) - int(np.argmin(np.r_[good[::-1], False])) if good[-1] else int(found.max(axis=1).argmin())
-    chosen = min(chosen, len(ladder) - 1)
+    # The lowest from which on all do. If none does the richest: where errors do not fall, the least is so by chance.
+    n_good = int(np.argmin(np.r_[good[::-1], False]))
+    chosen = len(ladder) - max(1, n_good)
     limit = "" if good[-1] else f"the mesh, which resolves motion up to {f_limit:.4g} Hz"
     estimate = Estimate(
         force=float(found[chosen, 0]),

@@ -84,7 +84,7 @@ def test_a_tolerance_that_the_mesh_cannot_reach(block, top, tmp_path):
         assert said[0].filename == __file__
     assert body.estimate.limit.startswith("the mesh")
     assert body.estimate.error > 1e-5
-    assert body.f_cut <= block.resolved_frequency
+    assert body.f_cut == pytest.approx(block.resolved_frequency)  # the richest; a lower error of less were chance
     body.save(tmp_path / "body.npz")
     assert ep.load_body(tmp_path / "body.npz").estimate == body.estimate
 
