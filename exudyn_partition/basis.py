@@ -96,16 +96,30 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     if len(partition.nodes) == fem.n_nodes:
         return _all_nodal(fem, partition)
     body = FreeBody(fem, partition, mass="lumped")
-    pairs = _modes_to(body, f_cut, progress)
+    pairs = modes = _modes_to(body, f_cut, progress)
     if partition.interfaces:
-        pairs = _with_attachments(body, pairs, body.static_answers()[:, _n_rows(partition) :])
+        pairs = _with_attachments(body, modes, body.static_answers()[:, _n_rows(partition) :])
+    left_out = f"elastic modes above {f_cut:.6g} Hz"
+    if not len(partition.nodes):
+        return ReducedBasis(
+            name="free",
+            shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
+            omega=np.r_[np.zeros(6), pairs.omega],
+            labels=_pair_labels(pairs, len(modes.omega)),
+            rigid=_rigid_coordinates(body, len(pairs.omega)),
+            nodal=partition.nodes,
+            mass="lumped",
+            left_out=(f"{left_out} (f_cut raises that)",),
+        )
     region = node_dofs(partition.nodes)
     # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
-    shapes = body.model.expand @ np.hstack([body.rigid, pairs.vectors])
-    rigid_outside = np.array(fem.rigid_modes)
-    shapes[region] = rigid_outside[region] = 0.0
+    rigid_outside, elastic_outside = np.array(fem.rigid_modes), body.model.expand @ pairs.vectors
+    rigid_outside[region] = elastic_outside[region] = 0.0
     M = fem.lumped_mass_matrix
-    omega_squared, combination = scipy.linalg.eigh(shapes.T @ (fem.stiffness @ shapes), shapes.T @ (M @ shapes))
+    # A few nodes have fewer independent motions than there are modes, or even rigid motions.
+    moved = orthonormal_complement(rigid_outside, M, np.empty((fem.n_dofs, 0)))
+    shapes = np.hstack([moved, orthonormal_complement(elastic_outside, M, moved)])
+    omega_squared, combination = np.linalg.eigh(shapes.T @ (fem.stiffness @ shapes))
     shapes = shapes @ combination
     omega = np.sqrt(np.maximum(omega_squared, 0.0))
     return ReducedBasis(
@@ -116,7 +130,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         rigid=shapes.T @ (M @ rigid_outside),
         nodal=partition.nodes,
         mass="lumped",
-        left_out=(f"elastic modes above {f_cut:.6g} Hz, outside the impact region (f_cut raises that)",),
+        left_out=(f"{left_out}, outside the impact region (f_cut raises that)",),
     )
 
 
@@ -159,8 +173,10 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     )
     held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
     n_held, n_boundary = len(held.omega), len(boundary)
-    columns = np.zeros((model.n, n_held + answers.shape[1]), order="F")
-    columns[interior] = np.hstack([held.vectors, answers])
+    # The more modes are held, the less is left of the answers to averaged interfaces; only that is a new motion.
+    attached = orthonormal_complement(answers[:, n_boundary:], M, held.vectors)
+    columns = np.zeros((model.n, n_held + n_boundary + attached.shape[1]), order="F")
+    columns[interior] = np.hstack([held.vectors, answers[:, :n_boundary], attached])
     columns[boundary, n_held + np.arange(n_boundary)] = 1.0
     gram = columns.T @ (model.mass @ columns)
     omega_squared, combination = scipy.linalg.eigh(columns.T @ (model.stiffness @ columns), gram)
@@ -195,7 +211,7 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
     static = body.static_answers()
     pairs = _with_attachments(body, modes, static[:, _n_rows(partition) :])
     left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
-    return _with_residual_flexibility("residual", body, pairs, static, f_cut, (left_out,))
+    return _with_residual_flexibility("residual", body, pairs, len(modes.omega), static, (left_out,))
 
 
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
@@ -218,12 +234,13 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
 
 def adapted_basis(space: AdaptedSpace, f_cut: float) -> ReducedBasis:
     """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that."""
-    pairs = _with_attachments(space, space.pairs(f_cut), space.static[:, _n_rows(space.partition) :])
+    found = space.pairs(f_cut)
+    pairs = _with_attachments(space, found, space.static[:, _n_rows(space.partition) :])
     left_out = (
         f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
         f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz (f_cut raises that)",
     )
-    return _with_residual_flexibility("contact-adapted", space, pairs, space.static, f_cut, left_out)
+    return _with_residual_flexibility("contact-adapted", space, pairs, len(found.omega), space.static, left_out)
 
 
 class FreeBody:
@@ -234,11 +251,21 @@ class FreeBody:
     fem : FEModel
     partition : Partition
     mass : {"consistent", "lumped"}
+
+    Raises
+    ------
+    InputError
+        If a rigid interface holds all nodes.
     """
 
     def __init__(self, fem: FEModel, partition: Partition, mass: str = "consistent") -> None:
         self.fem, self.partition = fem, partition
         self.model = tie(fem, partition, mass)
+        if self.model.n == 6:
+            raise InputError(
+                "partition: a rigid interface holds all nodes, so that nothing deforms; take fewer nodes, "
+                "kind='averaged', or a rigid body of Exudyn"
+            )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
 
     def static_answers(self) -> Array:
@@ -400,17 +427,16 @@ def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: Array) -> Arr
 
 
 def _with_residual_flexibility(
-    name: str, body: FreeBody, pairs: RitzPairs, static: Array, f_cut: float, left_out: tuple[str, ...]
+    name: str, body: FreeBody, pairs: RitzPairs, n_elastic: int, static: Array, left_out: tuple[str, ...]
 ) -> ReducedBasis:
     """Basis of rigid motion and `pairs`, and the residual flexibility of all else at the contact."""
     if any(patch.axes == "normal" for patch in body.partition.patches):
         left_out += ("tangential contact rows: contact is frictionless (axes='xyz' of the partition keeps them)",)
-    kinds = np.where(pairs.omega < DROP_ABOVE * 2 * np.pi * f_cut, "elastic", "attachment")
     return ReducedBasis(
         name=name,
         shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
         omega=np.r_[np.zeros(6), pairs.omega],
-        labels=_RIGID + _labels(kinds, pairs.omega),
+        labels=_pair_labels(pairs, n_elastic),
         rigid=_rigid_coordinates(body, len(pairs.omega)),
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
@@ -421,6 +447,11 @@ def _with_residual_flexibility(
 
 def _rigid_coordinates(body: FreeBody, n_elastic: int) -> Array:
     return np.vstack([body.rigid.T @ (body.model.mass @ body.model.rigid_modes), np.zeros((n_elastic, 6))])
+
+
+def _pair_labels(pairs: RitzPairs, n_elastic: int) -> tuple[str, ...]:
+    """Labels of rigid motion and of pairs of `_with_attachments`, whose first are the elastic modes: the lowest."""
+    return _RIGID + _labels(np.where(np.arange(len(pairs.omega)) < n_elastic, "elastic", "attachment"), pairs.omega)
 
 
 def _labels(kinds: str | Array, omega: Array) -> tuple[str, ...]:

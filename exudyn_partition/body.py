@@ -13,12 +13,13 @@ import scipy.sparse as sp
 
 from . import basis as bases
 from ._checks import read_only, validate_choice, validate_positive
+from ._progress import shown
 from .archive import Format
 from .basis import Progress, ReducedBasis
 from .cache import cached
 from .contact.surface import Surface
 from .errors import FrequencyRangeError, InputError
-from .estimate import Estimate, grow_to_tolerance
+from .estimate import Estimate, grow_to_tolerance, warn_if_missed
 from .fem import FEModel, nearest_node, node_dofs, rigid_modes
 from .floating import InertiaIntegrals
 from .linalg import one_blas_thread
@@ -94,11 +95,11 @@ class ReducedBody:
     def left_out(self) -> tuple[str, ...]:
         """What the body leaves out, in sentences."""
         said = list(self.basis.left_out)
-        surface = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
-        if len(surface):
+        beside = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
+        if len(beside):
             said.append(
-                f"contact rows at {len(surface)} nodes of the impact region outside the patch (contact_radius of the "
-                "partition)"
+                f"contact rows at {len(beside)} nodes of the impact region, inside the body or beside the patch "
+                "(contact_radius of the partition widens the patch)"
             )
         said.append("strain and stress rows, until `recovery` is asked for them")
         return tuple(said)
@@ -287,7 +288,7 @@ def reduce(
     speed, duration : float
         Of that impact [m/s], [s], with `tolerance`; see `reduce_pair`.
     progress : callable, optional
-        Called with the share done, 0 to 1.
+        Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes more than two seconds.
     cache : bool or path
         Whether to keep the body for the next run that reduces the same FE model in the same way, `reduce_s` included.
         True: in the folder that the environment variable EXUDYN_PARTITION_CACHE names, or in the user's folder for
@@ -329,7 +330,8 @@ def reduce(
     if f_cut is not None:
         f_cut = _resolved(fem, f_cut)
         inputs |= {"f_cut": f_cut}
-        body = cached(cache, inputs, _FILE, lambda: _reduce(fem, partition, f_cut, basis, progress))
+        with shown(progress, "reduce") as report:
+            body = cached(cache, inputs, _FILE, lambda: _reduce(fem, partition, f_cut, basis, report))
     else:
         if basis != "contact-adapted":
             raise InputError(f"tolerance: only basis 'contact-adapted' grows to a tolerance, got {basis!r}; give f_cut")
@@ -338,9 +340,9 @@ def reduce(
         if not patches:
             raise InputError("tolerance: the partition has no contact patch whose force could be judged; give f_cut")
         inputs |= options
-        (body,) = cached(cache, inputs, _FILE, lambda: _reduce_to_tolerance(models, patches, options, progress))
-    if progress:
-        progress(1.0)
+        with shown(progress, "reduce to a tolerance") as report:
+            (body,) = cached(cache, inputs, _FILE, lambda: _reduce_to_tolerance(models, patches, options, report))
+        warn_if_missed(body.estimate)
     return body
 
 
@@ -395,9 +397,9 @@ def reduce_pair(
     options = _impact_options(tolerance, speed, duration)
     models = [slave, master]
     inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
-    pair = cached(cache, inputs, _FILE, lambda: _reduce_to_tolerance(models, [numbers], options, progress))
-    if progress:
-        progress(1.0)
+    with shown(progress, "reduce a pair") as report:
+        pair = cached(cache, inputs, _FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
+    warn_if_missed(pair[0].estimate)
     return pair
 
 

@@ -37,6 +37,10 @@ class IndefiniteMatrixError(PartitionError, ArithmeticError):
     """A matrix that must be symmetric positive definite and is not."""
 
 
+class ModeAccuracyError(PartitionError, ArithmeticError):
+    """Eigenmodes that converged but are not those of the stiffness matrix: the factors have lost accuracy."""
+
+
 class ComplementarityError(PartitionError, ArithmeticError):
     """A contact problem whose active set did not settle."""
 

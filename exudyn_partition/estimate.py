@@ -200,7 +200,7 @@ def _gap_to_rigid(surface: Surface, fem: FEModel, speed: float) -> Array:
 
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
-    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]; inf if unstable."""
+    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]."""
     t, force, velocity = impact.run(duration, 1 / (STEPS_A_PERIOD * f_top))
     scale = np.linalg.norm(force), np.linalg.norm(velocity - velocity[0])
     result = []
@@ -259,9 +259,9 @@ def grow_to_tolerance(
             break
         # Errors fall as f^-2.
         f_top = min(f_top * np.clip(np.sqrt(found[-1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
-    # The lowest from which on all do; else the best.
-    chosen = len(ladder) - int(np.argmin(np.r_[good[::-1], False])) if good[-1] else int(found.max(axis=1).argmin())
-    chosen = min(chosen, len(ladder) - 1)
+    # The lowest from which on all do. If none does the richest: where errors do not fall, the least is so by chance.
+    n_good = int(np.argmin(np.r_[good[::-1], False]))
+    chosen = len(ladder) - max(1, n_good)
     limit = "" if good[-1] else f"the mesh, which resolves motion up to {f_limit:.4g} Hz"
     estimate = Estimate(
         force=float(found[chosen, 0]),
@@ -274,15 +274,19 @@ def grow_to_tolerance(
         tolerance=tolerance,
         limit=limit,
     )
-    if limit:
-        warnings.warn(
-            f"tolerance: {tolerance:.3g} cannot be promised; the best body has an estimated error of "
-            f"{estimate.error:.3g} at f_cut = {estimate.f_cut:.4g} Hz. What limits it is {limit}. Refine the mesh, or "
-            "accept that estimate",
-            ToleranceWarning,
-            stacklevel=4,
-        )
     return spaces, estimate
+
+
+def warn_if_missed(estimate: Estimate) -> None:
+    """Warn (`ToleranceWarning`) if something kept an estimate above its tolerance: of a body from the cache, too."""
+    if estimate.limit:
+        warnings.warn(
+            f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
+            f"{estimate.error:.3g} at f_cut = {estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}. Refine the "
+            "mesh, or accept that estimate",
+            ToleranceWarning,
+            stacklevel=3,
+        )
 
 
 def _share(progress: Progress | None, i: int, n: int) -> Progress | None:

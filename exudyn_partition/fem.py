@@ -110,10 +110,11 @@ class FEModel:
             unused = self.n_nodes - len(np.unique(self.cells))
             if unused:
                 raise MeshError(f"points: {unused} nodes belong to no element; remove them")
-        parts = _part_sizes(self.cells, self.n_nodes)
+        # A common edge is a hinge: it leaves a motion without stiffness.
+        parts = _part_sizes(self._faces[1])
         if len(parts) > 1:
             raise MeshError(
-                f"cells: expected one connected body, got {len(parts)} parts that share no node, of "
+                f"cells: expected one connected body, got {len(parts)} parts that share no face, of "
                 f"{', '.join(map(str, parts[:5]))}{', ...' if len(parts) > 5 else ''} elements. Merge coincident nodes "
                 "where they touch, or make one FE model of each"
             )
@@ -158,13 +159,19 @@ class FEModel:
     @cached_property
     def facets(self) -> Array:
         """(nf, 3), (nf, 6) or (nf, 4) int array: outward surface triangles, corners before mid-sides, or quads."""
+        faces, number = self._faces
+        facets = faces[np.bincount(number.ravel())[number.ravel()] == 1]
+        read_only(facets)
+        return facets
+
+    @cached_property
+    def _faces(self) -> tuple[Array, Array]:
+        """Faces of all elements, (6 ne or 4 ne, k), and the number, (ne, 6 or 4), that equal faces have in common."""
         local = _FACES[self.cells.shape[1]]
         faces = self.cells[:, local].reshape(-1, local.shape[1])
         corners = np.sort(facet_corners(faces), axis=1)
-        _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
-        facets = faces[np.sort(first[counts == 1])]
-        read_only(facets)
-        return facets
+        number = np.unique(corners, axis=0, return_inverse=True)[1]
+        return faces, number.reshape(len(self.cells), len(local))
 
     @cached_property
     def lumped_mass(self) -> Array:
@@ -266,12 +273,11 @@ def nodal_area(points: Array, facets: Array) -> Array:
     return np.bincount(facets[:, -n_loaded:].ravel(), np.repeat(area / n_loaded, n_loaded), minlength=len(points))
 
 
-def _part_sizes(cells: Array, n_nodes: int) -> Array:
-    """Number of elements of each connected part, largest first."""
-    links = (cells[:, :-1].ravel(), cells[:, 1:].ravel())
-    graph = sp.csr_matrix((np.ones(len(links[0]), dtype=bool), links), shape=(n_nodes, n_nodes))
-    part = connected_components(graph, directed=False)[1]
-    return np.sort(np.unique(part[cells[:, 0]], return_counts=True)[1])[::-1]
+def _part_sizes(face: Array) -> Array:
+    """Number of elements of each part that is connected through faces, (ne, faces an element), largest first."""
+    of = sp.csr_matrix((np.ones(face.size), (np.repeat(np.arange(len(face)), face.shape[1]), face.ravel())))
+    part = connected_components(of @ of.T, directed=False)[1]
+    return np.sort(np.bincount(part))[::-1]
 
 
 def rigid_modes(arms: Array) -> Array:

@@ -13,14 +13,16 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 from threadpoolctl import threadpool_limits
 
-from .errors import IndefiniteMatrixError, ModeCountWarning
+from .errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
 from .ordering import nested_dissection
 
 Array = np.ndarray
 Progress = Callable[[float], None]
 
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
+_DEPENDENT = 1e-10  # of a vector's length: what is left of it beyond the basis, below which it is dropped
 _TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
+_ENERGY_OFF = 1e-7  # of omega_max^2: error of the modes' strain energy; below 1e-9 where all is well
 
 
 @contextlib.contextmanager
@@ -126,7 +128,7 @@ def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> A
     Directions that are in the span of the basis to 1e-6 of their length are dropped.
     """
     lengths = np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
-    vectors = vectors / lengths
+    vectors = vectors[:, lengths > 0] / lengths[lengths > 0]
     mass_basis = mass @ basis
     for _ in range(2):
         vectors = vectors - basis @ (mass_basis.T @ vectors)
@@ -239,9 +241,13 @@ class BlockKrylov:
         new = block - self._rigid @ (self._mass_rigid.T @ block)
         coefficients = mass_basis.T @ new
         new -= basis @ coefficients
-        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new) / np.outer(norms, norms))
-        keep = values > 1e-20
-        new = (new / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
+        lengths = np.sqrt(np.einsum("ij,ij->j", new, self._mass @ new))
+        independent = lengths > _DEPENDENT * norms
+        new = new[:, independent] / lengths[independent]
+        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new))
+        # Of unit vectors; what is smaller is round-off of the eigenvalues.
+        keep = values > 1e-14
+        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
         # The second pass: normalising amplifies what the first left of the basis.
         new -= self._rigid @ (self._mass_rigid.T @ new)
         new -= basis @ (mass_basis.T @ new)
@@ -342,6 +348,12 @@ def eigenmodes(
     RitzPairs
         Empty if there is no elastic mode in the band.
 
+    Raises
+    ------
+    ModeAccuracyError
+        If Phi' K Phi of the modes is not diag(omega^2) to 1e-7 omega_max^2: the factors have lost accuracy, which
+        pivots on the diagonal of an indefinite matrix can.
+
     Warns
     -----
     ModeCountWarning
@@ -373,7 +385,21 @@ def eigenmodes(
             _warn_of_count(omega_max, expected, inside)
             break
         size = krylov.size + max(block, krylov.size // 20)
-    return RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+    modes = RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+    _check_strain_energy(modes, stiffness, omega_max)
+    return modes
+
+
+def _check_strain_energy(modes: RitzPairs, stiffness: sp.csr_matrix, omega_max: float) -> None:
+    """Phi' K Phi = diag(w^2), with K itself: the residuals know the factors alone, which small pivots spoil unseen."""
+    energy = modes.vectors.T @ (stiffness @ modes.vectors)
+    off = abs(energy - np.diag(modes.omega**2)).max(initial=0.0) / omega_max**2
+    if not off <= _ENERGY_OFF:
+        raise ModeAccuracyError(
+            f"the elastic modes below {omega_max / (2 * np.pi):.6g} Hz are not accurate: their strain energy is off by "
+            f"{off:.2g} of that at the end of the band, expected at most {_ENERGY_OFF:.2g}. A pivot of "
+            "K - omega^2 M is too small there; move the end of the band, f_cut, by some percent"
+        )
 
 
 def _warn_of_count(omega_max: float, expected: int, found: int) -> None:

@@ -154,12 +154,10 @@ def _check_nodes(path: Path, kind: str, n: int, cells: Array) -> None:
 
 def _outward(path: Path, points: Array, cells: Array) -> Array:
     """Cells of positive volume: as they are, or all mirrored where a file has the other convention."""
-    corners = points[cells]
-    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", _gradients(cells.shape[1]), corners))
-    if (determinant < 0).all():
-        cells, determinant = cells[:, _MIRRORED[cells.shape[1]]], -determinant
-    extent = np.ptp(corners, axis=1).max(axis=1)
-    bad = np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
+    bad = inverted(points, cells)
+    if len(bad) == len(cells):
+        cells = cells[:, _MIRRORED[cells.shape[1]]]
+        bad = inverted(points, cells)
     if len(bad):
         raise MeshError(
             f"{path}: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first is element "
@@ -167,6 +165,14 @@ def _outward(path: Path, points: Array, cells: Array) -> Array:
             "they lie, or mesh anew"
         )
     return cells
+
+
+def inverted(points: Array, cells: Array) -> Array:
+    """Rows of `cells`, (ne, 4), (ne, 10) or (ne, 8), with no or negative volume somewhere where it is integrated."""
+    corners = points[cells]
+    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", _gradients(cells.shape[1]), corners))
+    extent = np.ptp(corners, axis=1).max(axis=1)
+    return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
 
 def _gradients(n_nodes: int) -> Array:

@@ -15,7 +15,7 @@ from ._optional import require
 from .errors import InputError, MeshError
 from .fem import TET_EDGES, FEModel, facet_corners
 from .material import Material
-from .mesh_files import VolumeMesh, read_mesh
+from .mesh_files import VolumeMesh, inverted, read_mesh
 
 Array = np.ndarray
 
@@ -75,6 +75,8 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     ------
     InputError
         If the shape is no OCC shape or a size is not above zero.
+    MeshError
+        If Netgen cannot mesh the shape with this size.
     MissingPackageError
         If ngsolve is not installed.
     """
@@ -87,7 +89,13 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     for region in refine:
         for x, y, z in region.points():
             parameters.RestrictH(x=x, y=y, z=z, h=region.h)
-    mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
+    try:
+        mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
+    except meshing.NgException as error:
+        raise MeshError(
+            f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
+            "elements not much larger than they are thick"
+        ) from error
     mesh.Curve(2)
     return mesh
 
@@ -165,6 +173,10 @@ def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEMod
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
     curve_order = mesh.GetCurveOrder()
+    if order == 2 and curve_order > 2:
+        raise MeshError(
+            f"mesh: it is curved with order {curve_order}, expected at most 2, that of the elements; mesh.Curve(2)"
+        )
     if order == 1:
         mesh.Curve(1)
     try:
@@ -175,6 +187,7 @@ def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEMod
         points = np.column_stack(_nodal_values(position.vec, to_hierarchical))
         corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
         cells = _cells(corners, edges, points, mesh.nv)
+        _check_volume(points, cells)
         fem = _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
     finally:
         if order == 1:
@@ -184,6 +197,18 @@ def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEMod
     names = np.array(mesh.GetBoundaries())[elements["index"] - 1]
     fem.boundaries.update(_boundaries(fem.facets, {str(name): triangles[names == name] for name in np.unique(names)}))
     return fem
+
+
+def _check_volume(points: Array, cells: Array) -> None:
+    """Refuse elements that their curved sides turn inside out; NGSolve integrates them with a positive volume."""
+    bad = inverted(points, cells)
+    if len(bad):
+        where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
+        raise MeshError(
+            f"mesh: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first at ({where}). Curved "
+            "sides do that to elements that are large beside the curvature or the wall's thickness: take a smaller "
+            "maxh, or refine there"
+        )
 
 
 def _from_file(ngsolve: Any, path: Path, material: Material, order: int | None) -> FEModel:

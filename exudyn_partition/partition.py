@@ -73,7 +73,7 @@ class Interface:
     position : (3,) array
         Reference point of the motion, the weighted mean of the nodes' positions [m].
     weights : (k,) array
-        Share of each node in the mean, their sum is one: by the area of the surface that they span, else equal.
+        Share of each node in the mean, their sum is one: by area if they are all the nodes of some surface, else equal.
     motion : (6, 3k) array
         Mean translation [m] and rotation [rad] of the nodes' displacements, by weighted least squares; transposed, the
         nodal forces of unit forces and moments on the interface.
@@ -294,9 +294,12 @@ class Partition:
             raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
         if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
             raise InputError(f"nodes: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes[0]} to {nodes[-1]}")
-        spanned = np.isin(fem.facets, nodes).all(axis=1)
-        area = nodal_area(fem.points, fem.facets[spanned])[nodes]
-        weights = area / area.sum() if spanned.any() else np.full(len(nodes), 1 / len(nodes))
+        spanned = fem.facets[np.isin(fem.facets, nodes).all(axis=1)]
+        if np.isin(nodes, spanned).all():
+            area = nodal_area(fem.points, spanned)[nodes]
+            weights = area / area.sum()
+        else:  # a few facets that some of the nodes happen to span must not carry all
+            weights = np.full(len(nodes), 1 / len(nodes))
         position = weights @ fem.points[nodes]
         arms = fem.points[nodes] - position
         sizes = np.linalg.svd(np.sqrt(weights)[:, None] * arms, compute_uv=False)

@@ -133,6 +133,19 @@ def test_region_that_covers_the_body_is_the_full_model(block):
     np.testing.assert_array_equal(body.mass.diagonal(), np.repeat(block.lumped_mass, 3))
 
 
+@pytest.mark.parametrize("n_outside", [1, 2, 4, 12])
+def test_region_that_nearly_covers_the_body_loses_no_motion(block, n_outside):
+    """A few nodes outside have fewer dofs than the modes that are kept there: what depends on the rest is left out."""
+    part = ep.Partition.ball(block, (0, 0, 0.03), 7e-3)
+    outside = np.argsort(-np.linalg.norm(block.points - np.array([0, 0, 0.03]), axis=1))[:n_outside]
+    nodes = np.delete(np.arange(block.n_nodes), outside)
+    body = ep.reduce(block, ep.Partition(nodes, part.patches, (), block.n_nodes), basis="free", f_cut=80e3)
+    assert body.n_dofs == block.n_dofs - max(0, 3 * n_outside - body.n_shapes)
+    T = dense_basis(body)
+    np.testing.assert_allclose(body.mass.toarray(), T.T @ (block.lumped_mass_matrix @ T), atol=1e-12)
+    np.testing.assert_allclose(T @ body.rigid, block.rigid_modes, atol=1e-9)
+
+
 @settings(max_examples=10, deadline=None)
 @given(radius=st.floats(3e-3, 25e-3), f_cut=st.floats(60e3, 120e3))
 def test_free_basis_frequencies_are_never_below_the_full_ones(block, radius, f_cut):

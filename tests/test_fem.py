@@ -200,3 +200,33 @@ def test_bad_materials():
     for field, value in (("rho", 0.0), ("E", -1.0), ("nu", 0.5)):
         with pytest.raises(InputError, match=f"{field}: expected"):
             ep.Material(**{"E": 1e9, "nu": 0.3, "rho": 1e3, field: value})
+
+
+def tube(wall):
+    """A tube of 10 mm radius."""
+    cylinders = (occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=r, h=0.03) for r in (0.010, 0.010 - wall))
+    return next(cylinders) - next(cylinders)
+
+
+def test_elements_that_curving_turns_inside_out():
+    """Two of them across a thin wall: their mass would be 3 % too large, silently."""
+    mesh = ep.generate_mesh(tube(0.5e-3), maxh=0.02, grading=0.9)
+    with pytest.raises(MeshError, match=r"\d+ of \d+ elements are inverted .* a smaller maxh, or refine there"):
+        ep.fe_model(mesh, ep.STEEL)
+    assert ep.fe_model(mesh, ep.STEEL, order=1).total_mass > 0
+    fine = ep.fe_model(tube(1.5e-3), ep.STEEL, maxh=4e-3)
+    exact = np.pi * (0.010**2 - 0.0085**2) * 0.03 * ep.STEEL.rho
+    np.testing.assert_allclose(fine.total_mass, exact, rtol=1e-3)
+
+
+def test_a_shape_that_netgen_cannot_mesh():
+    shell = occ.Sphere(occ.Pnt(0, 0, 0), 0.01) - occ.Sphere(occ.Pnt(0, 0, 0), 0.0097)
+    with pytest.raises(MeshError, match=r"Netgen could not mesh it with maxh=0.05 m .* Take a smaller maxh"):
+        ep.generate_mesh(shell, maxh=0.05, grading=0.9)
+
+
+def test_a_mesh_that_is_curved_beyond_the_elements_order():
+    mesh = ep.generate_mesh(occ.Sphere(occ.Pnt(0, 0, 0), 0.01), maxh=0.01)
+    mesh.Curve(3)
+    with pytest.raises(MeshError, match=r"curved with order 3, expected at most 2.*mesh.Curve\(2\)"):
+        ep.fe_model(mesh, ep.STEEL)

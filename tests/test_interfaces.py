@@ -123,6 +123,56 @@ def test_columns_are_labelled(body):
     assert kinds == expected[body.basis.name]
 
 
+@pytest.mark.parametrize("kind", ["rigid", "averaged"])
+@pytest.mark.parametrize("basis", BASES)
+def test_a_body_without_contact(link, basis, kind):
+    """Interfaces alone: six rigid columns, named so, with no stiffness at all, and modes and static answers of joints.
+
+    What lies below f_cut is an elastic mode, what lies above is an attachment, which only joints brought in.
+    """
+    partition = ep.Partition.interface(link, "foot", end(link, 0.0), kind=kind)
+    if basis == "craig-bampton" and kind == "averaged":
+        with pytest.raises(InputError, match="'craig-bampton' needs a boundary that holds the body"):
+            ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
+        return
+    body = ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
+    T = np.column_stack([body.displacement(unit).ravel() for unit in np.eye(body.n_dofs)])
+    M = link.mass if body.basis.mass == "consistent" else link.lumped_mass_matrix
+    np.testing.assert_allclose(T.T @ (M @ T), np.eye(body.n_dofs), atol=1e-10)
+    assert (body.basis.omega[:6] == 0).all()
+    assert all(label.startswith("rigid") for label in body.labels[:6])
+    np.testing.assert_allclose(T @ body.rigid, link.rigid_modes, atol=1e-9)
+    kept = 1.5 * F_CUT if basis == "contact-adapted" else F_CUT
+    if basis != "craig-bampton":
+        kinds = ["elastic" if w < 2 * np.pi * kept else "attachment" for w in body.basis.omega[6:]]
+        assert [label.split()[0] for label in body.labels[6:]] == kinds
+
+
+def test_many_modes_leave_little_of_an_answer_that_is_still_mass_normalised(block):
+    """Craig-Bampton: the answer to an averaged interface's load is nearly in the span of many held modes."""
+    partition = ep.Partition.ball(block, (0, 0, 0.03), 3e-3)
+    partition |= ep.Partition.interface(block, "foot", end(block, 0.0), kind="averaged")
+    body = ep.reduce(block, partition, basis="craig-bampton", f_cut=0.99 * block.resolved_frequency)
+    T = body.basis.shapes
+    np.testing.assert_allclose(T.T @ (block.mass @ T), np.eye(body.n_dofs), atol=1e-11)
+
+
+def test_an_attachment_a_little_above_f_cut_is_no_elastic_mode(block):
+    for f_cut in (45e3, 50e3, 60e3):
+        body = ep.reduce(block, ep.Partition.interface(block, "foot", end(block, 0.0)), basis="residual", f_cut=f_cut)
+        assert 1 < body.basis.omega[body.basis.omega > 2 * np.pi * f_cut][0] / (2 * np.pi * f_cut) < 1.5
+        assert sum(label.startswith("elastic") for label in body.labels) == np.sum(
+            body.basis.omega[6:] < 2 * np.pi * f_cut
+        )
+
+
+@pytest.mark.parametrize("basis", ["free", "residual", "contact-adapted"])
+def test_a_rigid_interface_that_holds_all_nodes(link, basis):
+    everything = ep.Partition.interface(link, "all", np.arange(link.n_nodes))
+    with pytest.raises(InputError, match="a rigid interface holds all nodes, so that nothing deforms"):
+        ep.reduce(link, everything, basis=basis, f_cut=F_CUT)
+
+
 def test_a_body_with_joints_in_a_file(body, tmp_path):
     body.save(tmp_path / "body.npz")
     again = ep.load_body(tmp_path / "body.npz")
@@ -266,6 +316,16 @@ def test_bad_interfaces(link):
         ep.Partition.interface(link, "pin", end(link, 0.0), kind="RBE2")
 
 
+def test_every_node_of_an_interface_has_its_share(link):
+    """By area on a whole face; equally where some nodes span a facet by chance and others none."""
+    face = ep.Partition.interface(link, "face", end(link, 0.0), kind="averaged").interfaces[0]
+    np.testing.assert_allclose(face.position, (0, 0, 0), atol=1e-12)
+    layer = np.flatnonzero(link.points[:, 2] < 0.012)
+    assert (ep.Partition.interface(link, "layer", layer).interfaces[0].weights == 1 / len(layer)).all()
+    some = np.union1d(link.facets[0], end(link, 0.06)[::7])
+    assert (ep.Partition.interface(link, "some", some).interfaces[0].weights > 0).all()
+
+
 def test_what_may_not_overlap(link):
     side = ep.Partition.ball(link, (0.005, 0, 0.03), 5e-3)
     foot = ep.Partition.interface(link, "foot", end(link, 0.0))
@@ -299,6 +359,7 @@ def test_exudyn_s_constraint_and_load_attach_without_spurious_compliance(mbs, li
     mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", head.T @ wrench)
     mbs.Assemble()
     settings = exu.SimulationSettings()
+    settings.solutionSettings.writeSolutionToFile = False
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     assert mbs.SolveStatic(settings)
     q = mbs.GetNodeOutput(item["nModal"], exu.OutputVariableType.Coordinates)

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import IndefiniteMatrixError, ModeCountWarning
+from exudyn_partition.errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
 from exudyn_partition.linalg import (
     BlockKrylov,
     Factorisation,
@@ -105,6 +105,16 @@ def test_a_missed_mode_is_reported(cube, dense, monkeypatch):
     assert len(modes.omega) == expected
 
 
+def test_inaccurate_factors_are_reported(cube, dense, monkeypatch):
+    """Solves with another matrix than the one that was given: pairs converge, to wrong frequencies."""
+    solve = Factorisation.solve
+    off = 1 + 1e-5 * np.random.default_rng(0).standard_normal((cube.n_dofs, 1))
+    monkeypatch.setattr(Factorisation, "solve", lambda self, rhs: solve(self, off * rhs))
+    rigid = mass_normalised(cube.rigid_modes, cube.mass)
+    with pytest.raises(ModeAccuracyError, match=r"strain energy is off by .* move the end of the band, f_cut"):
+        eigenmodes(cube.stiffness, cube.mass, rigid, 1.01 * dense[0][30])
+
+
 def test_a_band_that_ends_at_a_mode_includes_it(cube, dense):
     omega, _ = dense
     rigid = mass_normalised(cube.rigid_modes, cube.mass)
@@ -140,3 +150,17 @@ def test_krylov_vectors_stay_orthonormal_until_the_space_is_exhausted(block):
     below, combination = krylov.rayleigh_ritz(block.stiffness)
     X = krylov.vectors @ combination
     np.testing.assert_allclose(np.diag(X.T @ (block.stiffness @ X)), below**2, rtol=1e-8)
+
+
+@pytest.mark.parametrize("n", range(7, 40))
+def test_a_space_smaller_than_its_blocks_is_exhausted(n):
+    """The last blocks, and blocks of nearly dependent loads, hold less than they have columns: round-off is dropped."""
+    rng = np.random.default_rng(n)
+    K, M = sp.diags(np.geomspace(1e6, 1e12, n), format="csr"), sp.identity(n, format="csr")
+    loads = rng.standard_normal((n, 5))
+    loads = np.hstack([loads, loads @ rng.standard_normal((5, 3)) + 1e-12 * rng.standard_normal((n, 3))])
+    krylov = BlockKrylov(Factorisation(K + 1e9 * M).solve, M, 1e9, np.eye(n)[:, :6], loads)
+    assert not krylov.grow(n)
+    V = krylov.vectors
+    np.testing.assert_allclose(V.T @ V, np.eye(n - 6), atol=1e-12)
+    np.testing.assert_allclose(krylov.rayleigh_ritz(K)[0] ** 2, K.diagonal()[6:], rtol=1e-6)

@@ -339,10 +339,18 @@ def test_several_parts(tmp_path):
     points, cells = hexahedra(1, 1, 3)
     far, few = hexahedra(1, 1, 2)
     path = write(tmp_path / "mesh.vtu", np.vstack([points, far + 0.1]), np.vstack([few + len(points), cells]))
-    refused(path, "expected one connected body, got 2 parts that share no node, of 3, 2 elements. Merge coincident")
+    refused(path, "expected one connected body, got 2 parts that share no face, of 3, 2 elements. Merge coincident")
     two = occ.Glue([box(*SIZE), box(*SIZE).Move(occ.Vec(0.1, 0, 0))])
     with pytest.raises(MeshError, match="got 2 parts"):
         ep.fe_model(two, ep.STEEL, maxh=0.02)
+
+
+def test_parts_that_an_edge_joins_are_a_hinge(tmp_path):
+    points, cells = hexahedra(2, 2, 1)
+    beside = next(k for k in range(1, 4) if len(np.intersect1d(cells[0], cells[k])) == 2)
+    used, numbers = np.unique(cells[[0, beside]], return_inverse=True)
+    path = write(tmp_path / "mesh.vtu", points[used], numbers.reshape(2, 8))
+    refused(path, "expected one connected body, got 2 parts that share no face, of 1, 1 elements")
 
 
 def test_mid_side_nodes_that_neighbours_do_not_share(small, tmp_path):
