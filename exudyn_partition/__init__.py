@@ -19,6 +19,7 @@ _HOMES = {
     "estimate": ("Estimate",),
     "recovery": ("StrainGauge",),
     "items": ("CreatePartitionBody",),
+    "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "contact_items": ("CreatePartitionContact",),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),

@@ -16,19 +16,21 @@ from ._optional import require
 from .contact.compliance import ComplianceContact
 from .contact.gaps import PatchGaps, Side
 from .contact.lagrange import LagrangeContact
+from .contact.law import ContactLaw
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
-from .contact.rigid import Cylinder, Plane, RigidGaps, RigidSurface, Sphere
+from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from .contact.two_pass import TwoPass
 from .errors import InputError, ModelLimitWarning, RunError
 from .history import at_times
 from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
+from .kinematics import FloatingKinematics
 
 if TYPE_CHECKING:
     from .solve import Result
 
 Array = np.ndarray
-Law = ComplianceContact | LagrangeContact | PenaltyContact | TwoPass
+Law = ContactLaw | TwoPass
 
 FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
@@ -73,7 +75,7 @@ class PartitionContact(dict):
         self.name, self.sides = name, tuple(sides)
         self.slave = sides[0][0]
         self.master = rigid if rigid is not None else sides[1][0]
-        self.law: Law
+        self.law: Any  # a Law; which one decides what it can do
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
@@ -278,7 +280,7 @@ def CreatePartitionContact(
     ----------
     mbs : exudyn.MainSystem
     slave : PartitionBody
-    master : PartitionBody, Plane, Sphere or Cylinder
+    master : PartitionBody, RigidPlane, RigidSphere or RigidCylinder
         Rigid surfaces are fixed in space, or to `masterBody`.
     formulation : {"compliance", "lagrange", "penalty"}
         "compliance" where a basis carries a residual flexibility, explicit and implicit; "lagrange" for bases whose
@@ -308,42 +310,43 @@ def CreatePartitionContact(
     EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
     """
     bodies, contacts = partition_items(mbs)
-    rigid = not isinstance(master, PartitionBody)
-    if rigid and not isinstance(master, (Plane, Sphere, Cylinder)):
+    other = master if isinstance(master, PartitionBody) else None
+    rigid = None if isinstance(master, PartitionBody) else master
+    if rigid is not None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder)):
         raise InputError(
-            "master: expected what CreatePartitionBody returns, or a rigid Plane, Sphere or Cylinder, got "
+            "master: expected what CreatePartitionBody returns, or a rigid RigidPlane, RigidSphere or RigidCylinder, got "
             f"{type(master).__name__}"
         )
-    for role, item in (("slave", slave),) if rigid else (("slave", slave), ("master", master)):
-        if not isinstance(item, PartitionBody):
-            raise InputError(f"{role}: expected what CreatePartitionBody returns, got {type(item).__name__}")
-        if not any(item is body for body in bodies):
+    if not isinstance(slave, PartitionBody):
+        raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")
+    for role, item in (("slave", slave), ("master", other)):
+        if item is not None and not any(item is body for body in bodies):
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_choice("formulation", formulation, FORMULATIONS)
     validate_choice("rows", rows, ROWS)
     validate_choice("passes", passes, PASSES)
-    if masterBody is not None and not rigid:
+    if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
     sides = [(slave, slave.body.partition.patch(slavePatch))]
-    if not rigid:
-        sides.append((master, master.body.partition.patch(masterPatch)))
+    if other is not None:
+        sides.append((other, other.body.partition.patch(masterPatch)))
     placed = [Side.of(item.kinematics, patch) for item, patch in sides]
-    if passes == "finer" and not rigid and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
+    if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
         sides, placed = sides[::-1], placed[::-1]
-    contact = PartitionContact(name, sides, master if rigid else None)
+    contact = PartitionContact(name, sides, rigid)
     _check_formulation(formulation, [item for item, _ in sides])
 
-    def law_of(a: Side, b: Side | None) -> Law:
-        gaps = PatchGaps(a, b, rows) if b is not None else RigidGaps(a, master, rows, _pose(mbs, masterBody))
-        return _law(formulation, gaps, stiffness)
-
-    contact.law = law_of(placed[0], None if rigid else placed[1])
+    if rigid is not None:
+        contact.law = _law(formulation, RigidGaps(placed[0], rigid, rows, _pose(mbs, masterBody)), stiffness)
+    else:
+        contact.law = _law(formulation, PatchGaps(placed[0], placed[1], rows), stiffness)
     if passes == "two":
-        if rigid or formulation == "lagrange":
+        if rigid is not None or formulation == "lagrange":
             raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
-        contact.law = TwoPass(contact.law, law_of(placed[1], placed[0]))
+        back = _law(formulation, PatchGaps(placed[1], placed[0], rows), stiffness)
+        contact.law = TwoPass(contact.law, back)
     contact.restart()
     _check_shared_bodies(contact, contacts)
     if contact.explicit_only:
@@ -381,8 +384,8 @@ def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:
     if formulation == "lagrange":
         if any(flexible):
             raise InputError(
-                f"formulation: 'lagrange' needs contact patches that move by coordinates with mass, which basis {names} "
-                "does not give them; take formulation='compliance', or basis='free'"
+                f"formulation: 'lagrange' needs contact patches that move by coordinates with mass, which "
+                f"basis {names} does not give them; take formulation='compliance', or basis='free'"
             )
         if any(item.frame == "floating" for item in items):
             raise InputError(
@@ -391,7 +394,7 @@ def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:
             )
 
 
-def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None) -> Law:
+def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None) -> Any:
     if formulation == "compliance":
         return ComplianceContact(gaps)
     bodies = [side.kinematics.body for side in gaps.sides]
@@ -502,15 +505,17 @@ def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
     """Massless object over the nodes of all bodies, with the contact's force and its Jacobian."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     law: Any = contact.law
-    floating = [(s, item) for s, item in _own_slices(contact) if item.frame == "floating"]
+    floating = [
+        (s, item.kinematics) for s, item in _own_slices(contact) if isinstance(item.kinematics, FloatingKinematics)
+    ]
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         q = np.asarray(q)
         f = law.force(q)
         if floating and law.index.size:
             f = f.copy()
-            for own, item in floating:
-                f[own] = item.kinematics.on_constant_mass(q[own], f[own])
+            for own, kinematics in floating:
+                f[own] = kinematics.on_constant_mass(q[own], f[own])
         return f
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:

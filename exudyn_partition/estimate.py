@@ -166,7 +166,8 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
         rows = [-np.kron(np.eye(len(gap)), line)]
         weights = [np.eye(len(gap))]
     else:
-        contact = pair_surfaces(*surfaces)
+        slave, master = surfaces
+        contact = pair_surfaces(slave, master)
         sizes = [len(surface.points) for surface in surfaces]
         gap, line = contact.gap - contact.gap.min(), contact.approach
         rows = [G.toarray() for G in contact.matrices(*sizes)]

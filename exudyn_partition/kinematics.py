@@ -188,7 +188,7 @@ class FloatingKinematics:
         return directions @ self.frame(q)[1]
 
     def on_constant_mass(self, q: Array, force: Array) -> Array:
-        """Generalised forces that give the constant mass diag(m, J, 1) the acceleration which `force` gives the true one.
+        """Forces that give the constant mass diag(m, J, 1) the accelerations which `force` gives the true one.
 
         See `floating.InertiaForces`, which does the same for inertia and elastic forces.
         """

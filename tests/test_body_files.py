@@ -18,9 +18,10 @@ import exudyn_partition as ep
 from exudyn_partition import archive, cache
 from exudyn_partition import body as body_module
 from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.gaps import PatchGaps, Side
 from exudyn_partition.contact.lagrange import LagrangeContact
-from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.errors import CacheWarning, InputError
+from exudyn_partition.kinematics import InertialKinematics
 from exudyn_partition.partition import Interface, Patch
 
 BASES = ["free", "residual", "contact-adapted"]
@@ -94,13 +95,15 @@ def test_a_loaded_body_is_the_saved_one(pair, tmp_path):
 
 def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
     def answer(striker, target):
-        rows = pair_surfaces(striker.surface(np.array(TOP)), target.surface(np.zeros(3)))
+        places = zip((striker, target), (TOP, (0, 0, 0)), strict=True)
+        gaps = PatchGaps(*[Side.of(InertialKinematics(body, np.array(at))) for body, at in places])
         down = np.r_[0, 0, -1.0, 0, 0, 0]
         q = np.r_[striker.rigid @ (2e-6 * down), np.zeros(target.n_dofs)]
         if striker.basis.name == "free":
+            inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in (striker, target)])
             q_t = np.r_[striker.rigid @ down, np.zeros(target.n_dofs)]
-            return LagrangeContact(rows, striker, target).increment(q, q_t, np.zeros(len(q)), 1e-8)
-        return ComplianceContact(rows, striker, target).force(q)
+            return LagrangeContact(gaps, inverse_mass).increment(q, q_t, np.zeros(len(q)), 1e-8)
+        return ComplianceContact(gaps).force(q)
 
     expected = answer(*pair)
     assert np.abs(expected).max() > 0

@@ -193,7 +193,7 @@ class Gaps:
 
 def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
     """Flexibility of rows, the means (nr, p) of points that are weighted nodes, (p, k), of the patch."""
-    n, F = len(side.surface.points), side.flexibility
+    n, F = len(side.surface.points), np.asarray(side.flexibility)
     # Along the line of contact alone, a point's flexibility is that of its nodes, whatever its own direction.
     normal_only = len(F) == n
     if normal_only and mean is None and nodes.shape[1] == 1:
@@ -307,7 +307,7 @@ class PatchGaps(Gaps):
         return gap
 
     def _has_moved(self, here: Array) -> bool:
-        """Whether points may meet other facets than those that were near at the last search, by the witnesses' places."""
+        """Whether points may meet other facets than at the last search, by the witnesses' places."""
         if self._searched_at is not None and abs(here - self._searched_at).max() <= self._reach:
             return False
         self._searched_at = here

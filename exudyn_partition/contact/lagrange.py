@@ -48,7 +48,7 @@ class LagrangeContact(ContactLaw):
         super().reset()
         self._expected: Array | None = None
         self._held: Any = None
-        self.problem: Complementarity | None = None
+        self.problem: Any = None
         self._take_rows()
 
     def _take_rows(self) -> None:

@@ -24,7 +24,7 @@ class RigidSurface(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
+class RigidPlane:
     """Half-space behind a plane.
 
     Parameters
@@ -48,7 +48,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
+class RigidSphere:
     """Solid sphere.
 
     Parameters
@@ -72,7 +72,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Cylinder:
+class RigidCylinder:
     """Solid cylinder without ends.
 
     Parameters
@@ -150,7 +150,7 @@ class RigidGaps(Gaps):
         self._shares = ((self._all.nodes, self._all.weights),)
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
-        linear = slave.kinematics.linear and isinstance(surface, Plane) and pose is None
+        linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
         self._q = np.zeros(self.n)
         start = self._evaluate(slave.surface.points)
         self._check_start(start)

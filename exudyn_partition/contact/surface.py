@@ -155,7 +155,7 @@ class Projection:
 
     @classmethod
     def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
-        """Make it of `shape_functions` at the closest points, (k, 3, n), their `frame`, (k, 3, 3), and the way there."""
+        """Make it of `shape_functions` at the closest points, their frame, (k, 3, 3), and the way from there."""
         a, b = frame[:, 1], frame[:, 2]
         normal = np.empty_like(a)
         for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # np.cross takes ten times as long for few points

@@ -72,7 +72,7 @@ class TwoPass:
 
     @property
     def node_areas(self) -> Array:
-        """Half the areas of the rows of all patch nodes [m2]: forces over areas are pressures, their sum is one side's."""
+        """Half the areas of all patch nodes' rows [m2]: forces over areas are pressures, their sum is one side's."""
         return 0.5 * np.concatenate([law.node_areas for law in self.passes])
 
     @property
