@@ -314,7 +314,7 @@ def CreatePartitionContact(
     rigid = None if isinstance(master, PartitionBody) else master
     if rigid is not None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder)):
         raise InputError(
-            "master: expected what CreatePartitionBody returns, or a rigid RigidPlane, RigidSphere or RigidCylinder, got "
+            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere or RigidCylinder, got "
             f"{type(master).__name__}"
         )
     if not isinstance(slave, PartitionBody):
