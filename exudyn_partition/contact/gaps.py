@@ -137,7 +137,8 @@ class Gaps:
 
     def split(self, q: Array) -> list[Array]:
         """Coordinates of each side, of q, (n,)."""
-        return np.split(q, np.cumsum([side.n for side in self.sides])[:-1])
+        n = self.sides[0].n
+        return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
 
     def places(self, q: Array) -> list[Array]:
         """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
@@ -206,7 +207,7 @@ def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mea
     else:
         rows, dofs = directed_matrix(place[nodes], weights, along, len(used)), node_dofs(used)
     if mean is not None:
-        rows = sp.csr_matrix(mean @ rows)
+        rows = mean @ rows
     return rows @ (rows @ F[np.ix_(dofs, dofs)]).T
 
 
