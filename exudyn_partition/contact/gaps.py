@@ -191,6 +191,18 @@ class Gaps:
                 F += _row_flexibility(side, nodes[points], weights[points], along, mean)
         return F
 
+    def side_rows(self, side: int, index: Array) -> Any:
+        """Some present rows on the flexibility of one of the sides' patches, (na, d np)."""
+        nodes, weights = self._shares[side]
+        points = index if self._mean is None else np.arange(len(self.normals))
+        own, n = self.sides[side], len(self.sides[side].surface.points)
+        if len(np.asarray(own.flexibility)) == n:
+            rows = point_matrix(nodes[points], -abs(weights[points]), n)  # contact pushes inwards
+        else:
+            along = own.kinematics.in_frame(self.split(self._q)[side], self.normals[points])
+            rows = directed_matrix(nodes[points], weights[points], along, n)
+        return rows if self._mean is None else self._mean[index] @ rows
+
 
 def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
     """Flexibility of rows, the means (nr, p) of points that are weighted nodes, (p, k), of the patch."""
