@@ -18,12 +18,18 @@ R = 5e-3
 
 
 @pytest.fixture(scope="module")
-def marble():
+def marble_parts():
     """A small steel ball about the origin with a patch at either pole."""
     refine = [ep.Refine((0, 0, z), 0.5e-3, 0.15e-3) for z in (-R, R)]
     fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=2.5e-3, refine=refine, grading=0.5)
     poles = [ep.Partition.ball(fem, (0, 0, z), 0.5e-3, name=name) for z, name in ((-R, "south"), (R, "north"))]
-    return ep.reduce(fem, poles[0] | poles[1], f_cut=300e3)
+    return fem, poles[0] | poles[1]
+
+
+@pytest.fixture(scope="module")
+def marble(marble_parts):
+    """The same, reduced."""
+    return ep.reduce(*marble_parts, f_cut=300e3)
 
 
 @pytest.fixture(scope="module")
@@ -114,8 +120,9 @@ def chain_of_hertz(mass, speed, end_time):
     return run.y[3:, -1]
 
 
-def test_newton_s_cradle(mbs, marble):
-    """Three balls in a row, the middle one with two contacts that push each other: two Hertz springs in series."""
+def cradle(marble):
+    """Momenta of three marbles in a row, (3, n) [N s], after the first has hit the others at 0.5 m/s, and energies."""
+    mbs = exu.SystemContainer().AddSystem()
     balls = [
         ep.CreatePartitionBody(
             mbs, marble, referencePosition=[0, 0, 2 * R * i], initialVelocity=[0, 0, 0.5 * (i == 0)], name=f"ball {i}"
@@ -127,14 +134,22 @@ def test_newton_s_cradle(mbs, marble):
         for a, b in pairwise(balls)
     ]
     mbs.Assemble()
-    assert contacts[0].group is contacts[1].group
-    result = ep.solve_dynamic(mbs, end_time=150e-6, step=0.1e-6)
-    momentum = np.array([ball.momentum(result)[:, 2] for ball in balls])
-    np.testing.assert_allclose(momentum.sum(axis=0), momentum[0, 0], rtol=1e-9)
-    expected = chain_of_hertz(marble.total_mass, 0.5, 150e-6)
-    np.testing.assert_allclose(momentum[:, -1] / marble.total_mass, expected, atol=0.01 * 0.5)
+    result = ep.solve_dynamic(mbs, end_time=120e-6, step=0.1e-6)
     energy = sum(x.energy(result) for x in (*balls, *contacts))
+    return np.array([ball.momentum(result)[:, 2] for ball in balls]), energy
+
+
+def test_newton_s_cradle(marble, marble_parts):
+    """Three balls in a row: two Hertz springs in series, but for the waves and the finite size of the balls."""
+    momentum, energy = cradle(marble)
+    np.testing.assert_allclose(momentum.sum(axis=0), momentum[0, 0], rtol=1e-9)
     assert abs(energy / energy[0] - 1).max() < 1e-5
+    expected = chain_of_hertz(marble.total_mass, 0.5, 120e-6)
+    np.testing.assert_allclose(momentum[:, -1] / marble.total_mass, expected, atol=0.02 * 0.5)
+    # What is left to the residual flexibility, the modes of the other basis answer; neglecting its coupling between the
+    # two contacts of the middle ball makes a difference ten times as large.
+    other, _ = cradle(ep.reduce(*marble_parts, basis="residual", f_cut=300e3))
+    np.testing.assert_allclose(other[:, -1], momentum[:, -1], atol=1e-3 * momentum[0, 0])
 
 
 @pytest.mark.parametrize("rows", ["node-to-segment", "integrated"])
