@@ -84,6 +84,7 @@ class PartitionContact(dict):
         """Forget the last run."""
         self.law.reset()
         self.reached_edge_at: float | None = None
+        self.reached_edge: Array | None = None
         self._sampled_at = self._stepped_to = t
         self._impulse = np.zeros(4)
         self._samples: list[tuple[float, Array, Array]] = []
@@ -123,8 +124,9 @@ class PartitionContact(dict):
         if self.explicit_only:
             self._check_step(mbs, t)
         if closed.size:
-            if self.reached_edge_at is None and law.reaches_edge():
-                self.reached_edge_at = t
+            if self.reached_edge_at is None:
+                self.reached_edge = law.edge_reached()
+                self.reached_edge_at = None if self.reached_edge is None else t
             self._samples.append((t, law.row_nodes[closed], law.lam[closed]))
             values = [law.lam.sum(), closed.size, *law.resultant(), 0.0]
         else:

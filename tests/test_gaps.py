@@ -1,5 +1,7 @@
 """Patches that slide, rigid surfaces, integrated rows, and the laws on them."""
 
+from dataclasses import replace
+
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from exudyn_partition.contact.penalty import PenaltyContact, bed_stiffness
 from exudyn_partition.contact.points import ROWS, contact_points
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.two_pass import TwoPass
-from exudyn_partition.errors import InputError, PenetrationError
+from exudyn_partition.errors import InputError, MeshError, PenetrationError
 from exudyn_partition.kinematics import FloatingKinematics, InertialKinematics
 
 
@@ -70,6 +72,15 @@ def test_integrated_rows_turn_uniform_pressure_into_consistent_nodal_forces(ball
     corners, middles = np.unique(facets[:, :3]), np.unique(facets[:, 3:])
     assert on_nodes.sum() == pytest.approx(points.area.sum(), rel=1e-12)
     assert abs(on_nodes[corners]).max() < 0.02 * on_nodes[middles].max()
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_facets_without_area(ball, kind):
+    surface = ball.surface(np.zeros(3))
+    points = surface.points.copy()
+    points[surface.facets[3]] = points[surface.facets[3, 0]]
+    with pytest.raises(MeshError, match="have no area, such as the one at"):
+        contact_points(replace(surface, points=points), kind)
 
 
 @pytest.mark.parametrize("kind", ROWS)
@@ -171,7 +182,7 @@ def test_points_past_the_master_s_edge_carry_nothing(ball, plate):
     law = ComplianceContact(PatchGaps(inertial(ball), inertial(plate)))
     for x in np.linspace(0, 6e-3, 61):
         law.force(np.r_[moved(inertial(ball), [x, 0, -4e-6]), np.zeros(plate.n_dofs)])
-        if law.reaches_edge():
+        if law.edge_reached() is not None:
             break
     assert 1.1e-3 < x < 1.7e-3  # the contact's radius is 0.2 mm, the patch's 1.6
     for further in np.linspace(x, 6e-3, 61):

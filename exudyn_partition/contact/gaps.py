@@ -144,6 +144,10 @@ class Gaps:
         """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
         return [side.kinematics.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
 
+    def places_now(self) -> list[Array]:
+        """Places of the patches' nodes, (np, 3) of each side [m], at the last coordinates."""
+        return self.places(self._q)
+
     def jacobian(self, index: Array) -> Any:
         """Derivative of some present rows' gaps by the coordinates, (na, n), pairs held."""
         if not self.moving:
@@ -173,7 +177,7 @@ class Gaps:
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
         at_points = lam if self._mean is None else lam @ self._mean
-        (nodes, weights), x = self._shares[0], self.places(self._q)[0]
+        (nodes, weights), x = self._shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
         return np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
 
@@ -298,6 +302,7 @@ class PatchGaps(Gaps):
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         if not self.moving:
             if abs(self._drift @ q - self._drift_start).max() <= _HELD * self.size:
+                self._q = q
                 return self._gap + self.H @ q
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
