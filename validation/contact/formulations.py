@@ -1,9 +1,10 @@
 """Rod on plate by all formulations, kinds of rows and passes: where they agree, and what they differ by.
 
 Reference: the full FE model with the same mesh and the same kind of rows (HHT, 0.5 us), over the first 0.5 ms, which
-holds the rod's first two sub-impacts. Quantity: relative L2 error of the contact force, impulse and peak relative to the
-reference's, beside reduced dofs and run time. The two references differ by what the kind of rows does; penalty and
-two passes, which no reference has, are compared with node-to-segment's. Limits: with the residual flexibility, impulse
+holds the first two sub-impacts. Quantity: relative L2 error of the contact force, impulse and peak relative to the
+reference's, beside reduced dofs and run time. The two references differ by what the kind of rows does; penalty and two
+passes, which no reference has, are compared with node-to-segment's.
+Limits: with the residual flexibility, impulse
 within 0.5 % and force within 3 % of the reference; with multipliers on nodes, impulse within 10 %, for their bases lack
 the static answer of the modes that are cut (validation/benchmarks/bases.py).
 
