@@ -48,15 +48,14 @@ def resident_MB():
 
 def counted(law):
     """Count the times that a contact closes, for samples are too rare to tell."""
-    evaluate, count = law.force, [0]
+    answer, count = law.answer, [0]
 
-    def force(q):
+    def counting(*gaps):
         was_open = not law.index.size
-        answer = evaluate(q)
+        answer(*gaps)
         count[0] += was_open and law.index.size > 0
-        return answer
 
-    law.force = force
+    law.answer = counting
     return count
 
 
