@@ -164,7 +164,7 @@ class RigidGaps(Gaps):
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
-        self._q = np.zeros(self.n)
+        self.at(np.zeros(self.n))  # for the normals
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
