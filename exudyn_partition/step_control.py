@@ -35,8 +35,8 @@ def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
     gap, a = np.maximum(gap, 0.0), np.minimum(acceleration, 0.0)
     root = np.sqrt(rate**2 - 2 * a * gap)
     # Of the two forms of the solution the one without cancellation.
-    above = np.where(rate > 0, rate + root, 2 * gap)
-    below = np.where(rate > 0, -a, root - rate)
+    above = np.where(rate >= 0, rate + root, 2 * gap)
+    below = np.where(rate >= 0, -a, root - rate)
     return np.divide(above, below, out=np.full(len(gap), np.inf), where=below > 0)
 
 
