@@ -14,6 +14,7 @@ import scipy.sparse.linalg
 from ._checks import validate_choice, validate_positive
 from ._optional import require
 from .contact.compliance import ComplianceContact
+from .contact.coupled import CoupledContacts
 from .contact.gaps import PatchGaps, Side
 from .contact.lagrange import LagrangeContact
 from .contact.law import ContactLaw
@@ -35,7 +36,7 @@ Law = ContactLaw | TwoPass
 FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
 
-_COUPLED = 0.01  # residual flexibility between two patches over their own, below which nobody needs a warning
+_COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
 
@@ -76,11 +77,14 @@ class PartitionContact(dict):
         self.slave = sides[0][0]
         self.master = rigid if rigid is not None else sides[1][0]
         self.law: Any  # a Law; which one decides what it can do
+        self.group: list[PartitionContact] = [self]  # contacts that are solved together
+        self.together: CoupledContacts
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
         self.law.reset()
         self.reached_edge_at: float | None = None
+        self.reached_edge: Array | None = None
         self._sampled_at = self._stepped_to = t
         self._impulse = np.zeros(4)
         self._samples: list[tuple[float, Array, Array]] = []
@@ -120,8 +124,9 @@ class PartitionContact(dict):
         if self.explicit_only:
             self._check_step(mbs, t)
         if closed.size:
-            if self.reached_edge_at is None and law.reaches_edge():
-                self.reached_edge_at = t
+            if self.reached_edge_at is None:
+                self.reached_edge = law.edge_reached()
+                self.reached_edge_at = None if self.reached_edge is None else t
             self._samples.append((t, law.row_nodes[closed], law.lam[closed]))
             values = [law.lam.sum(), closed.size, *law.resultant(), 0.0]
         else:
@@ -143,6 +148,12 @@ class PartitionContact(dict):
 
     def _slices(self, mbs: Any) -> list[slice]:
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
+
+    def force_in_group(self, mbs: Any) -> Array:
+        """Generalised force of this contact, solved together with those that move its patches."""
+        data = mbs.systemData.GetODE2Coordinates(copy=False)
+        coordinates = [np.concatenate([data[s] for s in contact._slices(mbs)]) for contact in self.group]
+        return self.together.forces(coordinates)[self.group.index(self)]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
         """Gap rows of multipliers on the coordinates of one of the bodies, (nr, n_dofs)."""
@@ -238,9 +249,16 @@ class PartitionContact(dict):
             return np.zeros(len(result.t))
         if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
             raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
-        self.law.reset()
-        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
-        return np.array([self.law.potential(x) for x in q])
+        histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
+        for contact in self.group:
+            contact.law.reset()
+        if len(self.group) == 1:
+            return np.array([self.law.potential(q) for q in histories[0]])
+        stored = []
+        for coordinates in zip(*histories, strict=True):
+            self.together.forces(coordinates)
+            stored.append(self.law.stored())
+        return np.array(stored)
 
     @property
     def explicit_only(self) -> bool:
@@ -475,7 +493,8 @@ def _load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
 
 
 def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContact]) -> None:
-    """Refuse or warn of contacts whose forces move another contact's patch beyond what each contact knows of it."""
+    """Solve contacts together whose forces move each other's patches; refuse what cannot be."""
+    coupled = [contact]
     for other in others:
         for item, patch in contact.sides:
             for other_item, other_patch in other.sides:
@@ -489,8 +508,27 @@ def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContac
                         "take its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) "
                         "| Partition.ball(...)), or take basis='free' with formulation='lagrange'"
                     )
-                else:
-                    _warn_of_coupled_flexibility(item, patch, other_patch)
+                elif _coupling(item, patch, other_patch) > _COUPLED:
+                    both = (contact, other)
+                    if all(isinstance(c.law, ComplianceContact) for c in both):
+                        coupled += [c for c in other.group if c not in coupled]
+                    elif all(isinstance(c.law, ComplianceContact | TwoPass) for c in both):
+                        _warn_of_coupled_flexibility(item, patch, other_patch)
+    if len(coupled) > 1:
+        together = CoupledContacts([c.law for c in coupled], _links(coupled))
+        for member in coupled:
+            member.group, member.together = coupled, together
+
+
+def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, Array]]:
+    """Which sides of the contacts push which others, and the flexibility between their patches."""
+    sides = [(j, s, item, patch) for j, c in enumerate(contacts) for s, (item, patch) in enumerate(c.sides)]
+    return [
+        (j, s, k, r, item.body.flexibility(patch, other_patch))
+        for j, s, item, patch in sides
+        for k, r, other, other_patch in sides
+        if j != k and item is other and item.body.basis.flexibility is not None
+    ]
 
 
 def _refuse_coupled_multipliers(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> None:
@@ -506,17 +544,22 @@ def _refuse_coupled_multipliers(contact: PartitionContact, other: PartitionConta
         )
 
 
-def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) -> None:
+def _coupling(item: PartitionBody, patch: int, other: int) -> float:
+    """Residual flexibility between two patches, relative to their own."""
+    if item.body.basis.flexibility is None:
+        return 0.0
     own, others = (np.linalg.norm(item.body.flexibility(i), 2) for i in (patch, other))
-    coupling = np.linalg.norm(item.body.flexibility(patch, other), 2) / np.sqrt(own * others)
-    if coupling > _COUPLED:
-        warnings.warn(
-            f"body {item.name!r}: the residual flexibility couples its patches {patch} and {other} by {coupling:.1%}, "
-            "which contacts on both neglect; forces on one may be off by about that share of the other's. A higher "
-            "f_cut lowers it",
-            ModelLimitWarning,
-            stacklevel=4,
-        )
+    return float(np.linalg.norm(item.body.flexibility(patch, other), 2) / np.sqrt(own * others))
+
+
+def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) -> None:
+    warnings.warn(
+        f"body {item.name!r}: the residual flexibility couples its patches {patch} and {other} by "
+        f"{_coupling(item, patch, other):.1%}, which contacts with passes='two' neglect; forces on one may be off by "
+        "about that share of the other's. Take one pass, or a higher f_cut",
+        ModelLimitWarning,
+        stacklevel=4,
+    )
 
 
 def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
@@ -529,7 +572,7 @@ def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         q = np.asarray(q)
-        f = law.force(q)
+        f = law.force(q) if len(contact.group) == 1 else contact.force_in_group(mbs)
         if floating and law.index.size:
             f = f.copy()
             for own, kinematics in floating:
@@ -537,7 +580,8 @@ def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
         return f
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
-        law.force(np.asarray(q))
+        if len(contact.group) == 1:
+            law.force(np.asarray(q))
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
 
     return mbs.AddObject(

@@ -24,6 +24,7 @@ Array = np.ndarray
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
+_BLOCK = 1000  # samples whose patches are recovered at a time
 _RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
 
 Kinematics = InertialKinematics | FloatingKinematics
@@ -129,7 +130,9 @@ class PartitionBody(dict):
 
     def deformation(self, q: Array) -> Array:
         """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
-        return abs(self.kinematics.at(self.body.partition.patch_nodes).deformation(q)).max(axis=(1, 2), initial=0.0)
+        patches = self.kinematics.at(self.body.partition.patch_nodes)
+        blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
+        return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
 
     def _node(self, point: Array) -> Kinematics:
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))

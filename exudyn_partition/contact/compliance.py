@@ -48,28 +48,38 @@ class ComplianceContact(ContactLaw):
 
     def force(self, q: Array) -> Array:
         """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
-        self.h = h = self.gaps.at(q)
+        self.answer(self.gaps.at(q))
+        return self.generalised()
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), of the present forces on the rows."""
+        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+
+    def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
+        """Find the forces on the present rows by their gaps, (nr,), and what other contacts push these further [m]."""
+        self.h = gap
+        h = gap + pushed
         self.least_gap = h.min(initial=np.inf)
         if self.gaps.moving:
-            return self._force_near(h)
+            self._answer_near(h)
+            return
         if self._held is not self.gaps.held:
             self._take_held()
         self.lam = self.problem.solve(h)
         self.index = self.problem.index
-        return self.gaps.generalised(self.lam) if self.index.size else self._zero
 
-    def _force_near(self, h: Array) -> Array:
+    def _answer_near(self, h: Array) -> None:
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if self.least_gap >= 0.0:
-            return self._open()
+            self._open()
+            return
         near = np.flatnonzero(h < -_BULGE * self.least_gap)
         self.problem.replace(self.gaps.flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
         self._held = None  # the frozen problem is no more
         lam = np.zeros(len(h))
         lam[near] = self.problem.solve(h[near])
         self._close(lam, near[self.problem.index])
-        return self.gaps.generalised(lam)
 
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q of the present active set, (n, n): H_A' F_AA^-1 H_A, pairs held."""
@@ -87,4 +97,8 @@ class ComplianceContact(ContactLaw):
     def potential(self, q: Array) -> float:
         """Energy stored in the contact's flexibility, 1/2 lambda' F lambda [J]."""
         self.force(q)
+        return self.stored()
+
+    def stored(self) -> float:
+        """Energy stored at present [J]: 1/2 lambda' F lambda = -1/2 lambda' h by complementarity."""
         return -0.5 * float(self.lam[self.index] @ self.h[self.index])

@@ -137,7 +137,8 @@ class Gaps:
 
     def split(self, q: Array) -> list[Array]:
         """Coordinates of each side, of q, (n,)."""
-        return np.split(q, np.cumsum([side.n for side in self.sides])[:-1])
+        n = self.sides[0].n
+        return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
 
     def places(self, q: Array) -> list[Array]:
         """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
@@ -154,6 +155,10 @@ class Gaps:
         gap = self.at(q)
         H = self.jacobian(np.arange(len(gap)))
         return gap, H @ q_t, H @ q_tt
+
+    def places_now(self) -> list[Array]:
+        """Places of the patches' nodes, (np, 3) of each side [m], at the last coordinates."""
+        return self.places(self._q)
 
     def jacobian(self, index: Array) -> Any:
         """Derivative of some present rows' gaps by the coordinates, (na, n), pairs held."""
@@ -184,7 +189,7 @@ class Gaps:
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
         at_points = lam if self._mean is None else lam @ self._mean
-        (nodes, weights), x = self._shares[0], self.places(self._q)[0]
+        (nodes, weights), x = self._shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
         return np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
 
@@ -202,6 +207,18 @@ class Gaps:
                 F += _row_flexibility(side, nodes[points], weights[points], along, mean)
         return F
 
+    def side_rows(self, side: int, index: Array) -> Any:
+        """Some present rows on the flexibility of one of the sides' patches, (na, d np)."""
+        nodes, weights = self._shares[side]
+        points = index if self._mean is None else np.arange(len(self.normals))
+        own, n = self.sides[side], len(self.sides[side].surface.points)
+        if len(np.asarray(own.flexibility)) == n:
+            rows = point_matrix(nodes[points], -abs(weights[points]), n)  # contact pushes inwards
+        else:
+            along = own.kinematics.in_frame(self.split(self._q)[side], self.normals[points])
+            rows = directed_matrix(nodes[points], weights[points], along, n)
+        return rows if self._mean is None else self._mean[index] @ rows
+
 
 def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
     """Flexibility of rows, the means (nr, p) of points that are weighted nodes, (p, k), of the patch."""
@@ -218,7 +235,7 @@ def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mea
     else:
         rows, dofs = directed_matrix(place[nodes], weights, along, len(used)), node_dofs(used)
     if mean is not None:
-        rows = sp.csr_matrix(mean @ rows)
+        rows = mean @ rows
     return rows @ (rows @ F[np.ix_(dofs, dofs)]).T
 
 
@@ -297,6 +314,7 @@ class PatchGaps(Gaps):
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         if not self.moving:
             if abs(self._drift @ q - self._drift_start).max() <= _HELD * self.size:
+                self._q = q
                 return self._gap + self.H @ q
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q

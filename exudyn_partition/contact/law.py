@@ -71,6 +71,9 @@ class ContactLaw:
         """Moment on the slave about a point in space, (3,) [N m]."""
         return self.gaps.moment(self.lam, point)
 
-    def reaches_edge(self) -> bool:
-        """Whether a closed row is at the edge of what can touch."""
-        return bool(self.gaps.at_edge[self.index].any())
+    def edge_reached(self) -> Array | None:
+        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        rows = self.index[self.gaps.at_edge[self.index]]
+        if not len(rows):
+            return None
+        return self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]

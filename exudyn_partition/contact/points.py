@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import validate_choice
+from ..errors import MeshError
 from .surface import Array, Surface, shape_functions
 
 ROWS = ("node-to-segment", "integrated")
@@ -78,6 +79,7 @@ class ContactPoints:
         )
 
 
+_NO_AREA = 1e-9  # of a mean edge's square
 _LEAST_SHARE = 1e-3  # of a row's area: what a row needs at least
 
 
@@ -88,6 +90,11 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
     ----------
     surface : Surface
     rows : {"node-to-segment", "integrated"}
+
+    Raises
+    ------
+    MeshError
+        If a facet has no area.
     """
     validate_choice("rows", rows, ROWS)
     n_corners = 4 if surface.facets.shape[1] == 4 else 3
@@ -97,6 +104,13 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
     tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], surface.points[surface.facets])
     area = weight * np.linalg.norm(np.cross(*tangents), axis=2)  # (nf, nq)
     nf, nq = area.shape
+    flat = np.flatnonzero(area.sum(axis=1) <= _NO_AREA * surface.facet_size**2)
+    if len(flat):
+        where = surface.points[surface.facets[flat[0], :n_corners]].mean(axis=0)
+        raise MeshError(
+            f"{len(flat)} of {nf} facets of the contact patch have no area, such as the one at {where} m: their nodes "
+            "lie on a line or in a point. Repair or refine the mesh there"
+        )
     corners = surface.facets[:, :n_corners]
     share = area[:, :, None] * hats  # (nf, nq, n_corners)
     if rows == "integrated":

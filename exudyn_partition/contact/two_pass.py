@@ -97,6 +97,7 @@ class TwoPass:
         there, back = self.passes
         return 0.5 * (there.moment(point) - back.moment(point))
 
-    def reaches_edge(self) -> bool:
-        """Whether a closed row is at the edge of what can touch."""
-        return any(law.reaches_edge() for law in self.passes)
+    def edge_reached(self) -> Array | None:
+        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        places = [law.edge_reached() for law in self.passes]
+        return next((place for place in places if place is not None), None)

@@ -1,0 +1,119 @@
+"""What one evaluation of a contact costs: about 100 slave nodes against 250 facets, frozen and moving pairs.
+
+Reference: none; the limits of issue 4 are 60 us with frozen pairs, 300 us with moving ones, all in Python.
+Quantity: median time of `law.force(q)` over 2000 calls with the contact closed to the depth of a Hertz impact: with
+coordinates that change but do not slide (frozen), and that slide by 0.1 % of a facet a call, over facets' edges
+(moving). Beside it node-to-segment and integrated rows, closed rows, and the same with the patches apart.
+
+    python validation/benchmarks/contact_evaluation.py
+"""
+
+import json
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+
+import netgen.occ as occ
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.kinematics import InertialKinematics
+from exudyn_partition.linalg import one_blas_thread
+
+RESULTS = Path(__file__).with_suffix(".json")
+CALLS = 2000
+DEPTH = 4e-6  # of a steel ball of 10 mm radius, a few hundred newtons [m]
+LIMITS = {"frozen_us": 60.0, "moving_us": 300.0}
+
+
+def ball_on_plate():
+    """A ball and a plate, reduced, whose patches have about 100 nodes and 250 facets."""
+    ball = ep.fe_model(
+        occ.Sphere(occ.Pnt(0, 0, 0.010), 0.010),
+        ep.STEEL,
+        maxh=3e-3,
+        refine=[ep.Refine((0, 0, 0), 0.6e-3, 0.22e-3)],
+        grading=0.5,
+    )
+    plate = ep.fe_model(
+        occ.Box(occ.Pnt(-0.01, -0.01, -0.005), occ.Pnt(0.01, 0.01, 0)),
+        ep.STEEL,
+        maxh=4e-3,
+        refine=[ep.Refine((0, 0, 0), 1.5e-3, 0.25e-3)],
+        grading=0.5,
+    )
+    parts = ep.Partition.ball(ball, (0, 0, 0), 0.75e-3), ep.Partition.ball(plate, (0, 0, 0), 2.1e-3)
+    return [ep.reduce(fem, part, f_cut=150e3) for fem, part in zip((ball, plate), parts, strict=True)]
+
+
+def median_us(law, coordinates):
+    """Median time of `law.force` [us]."""
+    times = []
+    for q in coordinates:
+        begin = time.perf_counter()
+        law.force(q)
+        times.append(time.perf_counter() - begin)
+    return 1e6 * float(np.median(times))
+
+
+def motions(bodies, gaps):
+    """Coordinates, CALLS of them: trembling without sliding, sliding, and the same with the ball lifted."""
+    n = sum(body.n_dofs for body in bodies)
+    rigid = np.zeros((n, 3))
+    rigid[: bodies[0].n_dofs] = bodies[0].rigid[:, :3]
+    down = rigid @ [0, 0, -DEPTH]
+    trembling = 0.05 * DEPTH * np.sin(np.arange(CALLS))[:, None] * rigid[:, 2]
+    way = 1e-3 * gaps.size * np.arange(CALLS)[:, None]
+    sliding = 0.3e-3 * np.sin(way / 0.3e-3) * rigid[:, 0]
+    return {"frozen": down + trembling, "moving": down + sliding, "apart": -25 * down + sliding}
+
+
+@one_blas_thread()
+def measure(bodies, kind):
+    entry = {}
+    for name in ("frozen", "moving", "apart"):
+        law = ComplianceContact(PatchGaps(*[Side.of(InertialKinematics(b, np.zeros(3))) for b in bodies], kind))
+        entry["rows"] = len(law.gaps.row_nodes)
+        entry[f"{name}_us"] = median_us(law, motions(bodies, law.gaps)[name])
+        if name == "moving":
+            entry["closed_rows"] = len(law.index)
+    return entry
+
+
+def main():
+    bodies = ball_on_plate()
+    patches = [body.partition.patches[0] for body in bodies]
+    results = {kind: measure(bodies, kind) for kind in ("node-to-segment", "integrated")}
+    table = Table(
+        "rows",
+        *next(iter(results.values())),
+        title=f"{len(patches[0].nodes)} slave nodes, {len(patches[1].facets)} facets",
+    )
+    for kind, entry in results.items():
+        table.add_row(kind, *(f"{value:.4g}" for value in entry.values()))
+    Console().print(table)
+    data = {
+        "slave_nodes": len(patches[0].nodes),
+        "facets": len(patches[1].facets),
+        "dofs": [body.n_dofs for body in bodies],
+        "results": results,
+        "limits": LIMITS,
+        "machine": {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()},
+    }
+    RESULTS.write_text(json.dumps(data, indent=1) + "\n")
+    failed = [
+        f"{key} {results['node-to-segment'][key]:.0f}"
+        for key in LIMITS
+        if results["node-to-segment"][key] > LIMITS[key]
+    ]
+    sys.exit(f"beyond the stated limits: {', '.join(failed)}" if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
