@@ -211,6 +211,8 @@ def solve_dynamic(
     ------
     StepSizeError
         If an explicit step is above the stability limit.
+    InputError
+        If an option is out of range, or would have no effect.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
@@ -230,6 +232,9 @@ def solve_dynamic(
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     if method == "implicit":
         _refuse_multipliers(mbs)
+    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance)):
+        if value is not None and not adaptive:
+            raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
     step = _checked_step(mbs, step, method)
     steps = math.ceil(end_time / step * (1 - 1e-9))
     step = end_time / steps
@@ -361,6 +366,8 @@ def _step_control(
 ) -> StepControl:
     bodies, contacts = partition_items(mbs)
     longest = LONGEST * step if free_step is None else validate_positive("free_step", free_step, "s")
+    if longest < step * (1 - 1e-9):
+        raise InputError(f"free_step: expected at least the step in contact, {step:.4g} s, got {longest:.4g} s")
     if gap_tolerance is not None:
         gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
     if method == "explicit":

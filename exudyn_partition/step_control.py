@@ -17,6 +17,7 @@ State = Callable[[PartitionBody], tuple[Array, Array, Array]]
 
 LONGEST = 100  # contact steps: default of the longest step, as nothing is known of a model's other items
 GROWTH = 1.25  # of the step, from one to the next: twice as fast, generalized-alpha amplifies modes far above its step
+_WORTHWHILE = 1.1  # growth below which a step is kept, and the factors of its Jacobian with it
 _UNRESOLVED = 1e-4  # of the bodies' largest energy so far: what steps need not resolve, 1 % of a velocity
 _CAUTION = 0.9  # of the time to contact: what is left out grows with the square of the step
 _LANDING = 0.5  # of the touching step: how long before contact the last long step ends
@@ -118,6 +119,8 @@ class StepControl:
             limit = min(limit, self._until_contact(contact) if self._was_open[i] else self.step)
         if limit > self.step:
             limit = max(self.step, min(limit, self._resolving_step()))
+        if last < limit <= _WORTHWHILE * last and limit != self.step:
+            return last
         return min(limit, GROWTH * last)
 
     def shorter_step(self, taken: float) -> float | None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import exudyn_partition as ep
 from exudyn_partition import solve
-from exudyn_partition.errors import StoppedRunWarning
+from exudyn_partition.errors import InputError, StoppedRunWarning
 from exudyn_partition.step_control import LONGEST, first_root
 
 GRAVITY = 9.81
@@ -147,7 +147,7 @@ def test_a_sphere_bounces_from_a_millimetre(body):
     steps = np.diff(result.t)
     assert result.steps == len(steps) < 0.02 * end / result.step
     assert len(contact.impacts(result)) == 3
-    assert steps.max() == pytest.approx(LONGEST * result.step)
+    assert 0.9 < steps.max() / (LONGEST * result.step) < 1 + 1e-9
 
     in_contact = contact.force(result) > 0
     assert np.ptp(steps[in_contact[:-1] & in_contact[1:]]) < 1e-6 * result.step
@@ -250,7 +250,7 @@ def test_vibration_keeps_steps_short(body):
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=100e-6, method="implicit", adaptive=True)
         longest.append(np.diff(result.t).max())
-    assert longest[0] == pytest.approx(1 / (25 * frequency), rel=1e-3)
+    assert 0.9 < 25 * frequency * longest[0] < 1 + 1e-6
     assert longest[1] > 20 * longest[0]
 
 
@@ -273,12 +273,48 @@ def test_multipliers_and_two_bodies_in_adaptive_explicit_steps(ball, block, top)
     assert momentum[-1] - momentum[0] == pytest.approx(runs[1][1], rel=1e-9)
 
 
+def test_two_bodies_in_floating_frames_as_in_inertial_ones(bodies):
+    """Moving pairs, flight in a few dozen steps: the impulse of an impact without rotation is the same."""
+    impulses = []
+    for frame in ("inertial", "floating"):
+        mbs = exu.SystemContainer().AddSystem()
+        striker = ep.CreatePartitionBody(
+            mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, 0.5e-3]), initialVelocity=[0, 0, -1.0], frame=frame
+        )
+        target = ep.CreatePartitionBody(mbs, bodies[1], frame=frame)
+        contact = ep.CreatePartitionContact(mbs, striker, target)
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=0.56e-3, method="implicit", adaptive=True)
+        flight = result.t < contact.impacts(result)[0].start
+        assert np.count_nonzero(flight) < 60
+        assert contact.impacts(result)[0].start == pytest.approx(0.5e-3, abs=2 * result.step)
+        momentum = striker.momentum(result) + target.momentum(result)
+        np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0, 2]))
+        impulses.append(result.history(contact).impulse)
+    assert impulses[1] == pytest.approx(impulses[0], rel=2e-3)
+
+
 def test_free_step_and_sample_period(body):
     mbs, *_ = fall(body, 1e-3)
     for options in ({"free_step": 0.2e-3}, {"free_step": 1e-3, "sample_period": 0.2e-3}):
         result = ep.solve_dynamic(mbs, end_time=10e-3, method="implicit", adaptive=True, **options)
         assert np.diff(result.t).max() < 0.2e-3 + options.get("sample_period", 1e-9)
     assert len(result.t) == pytest.approx(51, abs=2)  # the first ones after each period
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"free_step": 1e-6}, "free_step: .* only with adaptive=True"),
+        ({"gap_tolerance": 1e-9}, "gap_tolerance: .* only with adaptive=True"),
+        ({"adaptive": True, "free_step": 1e-8}, "free_step: expected at least the step in contact"),
+        ({"adaptive": True, "gap_tolerance": 0.0}, "gap_tolerance: expected a finite number above zero in m"),
+    ],
+)
+def test_options_that_make_no_sense(body, options, message):
+    mbs, *_ = fall(body, 1e-3)
+    with pytest.raises(InputError, match=message):
+        ep.solve_dynamic(mbs, end_time=1e-3, method="implicit", **options)
 
 
 def test_user_functions_are_called_and_put_back(body):

@@ -69,7 +69,7 @@ class ContactLaw:
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""
-        return self.gaps.moment(self.lam, point)
+        return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)
 
     def edge_reached(self) -> Array | None:
         """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
