@@ -123,7 +123,7 @@ def simulate(
     step: float = 1e-6,
     points: Mapping[str, tuple[int, Array]] | None = None,
     alpha: float = 0.1,
-    rows: ContactRows | None = None,
+    rows: str | ContactRows = "node-to-segment",
     progress: Progress | None = None,
 ) -> History:
     """Integrate two full FE bodies in contact by HHT: one factorisation a body, exact complementarity each step.
@@ -138,8 +138,8 @@ def simulate(
         Where velocities are recorded: at the node nearest to the point in the body's own coordinates [m].
     alpha : float
         Numerical damping, 0 to 1/3.
-    rows : ContactRows, optional
-        Default: `contact.rows.pair_surfaces`, the same rows as a partition contact has.
+    rows : {"node-to-segment", "integrated"} or ContactRows
+        The same rows as a partition contact has, with the first body as slave (`contact.rows.pair_surfaces`).
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -163,7 +163,8 @@ def simulate(
     points = points or {}
     begin = time.perf_counter()
     slave, master = bodies
-    rows = rows if rows is not None else pair_surfaces(slave.surface, master.surface)
+    if isinstance(rows, str):
+        rows = pair_surfaces(slave.surface, master.surface, rows)
     sides = []
     for body, G in zip(bodies, rows.matrices(*(len(b.contact.nodes) for b in bodies)), strict=True):
         wide = G @ _selection(node_dofs(body.contact.nodes), body.fem.n_dofs)

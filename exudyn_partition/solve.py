@@ -536,8 +536,8 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     name = f"contact {contact.name!r}" if contact.name else "the contact"
     if contact.reached_edge_at is not None:
         warnings.warn(
-            f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, at {contact.reached_edge} "
-            "m; the force is too small from then on. Enlarge the contact radius of both partitions",
+            f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, {contact.reached_edge} m; "
+            "the force is too small from then on. Enlarge the contact radius of both partitions",
             ContactPatchWarning,
             stacklevel=5,
         )
