@@ -21,6 +21,7 @@ _HOMES = {
     "items": ("CreatePartitionBody",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "contact_items": ("CreatePartitionContact",),
+    "step_control": ("time_to_contact",),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),
     "spectrum": ("truncation_frequency",),

@@ -357,7 +357,9 @@ def CreatePartitionContact(
     _check_formulation(formulation, [item for item, _ in sides])
 
     if rigid is not None:
-        contact.law = _law(formulation, RigidGaps(placed[0], rigid, rows, _pose(mbs, masterBody)), stiffness)
+        contact.law = _law(
+            formulation, RigidGaps(placed[0], rigid, rows, _pose(mbs, masterBody), _motion(mbs, masterBody)), stiffness
+        )
     else:
         contact.law = _law(formulation, PatchGaps(placed[0], placed[1], rows), stiffness)
     if passes == "two":
@@ -453,6 +455,22 @@ def _pose(mbs: Any, body: Any) -> Any:
         return np.asarray(place), np.asarray(axes).reshape(3, 3)
 
     return pose
+
+
+def _motion(mbs: Any, body: Any) -> Any:
+    """Velocity and angular velocity of an Exudyn body now; None without a body."""
+    if body is None:
+        return None
+    variable = require("exudyn").OutputVariableType
+
+    def motion() -> tuple[Array, Array]:
+        velocity, omega = (
+            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0])
+            for what in (variable.Velocity, variable.AngularVelocity)
+        )
+        return np.asarray(velocity), np.asarray(omega)
+
+    return motion
 
 
 def _load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:

@@ -19,6 +19,8 @@ import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive
 from ._optional import require
+from ._progress import LONG
+from ._progress import progress as progress_bar
 from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
@@ -30,14 +32,16 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, partition_items
+from .items import PartitionBody, coordinate_slices, partition_items
 from .linalg import one_blas_thread
+from .step_control import LONGEST, StepControl
 
 Array = np.ndarray
 Progress = Callable[[float], None]
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,7 @@ class Result:
     message : str
         Why and where the run ended.
     step : float
-        Time step [s].
+        Time step [s]; of an adaptive run, that in contact.
     steps : int
         Steps taken.
     method : str
@@ -104,8 +108,9 @@ class Result:
 def stability_limit(mbs: Any) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    2 / omega_max of K + H' F^-1 H against M, by Lanczos. Other items of the model are not included; multipliers of the
-    lagrange formulation do not lower the limit.
+    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start: pairs that slide
+    change it by some 0.2 %. Other items of the model are not included, nor is the mass of what carries a rigid surface;
+    multipliers of the lagrange formulation do not lower the limit.
 
     Parameters
     ----------
@@ -116,7 +121,10 @@ def stability_limit(mbs: Any) -> float:
     float
         `math.inf` for a model without partition bodies.
     """
-    bodies, contacts = partition_items(mbs)
+    return _stability_limit(*partition_items(mbs))
+
+
+def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> float:
     if not bodies:
         return float("inf")
     ends = np.cumsum([0] + [item.body.n_dofs for item in bodies])
@@ -126,6 +134,7 @@ def stability_limit(mbs: Any) -> float:
     closed = []
     for contact in contacts:
         if not contact.explicit_only:
+            contact.law.reset()  # to the pairs at the start, which are all that can close
             items = [item for item, _ in contact.sides]
             to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
             stiffness = to_coordinates.T @ contact.law.closed_stiffness() @ to_coordinates
@@ -153,6 +162,9 @@ def solve_dynamic(
     method: str = "explicit",
     sample_period: float | None = None,
     spectral_radius: float = 0.9,
+    adaptive: bool = False,
+    free_step: float | None = None,
+    gap_tolerance: float | None = None,
     settings: Any = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -172,13 +184,24 @@ def solve_dynamic(
     method : {"explicit", "implicit"}
         Exudyn's VelocityVerlet or generalized-alpha.
     sample_period : float, optional
-        Time between samples [s], rounded to a multiple of the step; default: every step.
+        Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
+        are at most that long, and samples stand where they end.
     spectral_radius : float
         Of generalized-alpha at infinity; 1 does not damp.
+    adaptive : bool
+        Take `step` in contact and longer ones in free flight, as far as the bodies' vibration lets them, see
+        `step_control.StepControl`. The times of the result are then not equally spaced.
+    free_step : float, optional
+        Longest step of an adaptive run [s]. Default: 100 steps in contact; explicit at most 0.9 of the stability limit
+        with all contact rows open.
+    gap_tolerance : float, optional
+        Depth to which a step of an adaptive run may close a gap that was open before [m]; it is halved until it does.
+        Default: what the approach covers in one step in contact.
     settings : exudyn.SimulationSettings, optional
-        Everything else; end time, number of steps, spectral radius and the period of samples are set in it.
+        Everything else; end time, number of steps, spectral radius and the period of samples are set in it, and those
+        of adaptive steps.
     progress : callable, optional
-        Called with the share done, 0 to 1, a hundred times.
+        Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
 
     Returns
     -------
@@ -188,6 +211,8 @@ def solve_dynamic(
     ------
     StepSizeError
         If an explicit step is above the stability limit.
+    InputError
+        If an option is out of range, or would have no effect.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
@@ -207,6 +232,9 @@ def solve_dynamic(
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     if method == "implicit":
         _refuse_multipliers(mbs)
+    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance)):
+        if value is not None and not adaptive:
+            raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
     step = _checked_step(mbs, step, method)
     steps = math.ceil(end_time / step * (1 - 1e-9))
     step = end_time / steps
@@ -222,15 +250,28 @@ def solve_dynamic(
         raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
     integration.endTime, integration.numberOfSteps = end_time, steps
     integration.generalizedAlpha.spectralRadius = spectral_radius
-    sample_period = step if sample_period is None else validate_positive("sample_period", sample_period, "s")
-    sample_period = step * max(1, round(sample_period / step))
-    settings.solution.sensors.writePeriod = sample_period
+    if sample_period is not None:
+        sample_period = validate_positive("sample_period", sample_period, "s")
+    settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
+    control = None
+    if adaptive:
+        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance)
+        settings.solution.sensors.writePeriod = sample_period or 0.0
+        integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
+        # The control lengthens steps; Exudyn only shortens those that fail.
+        integration.adaptiveStepRecoverySteps = steps
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
     status, message = "finished", f"reached {end_time:.6g} s"
     for contact in partition_items(mbs)[1]:
         contact.restart()
-    with one_blas_thread(), _watched(mbs, end_time, progress) as watch:
+    bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
+    with (
+        one_blas_thread(),
+        bar as report,
+        _watched(mbs, end_time, report) as watch,
+        _controlled(mbs, control, settings),
+    ):
         begin = time.perf_counter()
         try:
             mbs.SolveDynamic(settings, solverType=solver)
@@ -315,6 +356,35 @@ def _checked_step(mbs: Any, step: float | None, method: str) -> float:
     return step
 
 
+def _step_control(
+    mbs: Any,
+    step: float,
+    method: str,
+    free_step: float | None,
+    sample_period: float | None,
+    gap_tolerance: float | None,
+) -> StepControl:
+    bodies, contacts = partition_items(mbs)
+    longest = LONGEST * step if free_step is None else validate_positive("free_step", free_step, "s")
+    if longest < step * (1 - 1e-9):
+        raise InputError(f"free_step: expected at least the step in contact, {step:.4g} s, got {longest:.4g} s")
+    if gap_tolerance is not None:
+        gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
+    if method == "explicit":
+        longest = min(longest, SAFETY * _stability_limit(bodies, []))
+    longest = max(step, min(longest, sample_period or math.inf))
+
+    def state(item: PartitionBody) -> tuple[Array, Array, Array]:
+        data, slices = mbs.systemData, coordinate_slices(mbs, item)
+        views = (
+            get(copy=False) for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
+        )
+        q, q_t, q_tt = (np.concatenate([view[s] for s in slices]) for view in views)
+        return q, q_t, q_tt
+
+    return StepControl(contacts, bodies, state, step=step, longest=longest, gap_tolerance=gap_tolerance)
+
+
 def _refuse_multipliers(mbs: Any) -> None:
     for contact in partition_items(mbs)[1]:
         if contact.explicit_only:
@@ -333,22 +403,23 @@ class _Watch:
 
 
 @contextlib.contextmanager
-def _watched(mbs: Any, end_time: float, progress: Progress | None) -> Iterator[_Watch]:
+def _watched(mbs: Any, end_time: float, progress: Progress) -> Iterator[_Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, in front of the model's own, which is put back after."""
-    watch = _Watch()
-    own = mbs.GetPreStepUserFunction()
-    own_function = own["function"] if isinstance(own, dict) else None
+    exu, watch, start_of_step = require("exudyn"), _Watch(), None
+    own_function = _function(mbs.GetPreStepUserFunction())
     multipliers = [contact for contact in partition_items(mbs)[1] if contact.explicit_only]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:
-        nonlocal next_report
-        if progress is not None and t >= next_report:
+        nonlocal next_report, start_of_step
+        if t >= next_report:
             next_report = t + end_time / 100
             progress(min(t / end_time, 1.0))
         if watch.interrupted:
             return False
-        watch.steps += 1
+        start, previous = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep), start_of_step
+        watch.steps += start != previous  # not those that are taken again, shorter
+        start_of_step = start
         for contact in multipliers:  # also where the model's own function was set after them
             contact.before_step(mbs, t)
         return own_function is None or own_function(mbs, t)
@@ -362,9 +433,50 @@ def _watched(mbs: Any, end_time: float, progress: Progress | None) -> Iterator[_
     try:
         yield watch
     finally:
-        mbs.SetPreStepUserFunction(own_function if own_function is not None else 0)
+        mbs.SetPreStepUserFunction(own_function or 0)
         if in_main_thread:
             signal.signal(signal.SIGINT, previous)
+
+
+@contextlib.contextmanager
+def _controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator[None]:
+    """Steps as the control wants them, through Exudyn's PostStep and PostNewton functions, behind the model's own.
+
+    PostStep runs at the start and when a step is done, and the solver takes its next step from what stands in its
+    `it.currentStepSize` then. PostNewton can ask to repeat the step with a shorter one.
+    """
+    if control is None:
+        yield
+        return
+    own_after_step, own_after_newton = map(_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction()))
+    refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
+
+    def after_step(mbs: Any, t: float) -> bool:
+        it = mbs.sys["dynamicSolver"].it
+        step = control.next_step(it.currentStepSize)
+        if step != it.currentStepSize:
+            it.currentStepSize = step
+            mbs.solverSignalJacobianUpdate = True
+        return own_after_step is None or own_after_step(mbs, t)
+
+    def after_newton(mbs: Any, t: float) -> list[float]:
+        shorter = control.shorter_step(mbs.sys["dynamicSolver"].it.currentStepSize)
+        if shorter is not None:
+            return [refused, shorter]
+        return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
+
+    mbs.SetPostStepUserFunction(after_step)
+    mbs.SetPostNewtonUserFunction(after_newton)
+    try:
+        yield
+    finally:
+        mbs.SetPostStepUserFunction(own_after_step or 0)
+        mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+
+
+def _function(entry: Any) -> Callable[..., Any] | None:
+    """User function that Exudyn's Get...UserFunction returns, if there is one."""
+    return entry["function"] if isinstance(entry, dict) else None
 
 
 def _root(error: BaseException) -> str:

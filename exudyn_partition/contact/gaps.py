@@ -144,6 +144,18 @@ class Gaps:
         """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
         return [side.kinematics.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
 
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Gaps of all that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], pairs held.
+
+        Parameters
+        ----------
+        q, q_t, q_tt : (n,) arrays
+            Coordinates, their velocities and accelerations.
+        """
+        gap = self.at(q)
+        H = self.jacobian(np.arange(len(gap)))
+        return gap, H @ q_t, H @ q_tt
+
     def places_now(self) -> list[Array]:
         """Places of the patches' nodes, (np, 3) of each side [m], at the last coordinates."""
         return self.places(self._q)
@@ -323,6 +335,24 @@ class PatchGaps(Gaps):
                 self._hold(rows, q)
                 return rows.gap
         return gap
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """As `Gaps.closing`; with what is no row yet, as near as it can be and as fast as the patches are."""
+        found = super().closing(q, q_t, q_tt)
+        if not self.moving:
+            return found
+        beyond = (_NEAR - 2 * _SEARCHED) * self.size
+        if not len(found[0]):
+            x_s, x_m = self.places(q)
+            beyond = self._project(x_s, x_m, _NEAR * self.size)[1]
+        of_slave, of_master = (
+            side.kinematics.velocities(*parts)
+            for side, *parts in zip(self.sides, self.split(q), self.split(q_t), strict=True)
+        )
+        mean = of_master.mean(axis=0)
+        speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in (of_slave, of_master))
+        gap, rate, acceleration = found
+        return np.append(gap, beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
 
     def _has_moved(self, here: Array) -> bool:
         """Whether points may meet other facets than at the last search, by the witnesses' places."""

@@ -35,6 +35,12 @@ class ContactLaw:
         self.least_gap = np.inf
         self._open()
 
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Gaps, rates and accelerations of an open contact, as `Gaps.closing`."""
+        found = self.gaps.closing(q, q_t, q_tt)
+        self._open()  # the rows may be others now
+        return found
+
     def _open(self) -> Array:
         """No row is closed."""
         self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
@@ -63,7 +69,7 @@ class ContactLaw:
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""
-        return self.gaps.moment(self.lam, point)
+        return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)
 
     def edge_reached(self) -> Array | None:
         """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""

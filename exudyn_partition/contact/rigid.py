@@ -126,6 +126,8 @@ class RigidGaps(Gaps):
     kind : {"node-to-segment", "integrated"}
     pose : callable, optional
         () -> place of that frame, (3,) [m], and its rotation matrix, (3, 3); default: the frame of space.
+    motion : callable, optional
+        () -> velocity of that place [m/s] and angular velocity in space [rad/s], (3,) each; default: at rest.
 
     Raises
     ------
@@ -141,8 +143,9 @@ class RigidGaps(Gaps):
         surface: RigidSurface,
         kind: str = "node-to-segment",
         pose: Callable[[], tuple[Array, Array]] | None = None,
+        motion: Callable[[], tuple[Array, Array]] | None = None,
     ) -> None:
-        self.surface, self._pose, self.sides = surface, pose, (slave,)
+        self.surface, self._pose, self._motion, self.sides = surface, pose, motion, (slave,)
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
@@ -161,7 +164,7 @@ class RigidGaps(Gaps):
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
-        self._q = np.zeros(self.n)
+        self.at(np.zeros(self.n))  # for the normals
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
@@ -169,6 +172,16 @@ class RigidGaps(Gaps):
         if not self.moving:
             return self._gap + self.H @ q
         return self._evaluate(self.places(q)[0])
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """As `Gaps.closing`; accelerations of what carries the surface are not known here."""
+        gap, rate, acceleration = super().closing(q, q_t, q_tt)
+        if self._pose is not None and self._motion is not None:
+            velocity, omega = self._motion()
+            arms = self._all.at(self.places(q)[0]) - self._pose()[0]
+            carried = np.einsum("pd,pd->p", self.normals, velocity + np.cross(omega, arms))
+            rate = rate - (carried if self._mean is None else self._mean @ carried)
+        return gap, rate, acceleration
 
     def _evaluate(self, nodes: Array) -> Array:
         x = self._all.at(nodes)

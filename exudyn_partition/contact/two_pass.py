@@ -38,6 +38,13 @@ class TwoPass:
         there, back = self.passes
         return 0.5 * (there.force(q) + back.force(q[self._exchange])[self._restore])
 
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Gaps, rates and accelerations of both passes, as `Gaps.closing`."""
+        there, back = self.passes
+        both = there.closing(q, q_t, q_tt), back.closing(*(x[self._exchange] for x in (q, q_t, q_tt)))
+        gap, rate, acceleration = (np.concatenate(pair) for pair in zip(*both, strict=True))
+        return gap, rate, acceleration
+
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q, (n, n)."""
         there, back = (law.tangent() for law in self.passes)
