@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ._checks import validate_choice, validate_positive
+from ._checks import validate_choice, validate_positive, validate_vector
 from ._optional import require
 from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
@@ -65,8 +65,7 @@ class PartitionContact(dict):
 
     Keys: `oContact`, the force element of compliance and penalty; `sForce`, a sensor of the total normal force [N], the
     number of closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far,
-    total and on the slave [N s]. `sMoment`, a sensor of the moment on the slave about the origin [N m], which stores
-    nothing unless it is told to, as its lever arms cost time.
+    total and on the slave [N s]. `sMoment` after `AddMomentSensor`: the moment on the slave [N m].
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """
@@ -186,6 +185,31 @@ class PartitionContact(dict):
         impulse = samples[:, impulses]
         means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
         return at_times(result.t, means)
+
+    def AddMomentSensor(self, mbs: Any, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
+        """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
+
+        Extra, for it costs the places of the patch's nodes in every sample.
+        """
+        point = validate_vector("point", point)
+        self["sMoment"] = mbs.AddSensor(
+            require("exudyn.itemInterface").SensorUserFunction(
+                sensorUserFunction=lambda mbs, t, *unused: [*map(float, self.law.moment(point))], storeInternal=True
+            )
+        )
+        return self["sMoment"]
+
+    def moment_on_slave(self, result: Result) -> Array:
+        """Moment on the slave about the point of `AddMomentSensor`, (n, 3) [N m].
+
+        Raises
+        ------
+        InputError
+            If there is no such sensor.
+        """
+        if "sMoment" not in self:
+            raise InputError("contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble()")
+        return result.sensor(self["sMoment"])
 
     def closed_rows(self, result: Result) -> Array:
         """Number of closed contact rows, (n,)."""
@@ -379,14 +403,6 @@ def CreatePartitionContact(
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(
             name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(mbs, t), storeInternal=True
-        )
-    )
-    contact["sMoment"] = mbs.AddSensor(
-        items.SensorUserFunction(
-            name=f"{name} moment" if name else "",
-            sensorUserFunction=lambda mbs, t, *unused: [*map(float, contact.law.moment(np.zeros(3)))],
-            storeInternal=False,
-            writeToFile=False,
         )
     )
     mbs.sys[REGISTRY][1][int(contact["sForce"])] = contact

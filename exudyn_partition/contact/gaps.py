@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..body import ReducedBody
+from ..errors import ComplementarityError
 from ..fem import node_dofs
 from .points import ContactPoints, contact_points
 from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair_surfaces, point_matrix, rows_of
@@ -356,6 +357,8 @@ class PatchGaps(Gaps):
 
     def _has_moved(self, here: Array) -> bool:
         """Whether points may meet other facets than at the last search, by the witnesses' places."""
+        if not np.isfinite(here).all():
+            raise ComplementarityError("the patches are nowhere: the run has become unstable")
         if self._searched_at is not None and abs(here - self._searched_at).max() <= self._reach:
             return False
         self._searched_at = here
