@@ -191,10 +191,10 @@ class PartitionContact(dict):
 
         Extra, for it costs the places of the patch's nodes in every sample.
         """
-        point = validate_vector("point", point)
+        place = validate_vector("point", point)
         self["sMoment"] = mbs.AddSensor(
             require("exudyn.itemInterface").SensorUserFunction(
-                sensorUserFunction=lambda mbs, t, *unused: [*map(float, self.law.moment(point))], storeInternal=True
+                sensorUserFunction=lambda mbs, t, *unused: [*map(float, self.law.moment(place))], storeInternal=True
             )
         )
         return self["sMoment"]
