@@ -187,6 +187,10 @@ class Gaps:
             parts.append(side.kinematics.generalised(q, on_nodes))
         return np.concatenate(parts)
 
+    def resultant(self, lam: Array) -> Array:
+        """Force on the slave, (3,) [N], of forces on the present rows, (nr,) [N]."""
+        return (lam if self._mean is None else lam @ self._mean) @ self.normals
+
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
         at_points = lam if self._mean is None else lam @ self._mean

@@ -65,7 +65,7 @@ class ContactLaw:
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
-        return self.lam[self.index] @ self.gaps.normal[self.index]
+        return self.gaps.resultant(self.lam)
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""

@@ -1,0 +1,74 @@
+"""What the scripts here share: spheres, quasi-static states, and what is written in the end."""
+
+import json
+import os
+import platform
+import sys
+from pathlib import Path
+
+import netgen.occ as occ
+import numpy as np
+import scipy.linalg
+
+import exudyn_partition as ep
+
+ROOT = Path(__file__).resolve().parents[2]
+STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
+
+
+def sphere(radius, material, contact_radius, h, *, up=True, rng=None, spare=0.0, maxh=0.25):
+    """FE model and partition of a sphere that touches z = 0 at the origin, from above or below.
+
+    `contact_radius` is the largest that the contact will have, `h` the size of elements there, `maxh` that elsewhere
+    over the radius. The patch is larger than the contact, by `spare` [m] more than a slave needs. With `rng` the mesh
+    is placed and turned at random, for meshes can be lucky.
+    """
+    sign = 1 if up else -1
+    shape = occ.Sphere(occ.Pnt(0, 0, sign * radius), radius)
+    offset = np.zeros(3)
+    if rng is not None:
+        # The poles of an OCC sphere are vertices of each mesh.
+        offset = rng.uniform(-0.5, 0.5, 3) * h
+        axis = occ.Axis(occ.Pnt(0, 0, sign * radius), occ.Dir(*rng.normal(size=3)))
+        shape = shape.Rotate(axis, rng.uniform(30, 150))
+    fine = ep.Refine(offset, 1.2 * contact_radius, h)
+    fem = ep.fe_model(shape, material, maxh=maxh * radius, refine=[fine], grading=0.4)
+    reach = 1.1 * contact_radius + 1.2 * h + spare
+    return fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, -sign))
+
+
+def equilibrium(law, q, free, load=0.0, tolerance=1e-12):
+    """Coordinates at rest under a contact law and loads, those that are not `free` held; Newton on the active set."""
+    omega = np.concatenate([side.kinematics.body.basis.omega for side in law.gaps.sides])
+    q, free = q.copy(), np.flatnonzero(free)
+    for _ in range(60):
+        residual = (law.force(q) + load - omega**2 * q)[free]
+        tangent = (law.tangent() + np.diag(omega**2))[np.ix_(free, free)]
+        scale = 1 / np.sqrt(np.maximum(np.diag(tangent), 1e-12 * np.diag(tangent).max()))
+        # Motions along the surfaces meet no stiffness.
+        step = scale * scipy.linalg.lstsq(scale[:, None] * tangent * scale, scale * residual, cond=1e-13)[0]
+        q[free] += step
+        if abs(step).max() <= tolerance * abs(q).max():
+            law.force(q)
+            return q
+    raise RuntimeError("the quasi-static state did not settle in 60 steps")
+
+
+def figure(script, **options):
+    """Path of a script's figure, and an empty figure."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    out = ROOT / "out"
+    out.mkdir(exist_ok=True)
+    return out / f"contact_{Path(script).stem}.png", plt.subplots(layout="constrained", **options)
+
+
+def finish(script, result, failed):
+    """Write the JSON result beside the script; exit with a message if limits are missed."""
+    machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
+    result = {**result, "beyond_limits": failed, "machine": machine}
+    Path(script).with_suffix(".json").write_text(json.dumps(result, indent=1, default=float) + "\n")
+    sys.exit(f"beyond the stated limits: {'; '.join(failed)}" if failed else 0)
