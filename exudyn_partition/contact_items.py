@@ -238,10 +238,11 @@ class PartitionContact(dict):
         )
 
     def pressure(self, result: Result) -> sp.csr_matrix:
-        """Mean contact pressure of each row, (n, np) [Pa], columns as those of `row_forces`."""
-        forces = self.row_forces(result)
-        inverse = np.divide(1.0, self._areas, out=np.zeros_like(self._areas), where=self._areas > 0)
-        return sp.csr_matrix(forces @ sp.diags(inverse))
+        """Contact pressure around the corners of the slave's facets, (n, np) [Pa], columns as those of `row_forces`.
+
+        Means weighted with the corners' hat functions; columns of mid-side nodes are empty.
+        """
+        return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
 
     def area(self, result: Result) -> Array:
         """Contact area, the sum of the closed rows' areas, (n,) [m2]."""

@@ -82,7 +82,7 @@ def test_what_a_contact_reports(mbs, marble):
     radius = contact.radius(result)[top]
     effective = 1 / (1 / R + 1 / 0.02)
     stiffness = ep.STEEL.plane_strain_modulus
-    assert radius == pytest.approx((3 * force[top] * effective / (4 * stiffness)) ** (1 / 3), rel=0.15)
+    assert radius == pytest.approx((3 * force[top] * effective / (4 * stiffness)) ** (1 / 3), rel=0.2)  # some ten rows
     mean = force[top] / contact.area(result)[top]
     assert contact.pressure(result)[top].max() == pytest.approx(1.5 * mean, rel=0.3)
     (impact,) = contact.impacts(result)

@@ -392,6 +392,7 @@ def dense_limit(contact):
     return 2 / np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[-1])
 
 
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")  # unstable runs go anywhere
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
 @pytest.mark.parametrize(
     ("surface", "options"),

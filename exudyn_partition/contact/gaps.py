@@ -132,6 +132,11 @@ class Gaps:
         return areas
 
     @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """(np, np) csr matrix: pressures around the slave's patch nodes by the forces of their rows [1/m2]."""
+        return self._all.pressures
+
+    @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each present row."""
         return self.normals if self._mean is None else self._mean @ self.normals

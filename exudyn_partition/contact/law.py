@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from .gaps import Gaps
 
@@ -62,6 +63,11 @@ class ContactLaw:
     def node_areas(self) -> Array:
         """Area of the row of each of the slave's patch nodes, (np,) [m2]; zero where there is none."""
         return self.gaps.node_areas
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """Pressures around the slave's patch nodes by the forces of their rows, (np, np) [1/m2]."""
+        return self.gaps.node_pressures
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""

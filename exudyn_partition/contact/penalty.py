@@ -77,4 +77,4 @@ def inertial_stiffness(gaps: Gaps, inverse_mass: Array, omega_max: float) -> flo
     """
     H = gaps.jacobian(np.arange(len(gaps.area)))
     mobility = np.asarray((H.multiply(H) if sp.issparse(H) else H * H) @ inverse_mass).ravel()
-    return float(np.min(_SOFT * omega_max**2 / (mobility * gaps.area)))
+    return float(_SOFT * omega_max**2 / np.max(mobility * gaps.area))

@@ -40,6 +40,9 @@ class ContactPoints:
         Patch node that each row belongs to.
     area : (nr,) array
         Area that each row stands for [m2]; their sum is the patch's.
+    pressures : (np, np) csr matrix
+        Pressure around each of the facets' corners, by the forces of the rows of all patch nodes [1/m2]: means weighted
+        with the corners' hat functions, for single nodal forces of quadratic facets are ragged.
     facets : (nf, p) csr matrix
         Which points belong to which facet.
     """
@@ -49,6 +52,7 @@ class ContactPoints:
     mean: sp.csr_matrix
     row_nodes: Array
     area: Array
+    pressures: sp.csr_matrix
     facets: sp.csr_matrix
 
     @property
@@ -113,6 +117,9 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         )
     corners = surface.facets[:, :n_corners]
     share = area[:, :, None] * hats  # (nf, nq, n_corners)
+    n = len(surface.points)
+    hat_area = np.bincount(corners.ravel(), share.sum(axis=1).ravel(), minlength=n)
+    inverse = sp.diags(np.divide(1.0, hat_area, out=np.zeros(n), where=hat_area > 0))
     if rows == "integrated":
         row_nodes, row = np.unique(corners, return_inverse=True)
         row = row.reshape(corners.shape)
@@ -126,9 +133,9 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
             mean=sp.csr_matrix(sp.diags(1 / row_area) @ mean),
             row_nodes=row_nodes,
             area=row_area,
+            pressures=sp.csr_matrix(inverse),
             facets=sp.csr_matrix(np.kron(np.eye(nf), np.ones(nq))),
         )
-    n = len(surface.points)
     facet_area = area.sum(axis=1)
     where = np.repeat(np.arange(nf), surface.facets.shape[1]), surface.facets.ravel()
     return ContactPoints(
@@ -137,17 +144,30 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         mean=sp.identity(n, format="csr"),
         row_nodes=np.arange(n),
         area=np.bincount(surface.facets.ravel(), np.outer(facet_area, _nodal_shares(surface)).ravel(), minlength=n),
+        pressures=sp.csr_matrix(inverse @ _corner_hats(surface)),
         facets=sp.csr_matrix((np.ones(surface.facets.size), where), shape=(nf, n)),
     )
 
 
 def _nodal_shares(surface: Surface) -> Array:
-    """Share of each node in a facet's area; those of quadratic facets by the four triangles that their nodes span."""
+    """Share of each node in a uniform pressure on a facet: on a quadratic one, corners have none."""
     return {
         3: np.full(3, 1 / 3),
         4: np.full(4, 1 / 4),
-        6: np.r_[np.full(3, 1 / 12), np.full(3, 1 / 4)],
+        6: np.r_[np.zeros(3), np.full(3, 1 / 3)],
     }[surface.facets.shape[1]]
+
+
+def _corner_hats(surface: Surface) -> sp.csr_matrix:
+    """Values of the corners' hat functions at all nodes, (np, np): one at the corner, a half at its mid-side nodes."""
+    n, facets = len(surface.points), surface.facets
+    hats = sp.lil_matrix((n, n))
+    corners = np.unique(facets[:, :4] if facets.shape[1] == 4 else facets[:, :3])
+    hats[corners, corners] = 1.0
+    for ends, middle in zip(((0, 1), (1, 2), (2, 0)), facets[:, 3:].T if facets.shape[1] == 6 else (), strict=False):
+        for end in ends:
+            hats[facets[:, end], middle] = 0.5
+    return sp.csr_matrix(hats)
 
 
 def _triangle_rule() -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from .compliance import ComplianceContact
 from .penalty import PenaltyContact
@@ -79,8 +80,13 @@ class TwoPass:
 
     @property
     def node_areas(self) -> Array:
-        """Half the areas of all patch nodes' rows [m2]: forces over areas are pressures, their sum is one side's."""
+        """Half the areas of all patch nodes' rows [m2]: their sum is one side's."""
         return 0.5 * np.concatenate([law.node_areas for law in self.passes])
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """Pressures around all patch nodes by the forces of their rows, each of which holds half of a side's [1/m2]."""
+        return 2.0 * sp.block_diag([law.node_pressures for law in self.passes], format="csr")
 
     @property
     def least_gap(self) -> float:
