@@ -66,9 +66,26 @@ def figure(script, **options):
     return out / f"contact_{Path(script).stem}.png", plt.subplots(layout="constrained", **options)
 
 
+def without_curves(value):
+    """Leave out lists of more than a dozen numbers: figures show them, and a run makes them again."""
+    if isinstance(value, dict):
+        return {
+            k: without_curves(v) for k, v in value.items() if not (isinstance(v, list) and len(v) > 12 and _is_curve(v))
+        }
+    return [without_curves(v) for v in value] if isinstance(value, list) else value
+
+
+def _is_curve(values):
+    return not any(isinstance(v, dict) for v in values)
+
+
 def finish(script, result, failed):
     """Write the JSON result beside the script; exit with a message if limits are missed."""
     machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
-    result = {**result, "beyond_limits": failed, "machine": machine}
-    Path(script).with_suffix(".json").write_text(json.dumps(result, indent=1, default=float) + "\n")
+    result = {
+        **without_curves(json.loads(json.dumps(result, default=float))),
+        "beyond_limits": failed,
+        "machine": machine,
+    }
+    Path(script).with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     sys.exit(f"beyond the stated limits: {'; '.join(failed)}" if failed else 0)
