@@ -8,7 +8,7 @@ uniform pressure on one side or the other.
 Quantity: pressure on both faces, as means over the hat functions of the facets' corners of the nodal forces that each
 body feels, its largest and its relative L2 deviation from uniform; the pressure of each row as
 `PartitionContact.pressure` gives it; the total force.
-Limits: 2 % for the pressure (L2) on both faces with integrated rows on the finer side; total force 1e-10. The other ways
+Limits: 2 % for the pressure (L2) on both faces with integrated rows on the finer side; total force 1e-10. Other ways
 are reported: two passes are worse, for half of the force then comes from the coarse side in lumps.
 
     python validation/contact/patch_test.py
