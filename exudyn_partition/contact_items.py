@@ -87,6 +87,7 @@ class PartitionContact(dict):
         self._sampled_at = self._stepped_to = t
         self._impulse = np.zeros(4)
         self._samples: list[tuple[float, Array, Array]] = []
+        self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
         self._areas = self.law.node_areas
 
     def before_step(self, mbs: Any, t: float) -> None:
@@ -123,16 +124,17 @@ class PartitionContact(dict):
         if self.explicit_only:
             self._check_step(mbs, t)
         if closed.size:
-            if self.reached_edge_at is None:
-                self.reached_edge = law.edge_reached()
-                self.reached_edge_at = None if self.reached_edge is None else t
-            self._samples.append((t, law.row_nodes[closed], law.lam[closed]))
-            values = [law.lam.sum(), closed.size, *law.resultant(), 0.0]
+            if closed is not self._closed:  # the active set is kept from step to step
+                self._closed, self._closed_nodes = closed, law.row_nodes[closed]
+                if self.reached_edge_at is None:
+                    self.reached_edge = law.edge_reached()
+                    self.reached_edge_at = None if self.reached_edge is None else t
+            lam = law.lam.take(closed)
+            self._samples.append((t, self._closed_nodes, lam))
+            values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, law.least_gap]
-        if self.explicit_only:
-            values += [*self._impulse]
-        return [float(value) for value in values]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
+        return values + self._impulse.tolist() if self.explicit_only else values
 
     def _check_step(self, mbs: Any, t: float) -> None:
         """Refuse a run in which multipliers were not applied, or not by central differences."""
