@@ -1,6 +1,7 @@
 """Surfaces, gap rows, complementarity and the contact laws."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -284,3 +285,29 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
     law.increment(q + h * (v + h * c), v, 0 * q, h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):
         law.increment(q + h * v, v, 0 * q, h)
+
+
+class FlatRows:
+    """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
+
+    n, size, moving, row_nodes = 2, 1.0, False, np.arange(40)
+    H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
+    slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
+
+    def reset(self):
+        self.held = self
+
+    def at(self, q):
+        return self.H @ q
+
+    def jacobian(self, index):
+        return self.H[index]
+
+
+def test_redundant_rows_have_a_unique_total_force():
+    """The plate falls flat: the impulse of all multipliers together stops it in a step."""
+    law, h, mass = LagrangeContact(FlatRows(), np.array([1 / 2.0, 1 / 0.5])), 1e-3, 2.0
+    push = law.increment(np.zeros(2), np.array([-1.0, 0.0]), np.zeros(2), h)
+    assert law.lam.sum() == pytest.approx(mass * 1.0 / h, rel=1e-8)
+    np.testing.assert_allclose(push, [1.0 / h, 0.0], atol=1e-6 / h)
+    assert (law.lam >= 0).all()
