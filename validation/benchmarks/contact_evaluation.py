@@ -28,7 +28,7 @@ from exudyn_partition.linalg import one_blas_thread
 
 RESULTS = Path(__file__).with_suffix(".json")
 CALLS = 2000
-DEPTH = 4e-6  # of a steel ball of 10 mm radius, a few hundred newtons [m]
+DEPTH = 8e-6  # of a steel ball of 10 mm radius, a few hundred newtons [m]
 LIMITS = {"frozen_us": 60.0, "moving_us": 300.0}
 
 
@@ -48,7 +48,7 @@ def ball_on_plate():
         refine=[ep.Refine((0, 0, 0), 1.5e-3, 0.25e-3)],
         grading=0.5,
     )
-    parts = ep.Partition.ball(ball, (0, 0, 0), 0.75e-3), ep.Partition.ball(plate, (0, 0, 0), 2.1e-3)
+    parts = ep.Partition.ball(ball, (0, 0, 0), 0.75e-3), ep.Partition.ball(plate, (0, 0, 0), 2.3e-3)
     return [ep.reduce(fem, part, f_cut=150e3) for fem, part in zip((ball, plate), parts, strict=True)]
 
 
