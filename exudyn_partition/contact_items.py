@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,21 +16,16 @@ from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
 from .contact.gaps import PatchGaps, Side
 from .contact.lagrange import LagrangeContact
-from .contact.law import ContactLaw
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from .contact.two_pass import TwoPass
+from .contact_results import ContactResults
 from .errors import InputError, ModelLimitWarning, RunError
-from .history import at_times
 from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
 from .kinematics import FloatingKinematics
 
-if TYPE_CHECKING:
-    from .solve import Result
-
 Array = np.ndarray
-Law = ContactLaw | TwoPass
 
 FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
@@ -40,27 +34,7 @@ _COUPLED = 1e-4  # residual flexibility between two patches over their own, belo
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
 
-@dataclass(frozen=True)
-class SubImpact:
-    """A time of uninterrupted contact.
-
-    Parameters
-    ----------
-    start, end : float
-        [s]
-    impulse : float
-        Of the total normal force [N s].
-    peak : float
-        Largest total normal force [N].
-    """
-
-    start: float
-    end: float
-    impulse: float
-    peak: float
-
-
-class PartitionContact(dict):
+class PartitionContact(ContactResults):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
     Keys: `oContact`, the force element of compliance and penalty; `sForce`, a sensor of the total normal force [N], the
@@ -75,13 +49,11 @@ class PartitionContact(dict):
         self.name, self.sides = name, tuple(sides)
         self.slave = sides[0][0]
         self.master = rigid if rigid is not None else sides[1][0]
-        self.law: Any  # a Law; which one decides what it can do
-        self.group: list[PartitionContact] = [self]  # contacts that are solved together
-        self.together: CoupledContacts
+        self.group = [self]
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
-        self.law.reset()
+        (self.law if len(self.group) == 1 else self.together).reset()
         self.reached_edge_at: float | None = None
         self.reached_edge: Array | None = None
         self._sampled_at = self._stepped_to = t
@@ -130,6 +102,8 @@ class PartitionContact(dict):
                     self.reached_edge = law.edge_reached()
                     self.reached_edge_at = None if self.reached_edge is None else t
             lam = law.lam.take(closed)
+            if self._samples and self._samples[-1][0] == t:  # asked for again
+                self._samples.pop()
             self._samples.append((t, self._closed_nodes, lam))
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
@@ -166,28 +140,6 @@ class PartitionContact(dict):
         """Exudyn nodes of slave and master."""
         return [node for item, _ in self.sides for node in item.nodes]
 
-    @property
-    def n_rows(self) -> int:
-        """Number of rows that the contact starts with."""
-        return len(self._areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
-
-    def force(self, result: Result) -> Array:
-        """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
-        return self._sampled(result, slice(0, 1), slice(6, 7))[:, 0]
-
-    def force_on_slave(self, result: Result) -> Array:
-        """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return self._sampled(result, slice(2, 5), slice(7, 10))
-
-    def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
-        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
-        samples = result.sensor(self["sForce"])
-        if not self.explicit_only or len(result.t) < 2:
-            return samples[:, forces]
-        impulse = samples[:, impulses]
-        means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
-        return at_times(result.t, means)
-
     def AddMomentSensor(self, mbs: Any, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
@@ -200,106 +152,6 @@ class PartitionContact(dict):
             )
         )
         return self["sMoment"]
-
-    def moment_on_slave(self, result: Result) -> Array:
-        """Moment on the slave about the point of `AddMomentSensor`, (n, 3) [N m].
-
-        Raises
-        ------
-        InputError
-            If there is no such sensor.
-        """
-        if "sMoment" not in self:
-            raise InputError("contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble()")
-        return result.sensor(self["sMoment"])
-
-    def closed_rows(self, result: Result) -> Array:
-        """Number of closed contact rows, (n,)."""
-        return result.sensor(self["sForce"])[:, 1].astype(int)
-
-    def gap(self, result: Result) -> Array:
-        """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it."""
-        return result.sensor(self["sForce"])[:, 5]
-
-    def row_forces(self, result: Result) -> sp.csr_matrix:
-        """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
-
-        With two passes, those of the master's patch nodes follow; both halves together are the total force.
-        """
-        times = np.array([t for t, *_ in self._samples])
-        at = np.searchsorted(result.t, times - 1e-12 * result.t[-1])
-        kept = [k for k in range(len(times)) if at[k] < len(result.t) and abs(result.t[at[k]] - times[k]) < 1e-15]
-        data = [self._samples[k][2] for k in kept]
-        columns = [self._samples[k][1] for k in kept]
-        counts = np.zeros(len(result.t), dtype=np.int64)
-        counts[at[kept]] = [len(c) for c in columns]
-        empty = [np.empty(0)]
-        return sp.csr_matrix(
-            (np.concatenate(data + empty), np.concatenate(columns + empty).astype(int), np.r_[0, np.cumsum(counts)]),
-            shape=(len(result.t), len(self._areas)),
-        )
-
-    def pressure(self, result: Result) -> sp.csr_matrix:
-        """Contact pressure around the corners of the slave's facets, (n, np) [Pa], columns as those of `row_forces`.
-
-        Means weighted with the corners' hat functions; columns of mid-side nodes are empty.
-        """
-        return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
-
-    def area(self, result: Result) -> Array:
-        """Contact area, the sum of the closed rows' areas, (n,) [m2]."""
-        closed = self.row_forces(result)
-        closed.data[:] = closed.data > 0
-        return closed @ self._areas
-
-    def radius(self, result: Result) -> Array:
-        """Radius of a circle of the contact area, (n,) [m]."""
-        return np.sqrt(self.area(result) / np.pi)
-
-    def impacts(self, result: Result) -> list[SubImpact]:
-        """Times of uninterrupted contact, with the impulse and peak of each."""
-        force, t = self.force(result), result.t
-        edges = np.diff(np.r_[0, force > 0, 0].astype(int))
-        found = []
-        for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
-            around = slice(max(first - 1, 0), min(last + 1, len(t)))
-            impulse = float(np.trapezoid(force[around], t[around]))
-            found.append(SubImpact(float(t[first]), float(t[last - 1]), impulse, float(force[around].max())))
-        return found
-
-    def energy(self, result: Result) -> Array:
-        """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
-
-        The contact is evaluated again at the stored coordinates, in their order.
-        """
-        if self.explicit_only:
-            return np.zeros(len(result.t))
-        if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
-            raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
-        histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
-        for contact in self.group:
-            contact.law.reset()
-        if len(self.group) == 1:
-            return np.array([self.law.potential(q) for q in histories[0]])
-        stored = []
-        for coordinates in zip(*histories, strict=True):
-            self.together.forces(coordinates)
-            stored.append(self.law.stored())
-        return np.array(stored)
-
-    @property
-    def explicit_only(self) -> bool:
-        """Whether the contact runs in explicit solvers only."""
-        return isinstance(self.law, LagrangeContact)
-
-    @property
-    def left_out(self) -> list[str]:
-        """What the contact leaves out, in sentences."""
-        unpaired = self.law.gaps.unpaired
-        said = ["tangential rows: the contact is frictionless"]
-        if unpaired:
-            said.append(f"{unpaired} nodes of {self.slave.name or 'the slave'} that face no facet of the master patch")
-        return said
 
 
 def CreatePartitionContact(

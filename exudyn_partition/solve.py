@@ -108,9 +108,9 @@ class Result:
 def stability_limit(mbs: Any) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start: pairs that slide
-    change it by some 0.2 %. Other items of the model are not included, nor is the mass of what carries a rigid surface;
-    multipliers of the lagrange formulation do not lower the limit.
+    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start. Other items of the
+    model are not included, nor is the mass of what carries a rigid surface; multipliers of the lagrange formulation do
+    not lower the limit.
 
     Parameters
     ----------

@@ -205,6 +205,16 @@ def test_the_finer_body_is_the_slave_unless_given(mbs, bodies):
         ep.CreatePartitionContact(mbs, block, ball, passes="given")
 
 
+def test_a_sensor_that_is_read_again_counts_once(mbs, marble):
+    _, contact = drop(mbs, marble, ep.RigidPlane())
+    result = ep.solve_dynamic(mbs, end_time=10e-6)  # ends in contact
+    mbs.GetSensorValues(contact["sForce"])
+    force = contact.force(result)
+    assert force[-1] > 0
+    rows = contact.row_forces(result)
+    np.testing.assert_allclose(rows @ np.ones(rows.shape[1]), force, rtol=1e-12)
+
+
 def test_moments_are_asked_for(mbs, marble):
     _, contact = drop(mbs, marble, ep.RigidPlane())
     result = ep.solve_dynamic(mbs, end_time=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,9 @@ class ComplianceContact(ContactLaw):
         If the flexibility of the rows is not positive definite.
     """
 
+    _held: Any = None  # rows that `problem` is of
+    problem: Complementarity
+
     def reset(self) -> None:
         """Forget the last run."""
         super().reset()
@@ -43,6 +47,9 @@ class ComplianceContact(ContactLaw):
 
     def _take_held(self) -> None:
         """Go on with the rows that are frozen, or will be followed from here."""
+        if self._held is self.gaps.held is not None:
+            self.problem.reset()
+            return
         self._held = self.gaps.held
         self.problem = Complementarity(self.gaps.flexibility(np.arange(len(self.gaps.row_nodes))))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,7 +14,6 @@ _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
 
 
-@dataclass(eq=False)
 class CoupledContacts:
     """Compliance contacts that share bodies, solved together.
 
@@ -29,11 +27,27 @@ class CoupledContacts:
         Law and side, other law and side, and the body's flexibility between the patch of the first and of the other.
     """
 
-    laws: list[ComplianceContact] = field(default_factory=list)
-    links: list[tuple[int, int, int, int, Array]] = field(default_factory=list)
+    def __init__(self, laws: list[ComplianceContact], links: list[tuple[int, int, int, int, Array]]) -> None:
+        self.laws, self.links = laws, links
+        self._at: Array | None = None
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        self._at = None
+        for law in self.laws:
+            law.reset()
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
-        """Generalised forces of each contact, at the coordinates of each, (n,)."""
+        """Generalised forces of each contact, at the coordinates of each, (n,).
+
+        Every contact asks for its own at the same coordinates; they are found once.
+        """
+        at = np.concatenate(coordinates)
+        if self._at is None or not np.array_equal(at, self._at):
+            self._at, self._forces = at, self._find(coordinates)
+        return self._forces
+
+    def _find(self, coordinates: Sequence[Array]) -> list[Array]:
         gaps = [law.gaps.at(q) for law, q in zip(self.laws, coordinates, strict=True)]
         for law, h in zip(self.laws, gaps, strict=True):
             law.answer(h)
@@ -42,23 +56,19 @@ class CoupledContacts:
         return [law.generalised() for law in self.laws]
 
     def _settle(self, gaps: list[Array]) -> None:
+        of = [law.gaps for law in self.laws]
+        links = [
+            (j, of[j].side_rows(side), F, k, of[k].side_rows(other_side).T) for j, side, k, other_side, F in self.links
+        ]
         for _ in range(_SWEEPS):
             change = size = 0.0
             for j, law in enumerate(self.laws):
-                before = law.lam
-                law.answer(gaps[j], self._pushed(j))
+                before, pushed = law.lam, np.zeros(len(law.lam))
+                for own, rows, F, k, push in links:
+                    if own == j and self.laws[k].index.size:
+                        pushed += rows @ (F @ (push @ self.laws[k].lam))
+                law.answer(gaps[j], pushed)
                 change += abs(law.lam - before).sum()
                 size += law.lam.sum()
             if change <= _SETTLED * size:
                 break
-
-    def _pushed(self, j: int) -> Array:
-        """What the forces of the other contacts add to the gaps of the j-th."""
-        law = self.laws[j]
-        pushed = np.zeros(len(law.lam))
-        for own, side, k, other_side, F in self.links:
-            other = self.laws[k]
-            if own == j and other.index.size:
-                at_nodes = other.gaps.side_rows(other_side, other.index).T @ other.lam[other.index]
-                pushed += law.gaps.side_rows(side, np.arange(len(pushed))) @ (F @ at_nodes)
-        return pushed

@@ -217,17 +217,16 @@ class Gaps:
                 F += _row_flexibility(side, nodes[points], weights[points], along, mean)
         return F
 
-    def side_rows(self, side: int, index: Array) -> Any:
-        """Some present rows on the flexibility of one of the sides' patches, (na, d np)."""
+    def side_rows(self, side: int) -> Any:
+        """Present rows on the flexibility of one of the sides' patches, (nr, d np)."""
         nodes, weights = self._shares[side]
-        points = index if self._mean is None else np.arange(len(self.normals))
         own, n = self.sides[side], len(self.sides[side].surface.points)
         if len(np.asarray(own.flexibility)) == n:
-            rows = point_matrix(nodes[points], -abs(weights[points]), n)  # contact pushes inwards
+            rows = point_matrix(nodes, -abs(weights), n)  # contact pushes inwards
         else:
-            along = own.kinematics.in_frame(self.split(self._q)[side], self.normals[points])
-            rows = directed_matrix(nodes[points], weights[points], along, n)
-        return rows if self._mean is None else self._mean[index] @ rows
+            along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
+            rows = directed_matrix(nodes, weights, along, n)
+        return rows if self._mean is None else self._mean @ rows
 
 
 def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
@@ -270,19 +269,18 @@ class PatchGaps(Gaps):
         self.size, self.approach = self._start.facet_size, self._start.approach
         self.n = sum(side.n for side in self.sides)
         self._linear = slave.kinematics.linear and master.kinematics.linear
-        self._witnesses = [
-            side.kinematics.at(side.surface.nodes[_spread(side.surface.points)]) for side in self.sides
-        ]  # fmt: skip
+        self._witnesses = [side.kinematics.at(side.surface.nodes[_spread(side.surface.points)]) for side in self.sides]
+        self.held, self.moving = None, True
         self.reset()
 
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""
-        self.held: Any = None
         self._since = 0
         self._searched_at: Array | None = None
         self._stood_at: Array | None = None
-        self._hold(self._start, np.zeros(self.n))
-        self.moving = not self._linear
+        if self.moving or self.held is not self._start:
+            self._hold(self._start, np.zeros(self.n))
+            self.moving = not self._linear
 
     # Frozen pairs.
 
@@ -310,13 +308,12 @@ class PatchGaps(Gaps):
         some = _spread(rows.points.at(self.slave.surface.points))
         blocks = []
         for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
-            along = np.tile(tangent, (len(some), 1))
-            blocks.append([
-                _dense(directed_matrix(nodes[some], weights[some], along, len(side.surface.points)))
-                @ side.kinematics.rows
-                for (nodes, weights), side in zip(self._shares, self.sides, strict=True)
-            ])  # fmt: skip
-        return np.vstack([np.hstack([_dense(b) for b in block]) for block in blocks])
+            along, block = np.tile(tangent, (len(some), 1)), []
+            for (nodes, weights), side in zip(self._shares, self.sides, strict=True):
+                G = directed_matrix(nodes[some], weights[some], along, len(side.surface.points))
+                block.append(_dense(G @ side.kinematics.rows))
+            blocks.append(block)
+        return np.block(blocks)
 
     # Pairs that follow.
 

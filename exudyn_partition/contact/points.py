@@ -1,7 +1,7 @@
 """Points of a slave's patch that are kept out of the master, and the rows that they make.
 
 Node-to-segment (paper, section 3) takes the patch's nodes, a row each. On quadratic facets that is poor: a vertex
-carries no share of a uniform pressure, so nodal forces are ragged and the patch is stiffer than its shape functions.
+carries no share of a uniform pressure, so nodal forces are ragged.
 Integrated rows take the gap's mean over the patch, weighted by the hat functions of the facets' corners, and its
 Kuhn-Tucker conditions hold for each hat: linear multipliers on linear or quadratic displacements (Puso, Laursen and
 Solberg 2008), integrated on the slave's facets.
@@ -134,7 +134,7 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
             row_nodes=row_nodes,
             area=row_area,
             pressures=sp.csr_matrix(inverse),
-            facets=sp.csr_matrix(np.kron(np.eye(nf), np.ones(nq))),
+            facets=sp.kron(sp.identity(nf), np.ones((1, nq)), format="csr"),
         )
     facet_area = area.sum(axis=1)
     where = np.repeat(np.arange(nf), surface.facets.shape[1]), surface.facets.ravel()

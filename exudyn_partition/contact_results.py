@@ -1,0 +1,179 @@
+"""What a contact tells of a run: forces, pressures, areas, gaps, sub-impacts and energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .contact.coupled import CoupledContacts
+from .contact.lagrange import LagrangeContact
+from .contact.rigid import RigidGaps
+from .errors import InputError
+from .history import at_times
+from .items import PartitionBody
+
+if TYPE_CHECKING:
+    from .solve import Result
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class SubImpact:
+    """A time of uninterrupted contact.
+
+    Parameters
+    ----------
+    start, end : float
+        [s]
+    impulse : float
+        Of the total normal force [N s].
+    peak : float
+        Largest total normal force [N].
+    """
+
+    start: float
+    end: float
+    impulse: float
+    peak: float
+
+
+class ContactResults(dict):
+    """Results of a contact, by what its sensors and itself have stored.
+
+    Attributes
+    ----------
+    slave : PartitionBody
+    sides : tuple of (PartitionBody, int)
+        Slave, and master if that is a partition body too, each with the number of its patch.
+    law : ContactLaw or TwoPass
+    group : list of ContactResults
+        Contacts that are solved together; `together` solves them if there are several.
+    """
+
+    slave: PartitionBody
+    sides: tuple[tuple[PartitionBody, int], ...]
+    law: Any  # which one decides what it can do
+    group: list[Any]
+    together: CoupledContacts
+    _samples: list[tuple[float, Array, Array]]
+    _areas: Array
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows that the contact starts with."""
+        return len(self._areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
+
+    def force(self, result: Result) -> Array:
+        """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
+        return self._sampled(result, slice(0, 1), slice(6, 7))[:, 0]
+
+    def force_on_slave(self, result: Result) -> Array:
+        """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
+        return self._sampled(result, slice(2, 5), slice(7, 10))
+
+    def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
+        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
+        samples = result.sensor(self["sForce"])
+        if not self.explicit_only or len(result.t) < 2:
+            return samples[:, forces]
+        impulse = samples[:, impulses]
+        means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
+        return at_times(result.t, means)
+
+    def moment_on_slave(self, result: Result) -> Array:
+        """Moment on the slave about the point of `AddMomentSensor`, (n, 3) [N m].
+
+        Raises
+        ------
+        InputError
+            If there is no such sensor.
+        """
+        if "sMoment" not in self:
+            raise InputError("contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble()")
+        return result.sensor(self["sMoment"])
+
+    def closed_rows(self, result: Result) -> Array:
+        """Number of closed contact rows, (n,)."""
+        return result.sensor(self["sForce"])[:, 1].astype(int)
+
+    def gap(self, result: Result) -> Array:
+        """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it."""
+        return result.sensor(self["sForce"])[:, 5]
+
+    def row_forces(self, result: Result) -> sp.csr_matrix:
+        """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
+
+        With two passes, those of the master's patch nodes follow; both halves together are the total force.
+        """
+        place = {t: i for i, t in enumerate(result.t)}
+        kept = [(place[t], nodes, lam) for t, nodes, lam in self._samples if t in place]
+        at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)
+        nodes = np.concatenate([np.empty(0, dtype=int), *(nodes for _, nodes, _ in kept)])
+        forces = np.concatenate([np.empty(0), *(lam for *_, lam in kept)])
+        return sp.csr_matrix((forces, (at, nodes)), shape=(len(result.t), len(self._areas)))
+
+    def pressure(self, result: Result) -> sp.csr_matrix:
+        """Contact pressure around the corners of the slave's facets, (n, np) [Pa], columns as those of `row_forces`.
+
+        Means weighted with the corners' hat functions; columns of mid-side nodes are empty.
+        """
+        return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
+
+    def area(self, result: Result) -> Array:
+        """Contact area, the sum of the closed rows' areas, (n,) [m2]."""
+        closed = self.row_forces(result)
+        closed.data[:] = closed.data > 0
+        return closed @ self._areas
+
+    def radius(self, result: Result) -> Array:
+        """Radius of a circle of the contact area, (n,) [m]."""
+        return np.sqrt(self.area(result) / np.pi)
+
+    def impacts(self, result: Result) -> list[SubImpact]:
+        """Times of uninterrupted contact, with the impulse and peak of each."""
+        force, t = self.force(result), result.t
+        edges = np.diff(np.r_[0, force > 0, 0].astype(int))
+        found = []
+        for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+            around = slice(max(first - 1, 0), min(last + 1, len(t)))
+            impulse = float(np.trapezoid(force[around], t[around]))
+            found.append(SubImpact(float(t[first]), float(t[last - 1]), impulse, float(force[around].max())))
+        return found
+
+    def energy(self, result: Result) -> Array:
+        """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
+
+        The contact is evaluated again at the stored coordinates, in their order.
+        """
+        if self.explicit_only:
+            return np.zeros(len(result.t))
+        if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
+            raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
+        histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
+        if len(self.group) == 1:
+            self.law.reset()
+            return np.array([self.law.potential(q) for q in histories[0]])
+        self.together.reset()
+        stored = []
+        for coordinates in zip(*histories, strict=True):
+            self.together.forces(coordinates)
+            stored.append(self.law.stored())
+        return np.array(stored)
+
+    @property
+    def explicit_only(self) -> bool:
+        """Whether the contact runs in explicit solvers only."""
+        return isinstance(self.law, LagrangeContact)
+
+    @property
+    def left_out(self) -> list[str]:
+        """What the contact leaves out, in sentences."""
+        unpaired = self.law.gaps.unpaired
+        said = ["tangential rows: the contact is frictionless"]
+        if unpaired:
+            said.append(f"{unpaired} nodes of {self.slave.name or 'the slave'} that face no facet of the master patch")
+        return said
