@@ -244,7 +244,7 @@ def closed(ball, plate):
 
 
 def test_penalty_layer_yields_as_the_residual_flexibility_does(ball, plate):
-    """Forces of a layer and of the half-space-like flexibility that it replaces are alike, not equal."""
+    """Under uniform pressure alike; a small contact gets no help from what lies around it, and is softer by a few."""
     sides = inertial(ball), inertial(plate)
     compliance, gaps = ComplianceContact(PatchGaps(*sides)), PatchGaps(*sides)
     layer = PenaltyContact(gaps, bed_stiffness(gaps))
@@ -254,7 +254,7 @@ def test_penalty_layer_yields_as_the_residual_flexibility_does(ball, plate):
     A = gaps.area
     pressed = A @ gaps.flexibility(np.arange(len(A))) @ A  # by a unit pressure
     assert layer.stiffness * pressed == pytest.approx(A.sum(), rel=1e-12)
-    assert 0.2 < layer.lam.sum() / compliance.lam.sum() < 5
+    assert 0.25 < layer.lam.sum() / compliance.lam.sum() < 0.5
 
 
 @pytest.mark.parametrize("law_of", [ComplianceContact, lambda gaps: PenaltyContact(gaps, bed_stiffness(gaps))])
