@@ -15,6 +15,7 @@ from .body import ReducedBody
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
+from .markers import add_interface_marker, add_point_marker, add_super_element, interpolation
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -35,6 +36,10 @@ class PartitionBody(dict):
 
     Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
     frame; `oGenericODE2`; `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+
+    With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
+    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, and the
+    markers of interfaces, as `name:interface`.
 
     `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
@@ -78,6 +83,77 @@ class PartitionBody(dict):
             return False
         held = [mbs.GetNode(node).get("numberOfODE2Coordinates", _RIGID) for node in nodes]
         return sum(held) == self.body.n_dofs
+
+    def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
+        """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
+
+        Its place is the interface's `position`, its axes are those of the mesh at the start.
+
+        Parameters
+        ----------
+        mbs : exudyn.MainSystem
+        interface : str
+            Name, as in `Partition.interface`.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+            The same in every call; also under the key "name:interface".
+
+        Raises
+        ------
+        InputError
+            If there is no such interface, the body is not in this model, or its basis keeps nodes.
+        """
+        self.body.partition.find_interface(interface)
+        key = f"{self.name}:{interface}" if self.name else interface
+        super_element = self._super_element(mbs)
+        if key not in self:
+            self[key] = add_interface_marker(mbs, super_element, self.body, interface, key)
+        return self[key]
+
+    def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+        """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
+
+        It moves as the kept shapes let it: the body answers forces of its contacts and interfaces exactly, but lacks
+        the local dent that a force on this node alone would make. For joints take an interface.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+
+        Raises
+        ------
+        InputError
+            If the body is not in this model, or its basis keeps nodes.
+        """
+        node = self.body.nearest_node(validate_vector("point", point))
+        return add_point_marker(mbs, self._super_element(mbs), np.array([node]), np.ones(1), "")
+
+    def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m]; as a node's, else.
+
+        The point moves by the nodes around it: a force on it has its resultant and moment exactly.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+
+        Raises
+        ------
+        InputError
+            If the point is outside the body, the body is not in this model, or its basis keeps nodes.
+        """
+        nodes, weights = interpolation(self.body.points, validate_vector("point", point))
+        return add_point_marker(mbs, self._super_element(mbs), nodes, weights, "")
+
+    def _super_element(self, mbs: Any) -> Any:
+        """Object that carries markers, made when first asked for."""
+        if not any(item is self for item in partition_items(mbs)[0]):
+            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
+        if "oFFRFreducedOrder" not in self:
+            self.update(add_super_element(mbs, self.kinematics, self, self.name))
+        return self["oFFRFreducedOrder"]
 
     def coordinates(self, result: Result) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
@@ -162,7 +238,9 @@ def CreatePartitionBody(
     referenceRotation: Sequence[Sequence[float]] | None = None,
     initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
     initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
+    gravity: Sequence[float] = (0.0, 0.0, 0.0),
     inertiaTerms: Collection[str] = tuple(TERMS),
+    superElement: bool = False,
 ) -> PartitionBody:
     """Add a reduced body to a model.
 
@@ -194,6 +272,12 @@ def CreatePartitionBody(
     inertiaTerms : collection of str
         Inertia forces of a floating frame that are kept, of `floating.TERMS`: "gyroscopic", "coriolis", "centrifugal"
         and "coupling". Default: all. `left_out` of what is returned says what is missing.
+    gravity : (3,)
+        Acceleration of gravity [m/s2], a constant force.
+    superElement : bool
+        Whether to add what carries Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a marker for
+        each interface at once, so that the result has the keys of `mbs.CreateFFRFReducedOrderObject` and of
+        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. Otherwise they come when first asked for.
 
     Returns
     -------
@@ -212,6 +296,7 @@ def CreatePartitionBody(
     rotation = None if referenceRotation is None else _rotation_vector(referenceRotation)
     velocity = validate_vector("initialVelocity", initialVelocity)
     angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
+    acceleration = validate_vector("gravity", gravity)
     for term in inertiaTerms:
         validate_choice("inertiaTerms", term, TERMS)
     if frame == "auto":
@@ -224,6 +309,8 @@ def CreatePartitionBody(
     else:
         kinematics = FloatingKinematics(body, position, np.zeros(3) if rotation is None else rotation)
         item = _add_floating(mbs, kinematics, name, velocity, angular_velocity, inertiaTerms)
+    if acceleration.any():
+        mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     for key, kind in (
         ("sCoordinates", exu.OutputVariableType.Coordinates),
@@ -234,6 +321,9 @@ def CreatePartitionBody(
             for n in item.nodes
         ]
     mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
+    if superElement:
+        for interface in body.partition.interfaces:
+            item.CreateInterfaceMarker(mbs, interface.name)
     return item
 
 

@@ -81,6 +81,10 @@ class InertialKinematics:
         """Directions in space, (m, 3), in the body's axes."""
         return directions
 
+    def weight(self, gravity: Array) -> Array:
+        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+        return self.body.mass @ (self.body.rigid[:, :3] @ gravity)
+
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""
         return q_t @ (self.body.mass @ self.body.rigid[:, :3])
@@ -195,6 +199,10 @@ class FloatingKinematics:
         J, C = self.inertia.of_place(q[6:])
         omega_t = np.linalg.solve(J - C @ C.T, force[3:6] - C @ force[6:])
         return np.concatenate([force[:3], self.inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
+
+    def weight(self, gravity: Array) -> Array:
+        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+        return np.concatenate([self.body.total_mass * gravity, np.zeros(self.body.n_dofs - 3)])
 
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""

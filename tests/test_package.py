@@ -21,7 +21,7 @@ ORDER = [  # data flows this way; imports point back along it
     "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "basis", "contact.surface",
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
     "recovery", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
-    "contact.lagrange", "contact.penalty", "contact.two_pass", "history", "items", "contact_results",
+    "contact.lagrange", "contact.penalty", "contact.two_pass", "history", "markers", "items", "contact_results",
     "contact_items", "step_control", "solve", "reference", "report", "plot", "__init__", "contact.__init__",
 ]  # fmt: skip
 
@@ -63,7 +63,7 @@ def test_outer_packages_have_one_door_each():
         "ngsolve": {"ngsolve_fem"},
         "netgen": {"ngsolve_fem"},
         "meshio": {"mesh_files"},
-        "exudyn": {"items", "contact_items", "solve"},
+        "exudyn": {"markers", "items", "contact_items", "solve"},
     }
 
 

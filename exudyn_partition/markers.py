@@ -1,0 +1,173 @@
+"""Exudyn adapter: a super element that lends partition bodies Exudyn's markers, and what its mesh nodes are.
+
+An ObjectFFRFreducedOrder without mass, stiffness and inertia forces, on the body's own nodes, is a body to Exudyn's
+superelement markers and sensors, and nothing else. Its mesh nodes are those of the FE model, with the same numbers,
+followed by six for each interface, which move as the interface does: by its mean translation and rotation.
+
+The super element needs a rigid body's node and one for modes. A floating body has both. An inertial body moves within a
+node of its own that six coordinate constraints hold, which Exudyn's explicit solvers eliminate.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ._checks import validate_vector
+from ._optional import require
+from .body import ReducedBody
+from .errors import InputError
+from .kinematics import FloatingKinematics, InertialKinematics
+
+if TYPE_CHECKING:
+    from .partition import Interface
+
+Array = np.ndarray
+
+_CROSS = np.vstack([np.eye(3), -np.eye(3)])  # six points around an interface, as many for each axis
+_NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
+
+
+def add_super_element(
+    mbs: Any, kinematics: InertialKinematics | FloatingKinematics, nodes: dict[str, Any], name: str
+) -> dict[str, Any]:
+    """Add the super element of a body.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    kinematics : InertialKinematics or FloatingKinematics
+    nodes : dict
+        Exudyn nodes of the body, `nModal` and, of a floating frame, `nRigid`.
+    name : str
+
+    Returns
+    -------
+    dict
+        `oFFRFreducedOrder` and its nodes `nRigidBody` and `nGenericODE2`.
+
+    Raises
+    ------
+    InputError
+        If the body's basis has nodal columns, which have an Exudyn node of their own.
+    """
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    body = kinematics.body
+    if len(body.basis.nodal):
+        raise InputError(
+            f"body: basis {body.basis.name!r} keeps nodes as coordinates, which Exudyn's superelement markers cannot "
+            "follow. Reduce the body with basis='contact-adapted', 'residual' or 'craig-bampton', or attach to rows of "
+            "its coordinates: body.interface_rows() on a MarkerObjectODE2Coordinates of its 'oGenericODE2'"
+        )
+    rigid = nodes["nRigid"] if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
+    places, rows = mesh(kinematics)
+    nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
+    number = mbs.AddObject(
+        items.ObjectFFRFreducedOrder(
+            name=name and f"{name}:markers",
+            nodeNumbers=[rigid, nodes["nModal"]],
+            massMatrixReduced=nothing,
+            stiffnessMatrixReduced=nothing,
+            computeFFRFterms=False,
+            modeBasis=rows,
+            referencePositions=places.ravel(),
+            visualization=items.VObjectFFRFreducedOrder(show=False),
+        )
+    )
+    return {"nRigidBody": rigid, "nGenericODE2": nodes["nModal"], "oFFRFreducedOrder": number}
+
+
+def _add_held_node(mbs: Any, kinematics: InertialKinematics | FloatingKinematics, name: str) -> Any:
+    """Node at the centre of mass that six coordinate constraints hold; mass lets explicit solvers accept it."""
+    items = require("exudyn.itemInterface")
+    origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
+    node = mbs.AddNode(items.NodeRigidBodyRxyz(name=name and f"{name}:frame", referenceCoordinates=[*origin, 0, 0, 0]))
+    mbs.AddObject(
+        items.ObjectRigidBody(
+            nodeNumber=node, mass=1.0, inertia=[1.0] * 3 + [0.0] * 3, visualization=items.VObjectRigidBody(show=False)
+        )
+    )
+    ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    for coordinate in range(6):
+        held = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[ground, held]))
+    return node
+
+
+def mesh(kinematics: InertialKinematics | FloatingKinematics) -> tuple[Array, Array]:
+    """Mesh nodes of the super element: places within the frame, (m, 3) [m], and displacements by the modes, (3m, n)."""
+    body = kinematics.body
+    all_nodes = kinematics.at(np.arange(len(body.points)))
+    places, rows = [all_nodes.arms], [np.asarray(all_nodes.rows)]
+    for interface in body.partition.interfaces:
+        motion = interface.motion @ kinematics.at(interface.nodes).rows
+        arms = _radius(body, interface) * _CROSS
+        places.append(interface.position - body.centre_of_mass + arms)
+        turning = np.cross(motion[3:].T[None], arms[:, None])  # (6, n, 3)
+        rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
+    return np.vstack(places), np.vstack(rows)
+
+
+def _radius(body: ReducedBody, interface: Interface) -> float:
+    """Root mean square distance of an interface's nodes from its position [m]."""
+    return float(np.sqrt(interface.weights @ np.sum((body.points[interface.nodes] - interface.position) ** 2, axis=1)))
+
+
+def add_interface_marker(mbs: Any, super_element: Any, body: ReducedBody, interface: str, name: str) -> Any:
+    """Add a MarkerSuperElementRigid that moves as an interface; returns its number."""
+    names = [joint.name for joint in body.partition.interfaces]
+    body.partition.find_interface(interface)
+    first = len(body.points) + 6 * names.index(interface)
+    return mbs.AddMarker(
+        require("exudyn.itemInterface").MarkerSuperElementRigid(
+            name=name,
+            bodyNumber=super_element,
+            meshNodeNumbers=list(range(first, first + 6)),
+            weightingFactors=[1 / 6] * 6,
+        )
+    )
+
+
+def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array, name: str) -> Any:
+    """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); returns its number."""
+    return mbs.AddMarker(
+        require("exudyn.itemInterface").MarkerSuperElementPosition(
+            name=name, bodyNumber=super_element, meshNodeNumbers=[*map(int, nodes)], weightingFactors=weights
+        )
+    )
+
+
+def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
+    """Nodes around a point, (k,), and weights, (k,), that reproduce every linear field there.
+
+    So a force at the point has its resultant and moment exactly. Weights are those of the smallest sum of squares of
+    distance times weight: at a node it alone counts.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodes [m].
+    point : (3,) array
+        [m]
+
+    Raises
+    ------
+    InputError
+        If the point is further from the nearest nodes than they are from each other.
+    """
+    point = validate_vector("point", point)
+    distance = np.linalg.norm(points - point, axis=1)
+    near = np.argsort(distance, kind="stable")[:_NEAR]
+    arms, size = points[near] - point, distance[near[-1]]
+    if distance[near[0]] > np.linalg.norm(points[near[1:]] - points[near[0]], axis=1).max():
+        raise InputError(
+            f"point: expected a point on or in the body, got {point}, {distance[near[0]]:.4g} m away from its nearest "
+            f"node at {points[near[0]]}; points are given in the body's own coordinates, those of its mesh"
+        )
+    flexible = (distance[near] / size) ** 2 + 1e-12  # small at nodes that shall carry much
+    linear = np.vstack([np.ones(len(near)), arms.T / size])
+    gram = (linear / flexible) @ linear.T
+    weights = (linear / flexible).T @ np.linalg.lstsq(gram, np.array([1.0, 0, 0, 0]), rcond=None)[0]
+    kept = abs(weights) > 1e-9
+    return near[kept], weights[kept]
