@@ -141,8 +141,8 @@ def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array,
 def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
     """Nodes around a point, (k,), and weights, (k,), that reproduce every linear field there.
 
-    So a force at the point has its resultant and moment exactly. Weights are those of the smallest sum of squares of
-    distance times weight: at a node it alone counts.
+    So a force at the point has its resultant and moment exactly. Of all such weights, those with the smallest sum of
+    squares of distance times weight: a node at the point alone counts.
 
     Parameters
     ----------
@@ -165,9 +165,8 @@ def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
             f"point: expected a point on or in the body, got {point}, {distance[near[0]]:.4g} m away from its nearest "
             f"node at {points[near[0]]}; points are given in the body's own coordinates, those of its mesh"
         )
-    flexible = (distance[near] / size) ** 2 + 1e-12  # small at nodes that shall carry much
+    if distance[near[0]] < 1e-9 * size:
+        return near[:1], np.ones(1)
+    closeness = size / distance[near]
     linear = np.vstack([np.ones(len(near)), arms.T / size])
-    gram = (linear / flexible) @ linear.T
-    weights = (linear / flexible).T @ np.linalg.lstsq(gram, np.array([1.0, 0, 0, 0]), rcond=None)[0]
-    kept = abs(weights) > 1e-9
-    return near[kept], weights[kept]
+    return near, closeness * np.linalg.lstsq(linear * closeness, np.array([1.0, 0, 0, 0]), rcond=None)[0]

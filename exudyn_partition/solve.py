@@ -41,6 +41,7 @@ Progress = Callable[[float], None]
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
 
 
@@ -243,6 +244,8 @@ def solve_dynamic(
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
         settings.solution.file.write = False
         settings.timeIntegration.verboseMode = 0
+        # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
+        settings.timeIntegration.newton.absoluteTolerance = _RESIDUAL
         # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
         settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
     integration = settings.timeIntegration
