@@ -102,7 +102,7 @@ def test_points_reproduce_linear_fields(body):
         nodes, weights = interpolation(body.points, np.array(point))
         assert weights.sum() == pytest.approx(1, abs=1e-12)
         np.testing.assert_allclose(weights @ body.points[nodes], point, atol=1e-14)
-    np.testing.assert_array_equal(body.points[nodes], [point])  # a corner is a node
+    assert len(nodes) == 1  # a corner is a node
     with pytest.raises(InputError, match=r"point: expected a point on or in the body, got .* away from its nearest"):
         interpolation(body.points, np.array([0.02, 0, 0.03]))
 
