@@ -38,8 +38,10 @@ class PartitionBody(dict):
     frame; `oGenericODE2`; `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
 
     With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
-    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, and the
-    markers of interfaces, as `name:interface`.
+    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
+    again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
+
+    `point_markers` are the points of node and point markers by their numbers.
 
     `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
@@ -49,6 +51,7 @@ class PartitionBody(dict):
     ) -> None:
         super().__init__(**indices)
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
+        self.point_markers: dict[int, Sequence[float]] = {}
 
     @property
     def frame(self) -> str:
@@ -128,7 +131,7 @@ class PartitionBody(dict):
             If the body is not in this model, or its basis keeps nodes.
         """
         node = self.body.nearest_node(validate_vector("point", point))
-        return add_point_marker(mbs, self._super_element(mbs), np.array([node]), np.ones(1), "")
+        return self._point_marker(mbs, point, np.array([node]), np.ones(1))
 
     def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
         """Position marker of any point on or in the body, (3,) in the body's own coordinates [m]; as a node's, else.
@@ -144,15 +147,20 @@ class PartitionBody(dict):
         InputError
             If the point is outside the body, the body is not in this model, or its basis keeps nodes.
         """
-        nodes, weights = interpolation(self.body.points, validate_vector("point", point))
-        return add_point_marker(mbs, self._super_element(mbs), nodes, weights, "")
+        return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
+
+    def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
+        marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
+        self.point_markers[int(marker)] = point
+        return marker
 
     def _super_element(self, mbs: Any) -> Any:
         """Object that carries markers, made when first asked for."""
         if not any(item is self for item in partition_items(mbs)[0]):
             raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
         if "oFFRFreducedOrder" not in self:
-            self.update(add_super_element(mbs, self.kinematics, self, self.name))
+            indices = add_super_element(mbs, self.kinematics, self, self.name)
+            self.update(indices, FFRFReducedOrderObjectDict=indices)
         return self["oFFRFreducedOrder"]
 
     def coordinates(self, result: Result) -> Array:
@@ -322,6 +330,7 @@ def CreatePartitionBody(
         ]
     mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
     if superElement:
+        item._super_element(mbs)
         for interface in body.partition.interfaces:
             item.CreateInterfaceMarker(mbs, interface.name)
     return item

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _CROSS = np.vstack([np.eye(3), -np.eye(3)])  # six points around an interface, as many for each axis
+_VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
 
@@ -117,7 +118,6 @@ def _radius(body: ReducedBody, interface: Interface) -> float:
 def add_interface_marker(mbs: Any, super_element: Any, body: ReducedBody, interface: str, name: str) -> Any:
     """Add a MarkerSuperElementRigid that moves as an interface; returns its number."""
     names = [joint.name for joint in body.partition.interfaces]
-    body.partition.find_interface(interface)
     first = len(body.points) + 6 * names.index(interface)
     return mbs.AddMarker(
         require("exudyn.itemInterface").MarkerSuperElementRigid(
@@ -129,11 +129,11 @@ def add_interface_marker(mbs: Any, super_element: Any, body: ReducedBody, interf
     )
 
 
-def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array, name: str) -> Any:
+def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array) -> Any:
     """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); returns its number."""
     return mbs.AddMarker(
         require("exudyn.itemInterface").MarkerSuperElementPosition(
-            name=name, bodyNumber=super_element, meshNodeNumbers=[*map(int, nodes)], weightingFactors=weights
+            bodyNumber=super_element, meshNodeNumbers=[*map(int, nodes)], weightingFactors=weights
         )
     )
 
@@ -170,3 +170,51 @@ def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
     closeness = size / distance[near]
     linear = np.vstack([np.ones(len(near)), arms.T / size])
     return near, closeness * np.linalg.lstsq(linear * closeness, np.array([1.0, 0, 0, 0]), rcond=None)[0]
+
+
+def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
+    """Refuse joints on nodes that were reduced away, and initial velocities that violate a constraint.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        Assembled.
+    point_markers : dict of int to (3,)
+        Points of the bodies' node and point markers.
+
+    Raises
+    ------
+    InputError
+    """
+    if mbs.systemData.AEsize() == 0:
+        return
+    exu = require("exudyn")
+    constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
+    for number in constraints:
+        for marker in mbs.GetObjectParameter(number, "markerNumbers"):
+            if int(marker) in point_markers:
+                raise InputError(
+                    f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
+                    "reduced away: the body lacks its static answer to forces there and would be too stiff. Join "
+                    "Partition.interface(fem, name, nodes) to the partition before reduce(), and take "
+                    "CreateInterfaceMarker"
+                )
+    solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
+    settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
+    solver.InitializeSolver(mbs, settings)
+    solver.ComputeAlgebraicEquations(mbs, velocityLevel=True)
+    residual = np.abs(np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :])
+    largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
+    for number in constraints:
+        own = residual[list(mbs.systemData.GetObjectLTGAE(number))].max()
+        if own > _VIOLATION * max(own, largest):
+            raise InputError(
+                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
+                "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "
+                "mass, and initialAngularVelocity that fit the joints and drives"
+            )
+
+
+def _object(mbs: Any, number: int) -> str:
+    about = mbs.GetObject(number)
+    return f"mbs: {about['objectType']} {about['name']!r}, object {number},"

@@ -4,8 +4,10 @@ import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import scipy.sparse.linalg
 from conftest import box, relative
+from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -231,5 +233,165 @@ def test_hanging_body(link, body, frame):
     expected = mean.motion[:3] @ (model.expand @ u)[node_dofs(mean.nodes)]
     got = mbs.GetMarkerOutput(head, KIND.Position) - mean.position
     assert relative(got, expected) < 1e-6
-    length, rho, E = 0.06, ep.STEEL.rho, ep.STEEL.E
-    assert got[2] == pytest.approx(rho * 9.0 * length**2 / (2 * E), rel=0.02)
+    assert got[2] == pytest.approx(9.0 * ep.STEEL.rho * 0.06**2 / (2 * ep.STEEL.E), rel=0.02)
+
+
+GRAVITY = np.array([2e4, 0.0, 0.0])  # m/s2, so that the pendulum bends while it swings through a quarter
+
+
+def by_exudyn(fem, body, partition):
+    """Exudyn's own floating frame on the same modes: model, markers of foot and head."""
+    model = FEMinterface()
+    model.nodes["Position"] = fem.points - fem.centre_of_mass
+    model.massMatrix, model.stiffnessMatrix = sp.csr_matrix(fem.mass), sp.csr_matrix(fem.stiffness)
+    model.modeBasis = {"matrix": np.array(body.basis.shapes[:, 6:]), "type": "NormalModes"}
+    model.elements = [{"Name": "solid", "Tet4": fem.cells[:, :4]}]
+    modes = ObjectFFRFreducedOrderInterface(model, rigidBodyNodeType=exu.NodeType.RotationRotationVector)
+    mbs = exu.SystemContainer().AddSystem()
+    keys = modes.AddObjectFFRFreducedOrder(mbs, positionRef=fem.centre_of_mass, gravity=list(GRAVITY))
+    markers = [
+        mbs.AddMarker(
+            items.MarkerSuperElementRigid(
+                bodyNumber=keys["oFFRFreducedOrder"],
+                meshNodeNumbers=[*map(int, interface.nodes)],
+                weightingFactors=interface.weights,
+            )
+        )
+        for interface in partition.interfaces
+    ]
+    return mbs, markers
+
+
+def swing(mbs, foot, head):
+    """The pendulum on a hinge: result, places of the head, deflection of the head in the foot's axes."""
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs), foot], constrainedAxes=HINGE))
+    place, axes = sensors(mbs, head, [KIND.Position]) + sensors(mbs, foot, [KIND.RotationMatrix])
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=4e-3, step=2e-5, method="implicit")
+    x = result.sensor(place)
+    return result, x, np.einsum("tba,tb->ta", result.sensor(axes).reshape(-1, 3, 3), x) - x[0]
+
+
+def test_flexible_pendulum_against_exudyn_s_own_floating_frame(mbs, link, body):
+    """All but outer forces on inertia that has changed with deformation; it swings through a quarter and bends."""
+    item = ep.CreatePartitionBody(mbs, body, frame="floating", gravity=GRAVITY)
+    result, x, bent = swing(mbs, item.CreateInterfaceMarker(mbs, "foot"), item.CreateInterfaceMarker(mbs, "head"))
+    other, markers = by_exudyn(link[0], body, link[1])
+    _, expected, expected_bent = swing(other, *markers)
+    assert np.ptp(x, axis=0).max() > 0.06
+    assert relative(x - x[0], expected - expected[0]) < 1e-4
+    assert relative(bent, expected_bent) < 1e-2
+    centre = item.kinematics.frame(item.coordinates(result))[0]
+    energy = item.energy(result) - body.total_mass * centre @ GRAVITY
+    assert abs(energy - energy[0]).max() < 5e-3 * item.energy(result).max()
+
+
+def test_bushing_explicit_and_implicit(body, frame):
+    """Springs and dampers at an interface: one motion by every solver and in both frames."""
+    heads = []
+    for method, step in (("explicit", 2e-7), ("implicit", 5e-7)):
+        mbs = exu.SystemContainer().AddSystem()
+        item = ep.CreatePartitionBody(mbs, body, gravity=[9.81, 0, 0], **in_frame(frame))
+        axes = item.kinematics.frame(np.zeros(body.n_dofs))[1]
+        foot, head = (item.CreateInterfaceMarker(mbs, name) for name in ("foot", "head"))
+        mbs.AddObject(
+            items.RigidBodySpringDamper(
+                markerNumbers=[ground(mbs, PLACE, axes), foot],
+                stiffness=np.diag([1e6] * 3 + [30.0] * 3),
+                damping=np.diag([10.0] * 3 + [1e-3] * 3),
+            )
+        )
+        (place,) = sensors(mbs, head, [KIND.Position])
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=1e-3, step=step, method=method, sample_period=1e-5)
+        heads.append(result.sensor(place) - result.sensor(place)[0])
+    assert heads[0].max() > 1e-6
+    assert relative(*heads) < 1e-3
+
+
+# --- existing models
+
+
+def test_keys_of_exudyn_s_own_reduced_bodies(mbs, link, body, frame):
+    """What `mbs.CreateFFRFReducedOrderObject` and `AddObjectFFRFreducedOrder` return, and what attaches to it."""
+    item = ep.CreatePartitionBody(mbs, body, name="link", superElement=True, **in_frame(frame))
+    own = item["FFRFReducedOrderObjectDict"]
+    assert {"nRigidBody", "nGenericODE2", "oFFRFreducedOrder"} == set(own)
+    assert all(item[key] == own[key] for key in own)
+    assert item["link:foot"] == item.CreateInterfaceMarker(mbs, "foot") != item["link:head"]
+    interface = link[1].find_interface("head")
+    by_nodes = mbs.AddMarker(
+        items.MarkerSuperElementRigid(
+            bodyNumber=item["oFFRFreducedOrder"],
+            meshNodeNumbers=[*map(int, interface.nodes)],
+            weightingFactors=interface.weights,
+        )
+    )
+    node = body.nearest_node((0.005, 0.004, 0.06))
+    corner = mbs.AddSensor(
+        items.SensorSuperElement(
+            bodyNumber=item["oFFRFreducedOrder"],
+            meshNodeNumber=node,
+            outputVariableType=KIND.Position,
+            storeInternal=True,
+        )
+    )
+    both = [sensors(mbs, m, [KIND.Position, KIND.RotationMatrix, KIND.Velocity]) for m in (by_nodes, item["link:head"])]
+    mbs.AddLoad(items.LoadForceVector(markerNumber=item["link:head"], loadVector=[10, 20, 30]))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=5e-5, step=5e-7)
+    for by_nodes, by_interface in zip(*both, strict=True):
+        np.testing.assert_allclose(result.sensor(by_nodes), result.sensor(by_interface), rtol=1e-6, atol=1e-9)
+    place = item.kinematics.at(np.array([node])).place(item.coordinates(result))[:, 0]
+    np.testing.assert_allclose(result.sensor(corner), place, atol=1e-12)
+
+
+# --- bad input
+
+
+def test_misuse(mbs, link, body):
+    item = ep.CreatePartitionBody(mbs, body)
+    for missing in ("pin", None):
+        with pytest.raises(
+            InputError, match=r"expected one of 'foot', 'head', got .* reduced away.*Partition.interface"
+        ):
+            item.CreateInterfaceMarker(mbs, missing)
+    other = exu.SystemContainer().AddSystem()
+    for create in (
+        lambda: item.CreateInterfaceMarker(other, "foot"),
+        lambda: item.CreateNodeMarker(other, (0, 0, 0)),
+        lambda: item.CreatePointMarker(other, (0, 0, 0)),
+    ):
+        with pytest.raises(InputError, match="mbs: body '' belongs to another model, or to this one before a Reset"):
+            create()
+    mbs.Reset()
+    with pytest.raises(InputError, match="before a Reset"):
+        item.CreateInterfaceMarker(mbs, "foot")
+    region = ep.Partition.ball(link[0], (0.005, 0, 0.03), 5e-3)
+    nodal = ep.CreatePartitionBody(mbs, ep.reduce(link[0], region | link[1], basis="free", f_cut=F_CUT))
+    with pytest.raises(InputError, match=r"basis 'free' keeps nodes as coordinates, .* Reduce the body with basis="):
+        nodal.CreateInterfaceMarker(mbs, "foot")
+    with pytest.raises(InputError, match=r"gravity: expected shape \(3,\)"):
+        ep.CreatePartitionBody(mbs, body, gravity=-9.81)
+
+
+def test_joints_on_nodes_that_were_reduced_away(mbs, body, frame):
+    item = ep.CreatePartitionBody(mbs, body, frame=frame)
+    marker = item.CreateNodeMarker(mbs, (0.005, 0.004, 0.03))
+    mbs.AddObject(items.SphericalJoint(name="ball", markerNumbers=[ground(mbs, (0.005, 0.004, 0.03)), marker]))
+    mbs.Assemble()
+    with pytest.raises(
+        InputError, match=r"JointSpherical 'ball', object \d+, is attached to the body's point .* reduced"
+    ):
+        ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+
+
+def test_initial_velocities_that_violate_a_joint(body, frame):
+    for velocity, allowed in (([0.15, 0, 0], True), ([0.16, 0, 0], False), ([0, 0, 0], False)):
+        mbs, *_ = jointed(body, frame, HINGE, initialVelocity=velocity, initialAngularVelocity=[0, 5, 0])
+        mbs.Assemble()
+        if allowed:
+            assert ep.solve_dynamic(mbs, end_time=2e-5, step=2e-6, method="implicit").status == "finished"
+        else:
+            with pytest.raises(InputError, match=r"JointGeneric .* violated by the initial velocities, by 0\.\d+"):
+                ep.solve_dynamic(mbs, end_time=2e-5, step=2e-6, method="implicit")
