@@ -26,6 +26,10 @@ Array = np.ndarray
 REGISTRY = "exudynPartition"  # key in mbs.sys
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
 _BLOCK = 1000  # samples whose patches are recovered at a time
+# Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
+# From here a turn about a coordinate axis keeps 1e-14 rad at every angle. Further away Exudyn's static solver, which
+# adds rotation vectors, would converge slowly.
+_APART = (0.01, 0.01, 0.01)  # rad
 _RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
 
 Kinematics = InertialKinematics | FloatingKinematics
@@ -112,7 +116,7 @@ class PartitionBody(dict):
         key = f"{self.name}:{interface}" if self.name else interface
         super_element = self._super_element(mbs)
         if key not in self:
-            self[key] = add_interface_marker(mbs, super_element, self.body, interface, key)
+            self[key] = add_interface_marker(mbs, super_element, self.kinematics, interface, key)
         return self[key]
 
     def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
@@ -258,7 +262,8 @@ def CreatePartitionBody(
 
     Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
     NodeGenericODE2 holds the elastic ones. Mass is constant, inertia forces are a user function (module `floating`).
-    There are no algebraic equations, so that every solver of Exudyn runs it.
+    There are no algebraic equations, so that every solver of Exudyn runs it. The rigid node's axes stand a degree off
+    the body's, as rotation vectors lose their digits near zero; markers of interfaces have the body's axes.
 
     Parameters
     ----------
@@ -285,7 +290,9 @@ def CreatePartitionBody(
     superElement : bool
         Whether to add what carries Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a marker for
         each interface at once, so that the result has the keys of `mbs.CreateFFRFReducedOrderObject` and of
-        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. Otherwise they come when first asked for.
+        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. Otherwise they come when first asked for. Markers
+        that a model itself attaches to FE nodes have the rigid node's axes, which are those of the mesh then: near zero
+        rotation Exudyn keeps 8 digits of it, so that forces of stiff joints chatter in steps of microseconds.
 
     Returns
     -------
@@ -315,7 +322,10 @@ def CreatePartitionBody(
             raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
         item = _add_inertial(mbs, body, name, position, body.rigid @ np.r_[velocity, angular_velocity])
     else:
-        kinematics = FloatingKinematics(body, position, np.zeros(3) if rotation is None else rotation)
+        rotation = np.zeros(3) if rotation is None else rotation
+        kinematics = FloatingKinematics(
+            body, position, rotation, node_rotation=None if superElement else np.array(_APART)
+        )
         item = _add_floating(mbs, kinematics, name, velocity, angular_velocity, inertiaTerms)
     if acceleration.any():
         mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
@@ -373,7 +383,7 @@ def _add_floating(
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia = kinematics.body, kinematics.inertia
     stiffness = body.basis.omega**2
-    axes = kinematics.frame(np.zeros(body.n_dofs))[1]
+    axes = kinematics.frame(np.zeros(body.n_dofs))[1] @ kinematics.node_axes
     indices = {
         "nRigid": mbs.AddNode(
             items.NodeRigidBodyRotVecLG(

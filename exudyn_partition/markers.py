@@ -2,7 +2,7 @@
 
 An ObjectFFRFreducedOrder without mass, stiffness and inertia forces, on the body's own nodes, is a body to Exudyn's
 superelement markers and sensors, and nothing else. Its mesh nodes are those of the FE model, with the same numbers,
-followed by six for each interface, which move as the interface does: by its mean translation and rotation.
+followed by three for each interface, which move as the interface does: by its mean translation and rotation.
 
 The super element needs a rigid body's node and one for modes. A floating body has both. An inertial body moves within a
 node of its own that six coordinate constraints hold, which Exudyn's explicit solvers eliminate.
@@ -24,15 +24,14 @@ if TYPE_CHECKING:
     from .partition import Interface
 
 Array = np.ndarray
+Kinematics = InertialKinematics | FloatingKinematics
 
-_CROSS = np.vstack([np.eye(3), -np.eye(3)])  # six points around an interface, as many for each axis
+_TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
 _VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
 
-def add_super_element(
-    mbs: Any, kinematics: InertialKinematics | FloatingKinematics, nodes: dict[str, Any], name: str
-) -> dict[str, Any]:
+def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], name: str) -> dict[str, Any]:
     """Add the super element of a body.
 
     Parameters
@@ -63,6 +62,8 @@ def add_super_element(
         )
     rigid = nodes["nRigid"] if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
     places, rows = mesh(kinematics)
+    turn = kinematics.node_axes
+    rows = (turn.T @ rows.reshape(len(places), 3, -1)).reshape(rows.shape)
     nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
     number = mbs.AddObject(
         items.ObjectFFRFreducedOrder(
@@ -72,14 +73,14 @@ def add_super_element(
             stiffnessMatrixReduced=nothing,
             computeFFRFterms=False,
             modeBasis=rows,
-            referencePositions=places.ravel(),
+            referencePositions=(places @ turn).ravel(),
             visualization=items.VObjectFFRFreducedOrder(show=False),
         )
     )
     return {"nRigidBody": rigid, "nGenericODE2": nodes["nModal"], "oFFRFreducedOrder": number}
 
 
-def _add_held_node(mbs: Any, kinematics: InertialKinematics | FloatingKinematics, name: str) -> Any:
+def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> Any:
     """Node at the centre of mass that six coordinate constraints hold; mass lets explicit solvers accept it."""
     items = require("exudyn.itemInterface")
     origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
@@ -96,14 +97,14 @@ def _add_held_node(mbs: Any, kinematics: InertialKinematics | FloatingKinematics
     return node
 
 
-def mesh(kinematics: InertialKinematics | FloatingKinematics) -> tuple[Array, Array]:
-    """Mesh nodes of the super element: places within the frame, (m, 3) [m], and displacements by the modes, (3m, n)."""
+def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
+    """Mesh nodes of the super element: places, (m, 3) [m], and displacements by the modes, (3m, n), in body's axes."""
     body = kinematics.body
     all_nodes = kinematics.at(np.arange(len(body.points)))
     places, rows = [all_nodes.arms], [np.asarray(all_nodes.rows)]
     for interface in body.partition.interfaces:
         motion = interface.motion @ kinematics.at(interface.nodes).rows
-        arms = _radius(body, interface) * _CROSS
+        arms = _radius(body, interface) * _TRIANGLE
         places.append(interface.position - body.centre_of_mass + arms)
         turning = np.cross(motion[3:].T[None], arms[:, None])  # (6, n, 3)
         rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
@@ -115,16 +116,20 @@ def _radius(body: ReducedBody, interface: Interface) -> float:
     return float(np.sqrt(interface.weights @ np.sum((body.points[interface.nodes] - interface.position) ** 2, axis=1)))
 
 
-def add_interface_marker(mbs: Any, super_element: Any, body: ReducedBody, interface: str, name: str) -> Any:
-    """Add a MarkerSuperElementRigid that moves as an interface; returns its number."""
+def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, interface: str, name: str) -> Any:
+    """Add a MarkerSuperElementRigid that moves as an interface, with the body's axes; returns its number."""
+    body = kinematics.body
     names = [joint.name for joint in body.partition.interfaces]
-    first = len(body.points) + 6 * names.index(interface)
+    first = len(body.points) + 3 * names.index(interface)
+    frame = np.eye(4)
+    frame[:3, :3] = kinematics.node_axes.T
     return mbs.AddMarker(
         require("exudyn.itemInterface").MarkerSuperElementRigid(
             name=name,
             bodyNumber=super_element,
-            meshNodeNumbers=list(range(first, first + 6)),
-            weightingFactors=[1 / 6] * 6,
+            meshNodeNumbers=list(range(first, first + 3)),
+            weightingFactors=[1 / 3] * 3,
+            localHT=frame,
         )
     )
 
