@@ -10,18 +10,14 @@ node of its own that six coordinate constraints hold, which Exudyn's explicit so
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ._checks import validate_vector
 from ._optional import require
-from .body import ReducedBody
 from .errors import InputError
 from .kinematics import FloatingKinematics, InertialKinematics
-
-if TYPE_CHECKING:
-    from .partition import Interface
 
 Array = np.ndarray
 Kinematics = InertialKinematics | FloatingKinematics
@@ -104,32 +100,28 @@ def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
     places, rows = [all_nodes.arms], [np.asarray(all_nodes.rows)]
     for interface in body.partition.interfaces:
         motion = interface.motion @ kinematics.at(interface.nodes).rows
-        arms = _radius(body, interface) * _TRIANGLE
+        arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # small ones would turn round-off into moments
         places.append(interface.position - body.centre_of_mass + arms)
         turning = np.cross(motion[3:].T[None], arms[:, None])  # (6, n, 3)
         rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
     return np.vstack(places), np.vstack(rows)
 
 
-def _radius(body: ReducedBody, interface: Interface) -> float:
-    """Root mean square distance of an interface's nodes from its position [m]."""
-    return float(np.sqrt(interface.weights @ np.sum((body.points[interface.nodes] - interface.position) ** 2, axis=1)))
-
-
 def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, interface: str, name: str) -> Any:
     """Add a MarkerSuperElementRigid that moves as an interface, with the body's axes; returns its number."""
-    body = kinematics.body
+    items, body = require("exudyn.itemInterface"), kinematics.body
     names = [joint.name for joint in body.partition.interfaces]
     first = len(body.points) + 3 * names.index(interface)
     frame = np.eye(4)
     frame[:3, :3] = kinematics.node_axes.T
     return mbs.AddMarker(
-        require("exudyn.itemInterface").MarkerSuperElementRigid(
+        items.MarkerSuperElementRigid(
             name=name,
             bodyNumber=super_element,
             meshNodeNumbers=list(range(first, first + 3)),
             weightingFactors=[1 / 3] * 3,
             localHT=frame,
+            visualization=items.VMarkerSuperElementRigid(showMarkerNodes=False),
         )
     )
 
