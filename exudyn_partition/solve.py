@@ -35,7 +35,7 @@ from .history import History
 from .items import PartitionBody, coordinate_slices, partition_items
 from .linalg import one_blas_thread
 from .markers import check_joints
-from .step_control import LONGEST, StepControl
+from .step_control import LONGEST, UNRESOLVED, StepControl
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -167,6 +167,7 @@ def solve_dynamic(
     adaptive: bool = False,
     free_step: float | None = None,
     gap_tolerance: float | None = None,
+    unresolved: float | None = None,
     settings: Any = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -199,6 +200,9 @@ def solve_dynamic(
     gap_tolerance : float, optional
         Depth to which a step of an adaptive run may close a gap that was open before [m]; it is halved until it does.
         Default: what the approach covers in one step in contact.
+    unresolved : float, optional
+        Share of the bodies' energy that vibration may have in free flight without an adaptive run resolving it; steps
+        then are longer, and damp it. Default: 1e-4.
     settings : exudyn.SimulationSettings, optional
         Everything else; end time, number of steps, spectral radius and the period of samples are set in it, and those
         of adaptive steps.
@@ -236,7 +240,7 @@ def solve_dynamic(
     if method == "implicit":
         _refuse_multipliers(mbs)
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
-    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance)):
+    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
     step = _checked_step(mbs, step, method)
@@ -261,7 +265,7 @@ def solve_dynamic(
     settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
     control = None
     if adaptive:
-        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance)
+        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance, unresolved)
         settings.solution.sensors.writePeriod = sample_period or 0.0
         integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
         # The control lengthens steps; Exudyn only shortens those that fail.
@@ -369,6 +373,7 @@ def _step_control(
     free_step: float | None,
     sample_period: float | None,
     gap_tolerance: float | None,
+    unresolved: float | None,
 ) -> StepControl:
     bodies, contacts = partition_items(mbs)
     longest = LONGEST * step if free_step is None else validate_positive("free_step", free_step, "s")
@@ -376,6 +381,7 @@ def _step_control(
         raise InputError(f"free_step: expected at least the step in contact, {step:.4g} s, got {longest:.4g} s")
     if gap_tolerance is not None:
         gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
+    unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
     if method == "explicit":
         longest = min(longest, SAFETY * _stability_limit(bodies, []))
     longest = max(step, min(longest, sample_period or math.inf))
@@ -388,7 +394,15 @@ def _step_control(
         q, q_t, q_tt = (np.concatenate([view[s] for s in slices]) for view in views)
         return q, q_t, q_tt
 
-    return StepControl(contacts, bodies, state, step=step, longest=longest, gap_tolerance=gap_tolerance)
+    return StepControl(
+        contacts,
+        bodies,
+        state,
+        step=step,
+        longest=longest,
+        gap_tolerance=gap_tolerance,
+        unresolved=unresolved,
+    )
 
 
 def _refuse_multipliers(mbs: Any) -> None:
