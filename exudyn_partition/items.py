@@ -15,7 +15,7 @@ from .body import ReducedBody
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
-from .markers import add_interface_marker, add_point_marker, add_super_element, interpolation
+from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -94,7 +94,8 @@ class PartitionBody(dict):
     def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
         """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
 
-        Its place is the interface's `position`, its axes are those of the mesh at the start.
+        Its place is the interface's `position`, its axes are those of the mesh at the start. Of a basis that keeps
+        nodes it is the marker of a small rigid body which six constraints hold to the interface.
 
         Parameters
         ----------
@@ -110,13 +111,16 @@ class PartitionBody(dict):
         Raises
         ------
         InputError
-            If there is no such interface, the body is not in this model, or its basis keeps nodes.
+            If there is no such interface, or the body is not in this model.
         """
         self.body.partition.find_interface(interface)
+        self._check_model(mbs)
         key = f"{self.name}:{interface}" if self.name else interface
-        super_element = self._super_element(mbs)
         if key not in self:
-            self[key] = add_interface_marker(mbs, super_element, self.kinematics, interface, key)
+            if self.body.n_shapes < self.body.n_dofs:
+                self[key] = add_tied_marker(mbs, self.kinematics, self, interface, key)
+            else:
+                self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, key)
         return self[key]
 
     def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
@@ -160,12 +164,15 @@ class PartitionBody(dict):
 
     def _super_element(self, mbs: Any) -> Any:
         """Object that carries markers, made when first asked for."""
-        if not any(item is self for item in partition_items(mbs)[0]):
-            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
+        self._check_model(mbs)
         if "oFFRFreducedOrder" not in self:
             indices = add_super_element(mbs, self.kinematics, self, self.name)
             self.update(indices, FFRFReducedOrderObjectDict=indices)
         return self["oFFRFreducedOrder"]
+
+    def _check_model(self, mbs: Any) -> None:
+        if not any(item is self for item in partition_items(mbs)[0]):
+            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
 
     def coordinates(self, result: Result) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
