@@ -103,47 +103,34 @@ def integral(t, x):
     return np.r_[0.0, np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2)]
 
 
-def mechanism(link_body, block_bodies, scheme="contact-adapted", angle=0.0):
-    """The mechanism with the crank at `angle` [rad], in the motion that all parts have as rigid bodies."""
-    mbs = exu.SystemContainer().AddSystem()
-    pin = -CRANK * np.array([math.cos(angle), math.sin(angle), 0.0])
-    place, rate = slider(angle)
-    arm = np.array([place, 0, 0]) - pin
-    tilt = math.atan2(arm[1], arm[0])
-    turning = np.array([0, 0, SPEED * CRANK * math.cos(angle) / arm[0]])
-    pin_velocity = np.cross([0, 0, SPEED], pin)
+@dataclass
+class Start:
+    """Where all parts are with the crank at `angle` [rad], and how they move as rigid bodies."""
 
-    crank_node = mbs.AddNode(items.Node1D(referenceCoordinates=[angle], initialVelocities=[SPEED]))
+    angle: float
+
+    def __post_init__(self):
+        self.pin = -CRANK * np.array([math.cos(self.angle), math.sin(self.angle), 0.0])
+        self.place, rate = slider(self.angle)
+        self.speed = SPEED * rate  # of block 3
+        self.heads = self.place + LENGTHS[0], slider(CONTACT_ANGLE)[0] + LENGTHS[0]
+        arm = np.array([self.place, 0, 0]) - self.pin
+        self.centre, c, s = self.pin + arm / 2, arm[0] / LINK, arm[1] / LINK
+        self.axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])  # of the link
+        self.turning = np.array([0, 0, SPEED * CRANK * math.cos(self.angle) / arm[0]])
+        self.velocity = np.cross([0, 0, SPEED], self.pin) + np.cross(self.turning, arm / 2)
+
+
+def connect(mbs, start, pins, backs):
+    """Add crank, drive, joints and spring-damper to the markers of link and blocks; returns the drive's sensor."""
+    crank_node = mbs.AddNode(items.Node1D(referenceCoordinates=[start.angle], initialVelocities=[SPEED]))
     crank = mbs.AddObject(items.ObjectRotationalMass1D(nodeNumber=crank_node, inertia=CRANK_MASS * CRANK**2 / 3))
-    rod = ep.CreatePartitionBody(
-        mbs,
-        link_body,
-        name="link",
-        frame="floating",
-        referencePosition=pin + arm / 2,
-        referenceRotation=[[math.cos(tilt), -math.sin(tilt), 0], [math.sin(tilt), math.cos(tilt), 0], [0, 0, 1]],
-        initialVelocity=pin_velocity + np.cross(turning, arm / 2),
-        initialAngularVelocity=turning,
-    )
-    heads = place + LENGTHS[0], slider(CONTACT_ANGLE)[0] + LENGTHS[0]
-    blocks = [
-        ep.CreatePartitionBody(
-            mbs,
-            body,
-            name=f"block {3 + i}",
-            referencePosition=[heads[i], 0, 0],
-            initialVelocity=[0 if i else SPEED * rate, 0, 0],
-        )
-        for i, body in enumerate(block_bodies)
-    ]
     ground = mbs.AddObject(items.ObjectGround())
 
-    def on(body, x, y=0.0):
-        return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[x, y, 0]))
+    def on(body, x):
+        return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[x, 0, 0]))
 
-    pins = [rod.CreateInterfaceMarker(mbs, name) for name in ("crank pin", "slider pin")]
-    backs = [item.CreateInterfaceMarker(mbs, "back") for item in blocks]
-    slides = [on(ground, place), on(ground, heads[1] + LENGTHS[1])]
+    slides = [on(ground, start.place), on(ground, start.heads[1] + LENGTHS[1])]
     mbs.AddObject(items.GenericJoint(markerNumbers=[on(crank, -CRANK), pins[0]], constrainedAxes=[1, 1, 1, 1, 1, 0]))
     mbs.AddObject(items.GenericJoint(markerNumbers=[backs[0], pins[1]], constrainedAxes=[1, 1, 0, 0, 0, 0]))
     for slide, back in zip(slides, backs, strict=True):
@@ -153,17 +140,46 @@ def mechanism(link_body, block_bodies, scheme="contact-adapted", angle=0.0):
             markerNumbers=[slides[1], backs[1]], stiffness=[STIFFNESS, 0, 0], damping=[DAMPING, 0, 0]
         )
     )
-    _, formulation, rows = SCHEMES[scheme]
-    contact = ep.CreatePartitionContact(mbs, *blocks, formulation=formulation, rows=rows, name="heads")
     axes = [
-        mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=n, coordinate=0))
-        for n in (mbs.AddNode(items.NodePointGround()), crank_node)
+        mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
+        for node in (mbs.AddNode(items.NodePointGround()), crank_node)
     ]
     drive = mbs.AddObject(items.CoordinateConstraint(markerNumbers=axes, offset=SPEED, velocityLevel=True))
-    torque = items.SensorObject(objectNumber=drive, outputVariableType=exu.OutputVariableType.Force, storeInternal=True)
-    sensor = mbs.AddSensor(torque)
+    return mbs.AddSensor(
+        items.SensorObject(objectNumber=drive, outputVariableType=exu.OutputVariableType.Force, storeInternal=True)
+    )
+
+
+def add_link(mbs, body, start):
+    """Add the link, which turns; returns it and the markers of its pins."""
+    rod = ep.CreatePartitionBody(
+        mbs,
+        body,
+        name="link",
+        frame="floating",
+        referencePosition=start.centre,
+        referenceRotation=start.axes,
+        initialVelocity=start.velocity,
+        initialAngularVelocity=start.turning,
+    )
+    return rod, [rod.CreateInterfaceMarker(mbs, name) for name in ("crank pin", "slider pin")]
+
+
+def mechanism(link_body, block_bodies, scheme="contact-adapted", angle=0.0):
+    """The mechanism with the crank at `angle` [rad], assembled."""
+    mbs, start = exu.SystemContainer().AddSystem(), Start(angle)
+    rod, pins = add_link(mbs, link_body, start)
+    blocks = [
+        ep.CreatePartitionBody(
+            mbs, body, name=f"block {number}", referencePosition=[head, 0, 0], initialVelocity=[speed, 0, 0]
+        )
+        for body, number, head, speed in zip(block_bodies, (3, 4), start.heads, (start.speed, 0.0), strict=True)
+    ]
+    drive = connect(mbs, start, pins, [item.CreateInterfaceMarker(mbs, "back") for item in blocks])
+    _, formulation, rows = SCHEMES[scheme]
+    contact = ep.CreatePartitionContact(mbs, *blocks, formulation=formulation, rows=rows, name="heads")
     mbs.Assemble()
-    return Mechanism(mbs, rod, blocks, contact, sensor, angle)
+    return Mechanism(mbs, rod, blocks, contact, drive, angle)
 
 
 def run(model, end_time, step, free_step=2e-4):
