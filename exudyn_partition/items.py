@@ -116,7 +116,7 @@ class PartitionBody(dict):
         key = f"{self.name}:{interface}" if self.name else interface
         super_element = self._super_element(mbs)
         if key not in self:
-            self[key] = add_interface_marker(mbs, super_element, self.kinematics, interface, key)
+            self[key] = add_interface_marker(mbs, super_element, self.kinematics, interface, self.name and key)
         return self[key]
 
     def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:

@@ -102,7 +102,7 @@ def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
         motion = interface.motion @ kinematics.at(interface.nodes).rows
         arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # small ones would turn round-off into moments
         places.append(interface.position - body.centre_of_mass + arms)
-        turning = np.cross(motion[3:].T[None], arms[:, None])  # (6, n, 3)
+        turning = np.cross(motion[3:].T[None], arms[:, None])  # (3, n, 3)
         rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
     return np.vstack(places), np.vstack(rows)
 

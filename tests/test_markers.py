@@ -360,6 +360,11 @@ def test_keys_of_exudyn_s_own_reduced_bodies(mbs, link, body, frame):
     np.testing.assert_allclose(result.sensor(corner), place, atol=1e-12)
 
 
+def test_bodies_without_names(mbs, body, frame):
+    first, second = (ep.CreatePartitionBody(mbs, body, frame=frame, superElement=True) for _ in range(2))
+    assert first["head"] != second["head"]
+
+
 # --- bad input
 
 
