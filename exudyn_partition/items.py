@@ -39,7 +39,8 @@ class PartitionBody(dict):
     """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
 
     Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
-    frame; `oGenericODE2`; `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+    frame, whose rigid node has axes of its own, `kinematics.node_axes` in those of the body; `oGenericODE2`;
+    `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
 
     With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
     to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
@@ -70,7 +71,8 @@ class PartitionBody(dict):
     @property
     def left_out(self) -> tuple[str, ...]:
         """What body and frame leave out, in sentences."""
-        return self.body.left_out + self._frame_left_out
+        dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
+        return self.body.left_out + self._frame_left_out + dents * bool(self.point_markers)
 
     @property
     def nodes(self) -> list[Any]:

@@ -11,7 +11,7 @@ from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import InputError, PenetrationError
 from exudyn_partition.fem import node_dofs
 from exudyn_partition.markers import interpolation
 from exudyn_partition.tied import tie
@@ -396,13 +396,26 @@ def test_misuse(mbs, link, body):
 
 def test_joints_on_nodes_that_were_reduced_away(mbs, body, frame):
     item = ep.CreatePartitionBody(mbs, body, frame=frame)
+    assert not any("dents" in sentence for sentence in item.left_out)
     marker = item.CreateNodeMarker(mbs, (0.005, 0.004, 0.03))
+    assert any("dents" in sentence for sentence in item.left_out)
     mbs.AddObject(items.SphericalJoint(name="ball", markerNumbers=[ground(mbs, (0.005, 0.004, 0.03)), marker]))
     mbs.Assemble()
     with pytest.raises(
         InputError, match=r"JointSpherical 'ball', object \d+, is attached to the body's point .* reduced"
     ):
         ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+
+
+def test_a_mechanism_that_overlaps_at_the_start(mbs, bodies, frame):
+    """Floating or not, turned or not: a contact looks where its bodies are put."""
+    upside_down = {"referenceRotation": np.diag([1.0, -1.0, -1.0])} if frame == "floating" else {}
+    target = ep.CreatePartitionBody(mbs, bodies[1], frame=frame, referencePosition=PLACE, **upside_down)
+    down = -1 if upside_down else 1
+    place = PLACE + np.array([0, 0, down * (0.03 - 1e-4)])
+    striker = ep.CreatePartitionBody(mbs, bodies[0], frame=frame, referencePosition=place, **upside_down)
+    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by 0\.0001 m"):
+        ep.CreatePartitionContact(mbs, striker, target)
 
 
 def test_initial_velocities_that_violate_a_joint(body, frame):
