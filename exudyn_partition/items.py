@@ -46,7 +46,7 @@ class PartitionBody(dict):
     to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
     again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
 
-    `point_markers` are the points of node and point markers by their numbers.
+    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers.
 
     `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
@@ -140,9 +140,10 @@ class PartitionBody(dict):
         return self._point_marker(mbs, point, np.array([node]), np.ones(1))
 
     def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
-        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m]; as a node's, else.
+        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
 
-        The point moves by the nodes around it: a force on it has its resultant and moment exactly.
+        The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
+        same dent as `CreateNodeMarker`.
 
         Returns
         -------
@@ -157,7 +158,8 @@ class PartitionBody(dict):
 
     def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
         marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
-        self.point_markers[int(marker)] = point
+        if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
+            self.point_markers[int(marker)] = point
         return marker
 
     def _super_element(self, mbs: Any) -> Any:

@@ -23,7 +23,7 @@ Array = np.ndarray
 Kinematics = InertialKinematics | FloatingKinematics
 
 _TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
-_VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
+_VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
 
@@ -188,7 +188,7 @@ def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
     exu = require("exudyn")
     constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
     for number in constraints:
-        for marker in mbs.GetObjectParameter(number, "markerNumbers"):
+        for marker in mbs.GetObject(number).get("markerNumbers", []):
             if int(marker) in point_markers:
                 raise InputError(
                     f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
@@ -204,7 +204,7 @@ def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
     largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
     for number in constraints:
         own = residual[list(mbs.systemData.GetObjectLTGAE(number))].max()
-        if own > _VIOLATION * max(own, largest):
+        if own > max(_VIOLATION * largest, _ROUND_OFF):
             raise InputError(
                 f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
                 "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "

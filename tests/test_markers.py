@@ -2,6 +2,7 @@
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import exudyn.utilities
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -405,6 +406,17 @@ def test_joints_on_nodes_that_were_reduced_away(mbs, body, frame):
         InputError, match=r"JointSpherical 'ball', object \d+, is attached to the body's point .* reduced"
     ):
         ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+
+
+def test_joints_on_nodes_of_a_rigid_interface(mbs, body, frame):
+    """Their motion is the interface's; Euler parameters of other bodies have constraints without markers."""
+    item = ep.CreatePartitionBody(mbs, body, frame=frame)
+    corner = item.CreateNodeMarker(mbs, (0.005, 0.004, 0.0))
+    inertia = exudyn.utilities.RigidBodyInertia(mass=1.0, inertiaTensor=np.eye(3))
+    other = mbs.CreateRigidBody(inertia=inertia, referencePosition=[0.005, 0.004, 0])
+    mbs.AddObject(items.SphericalJoint(markerNumbers=[mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=other)), corner]))
+    mbs.Assemble()
+    assert ep.solve_dynamic(mbs, end_time=1e-5, method="implicit").status == "finished"
 
 
 def test_a_mechanism_that_overlaps_at_the_start(mbs, bodies, frame):
