@@ -60,6 +60,11 @@ def partition_body(mesh):
     return ep.reduce(fem, interfaces, f_cut=F_CUT), fem.n_dofs
 
 
+def drive(mbs, t, load):
+    """Torque on the pin at t [s]."""
+    return [0, 0, TORQUE * np.sin(np.pi * t / PULSE) ** 2 if t < PULSE else 0.0]
+
+
 def swing(add_arm, end_time, step):
     """The existing model; `add_arm(mbs)` is the line that changes. Histories of time, tip and deflection, run time."""
     mbs = exu.SystemContainer().AddSystem()
@@ -75,7 +80,6 @@ def swing(add_arm, end_time, step):
     mbs.AddObject(items.ObjectJointRevoluteZ(markerNumbers=[hinge, pin]))
     held = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=weight))
     mbs.AddObject(items.GenericJoint(markerNumbers=[tip, held]))
-    drive = lambda mbs, t, load: [0, 0, TORQUE * np.sin(np.pi * t / PULSE) ** 2 if t < PULSE else 0.0]  # noqa: E731
     mbs.AddLoad(items.LoadTorqueVector(markerNumber=pin, loadVector=[0, 0, 0], loadVectorUserFunction=drive))
     place, axes = (
         mbs.AddSensor(items.SensorMarker(markerNumber=marker, outputVariableType=kind, storeInternal=True))
