@@ -113,7 +113,7 @@ def test_points_reproduce_linear_fields(body):
 
 def static_solver(mbs):
     solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
-    settings.staticSolver.verboseMode = 0
+    settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
     solver.InitializeSolver(mbs, settings)
     mbs.sys["dynamicSolver"] = solver
     return solver
@@ -206,7 +206,9 @@ def jointed(body, frame, axes=(1,) * 6, **options):
 def test_frequencies_of_the_hinged_body(link, body, frame):
     mbs, _, _ = jointed(body, frame, HINGE)
     mbs.Assemble()
-    values = np.sort(mbs.ComputeODE2Eigenvalues()[0])
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    values = np.sort(mbs.ComputeODE2Eigenvalues(settings)[0])
     _, _, K, M = tied_matrices(link, HINGE)
     expected = np.sort(scipy.sparse.linalg.eigsh(K, 6, M, sigma=-1e6, return_eigenvectors=False))
     assert abs(values[0]) < 1e-6 * expected[1]  # it swings
