@@ -81,6 +81,13 @@ class InertiaIntegrals:
         """(3, 3) array: inertia of the undeformed body about its centre of mass [kg m2]."""
         return self.inertia[:, 0, 0][_PLACE]
 
+    def turned(self, axes: Array) -> InertiaIntegrals:
+        """Integrals by components along other axes, the columns of (3, 3)."""
+        components = np.einsum("ai,bj,abmn->ijmn", axes, axes, self.inertia[_PLACE])
+        return InertiaIntegrals(
+            np.array([components[pair] for pair in _PAIRS]), np.einsum("ai,amn->imn", axes, self.cross)
+        )
+
     def of_place(self, z: Array) -> tuple[Array, Array]:
         """J(z), (3, 3), and C(z), (3, n), of the angular momentum J omega + C z_t, at elastic coordinates z, (n,)."""
         place = np.concatenate([[1.0], z])

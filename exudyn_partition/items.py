@@ -15,6 +15,7 @@ from .body import ReducedBody
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
+from .markers import add_interface_marker, add_point_marker, add_super_element, interpolation
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -25,6 +26,10 @@ Array = np.ndarray
 REGISTRY = "exudynPartition"  # key in mbs.sys
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
 _BLOCK = 1000  # samples whose patches are recovered at a time
+# Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
+# From here a turn about a coordinate axis keeps 1e-14 rad at every angle. Further away Exudyn's static solver, which
+# adds rotation vectors, would converge slowly.
+_APART = (0.01, 0.01, 0.01)  # rad
 _RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
 
 Kinematics = InertialKinematics | FloatingKinematics
@@ -34,7 +39,14 @@ class PartitionBody(dict):
     """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
 
     Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
-    frame; `oGenericODE2`; `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+    frame, whose rigid node has axes of its own, `kinematics.node_axes` in those of the body; `oGenericODE2`;
+    `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+
+    With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
+    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
+    again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
+
+    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers.
 
     `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
@@ -44,6 +56,7 @@ class PartitionBody(dict):
     ) -> None:
         super().__init__(**indices)
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
+        self.point_markers: dict[int, Sequence[float]] = {}
 
     @property
     def frame(self) -> str:
@@ -58,7 +71,8 @@ class PartitionBody(dict):
     @property
     def left_out(self) -> tuple[str, ...]:
         """What body and frame leave out, in sentences."""
-        return self.body.left_out + self._frame_left_out
+        dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
+        return self.body.left_out + self._frame_left_out + dents * bool(self.point_markers)
 
     @property
     def nodes(self) -> list[Any]:
@@ -78,6 +92,84 @@ class PartitionBody(dict):
             return False
         held = [mbs.GetNode(node).get("numberOfODE2Coordinates", _RIGID) for node in nodes]
         return sum(held) == self.body.n_dofs
+
+    def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
+        """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
+
+        Its place is the interface's `position`, its axes are those of the mesh at the start.
+
+        Parameters
+        ----------
+        mbs : exudyn.MainSystem
+        interface : str
+            Name, as in `Partition.interface`.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+            The same in every call; also under the key "name:interface".
+
+        Raises
+        ------
+        InputError
+            If there is no such interface, the body is not in this model, or its basis keeps nodes.
+        """
+        self.body.partition.find_interface(interface)
+        key = f"{self.name}:{interface}" if self.name else interface
+        super_element = self._super_element(mbs)
+        if key not in self:
+            self[key] = add_interface_marker(mbs, super_element, self.kinematics, interface, self.name and key)
+        return self[key]
+
+    def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+        """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
+
+        It moves as the kept shapes let it: the body answers forces of its contacts and interfaces exactly, but lacks
+        the local dent that a force on this node alone would make. For joints take an interface.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+
+        Raises
+        ------
+        InputError
+            If the body is not in this model, or its basis keeps nodes.
+        """
+        node = self.body.nearest_node(validate_vector("point", point))
+        return self._point_marker(mbs, point, np.array([node]), np.ones(1))
+
+    def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
+
+        The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
+        same dent as `CreateNodeMarker`.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+
+        Raises
+        ------
+        InputError
+            If the point is outside the body, the body is not in this model, or its basis keeps nodes.
+        """
+        return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
+
+    def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
+        marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
+        if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
+            self.point_markers[int(marker)] = point
+        return marker
+
+    def _super_element(self, mbs: Any) -> Any:
+        """Object that carries markers, made when first asked for."""
+        if not any(item is self for item in partition_items(mbs)[0]):
+            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
+        if "oFFRFreducedOrder" not in self:
+            indices = add_super_element(mbs, self.kinematics, self, self.name)
+            self.update(indices, FFRFReducedOrderObjectDict=indices)
+        return self["oFFRFreducedOrder"]
 
     def coordinates(self, result: Result) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
@@ -162,7 +254,9 @@ def CreatePartitionBody(
     referenceRotation: Sequence[Sequence[float]] | None = None,
     initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
     initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
+    gravity: Sequence[float] = (0.0, 0.0, 0.0),
     inertiaTerms: Collection[str] = tuple(TERMS),
+    superElement: bool = False,
 ) -> PartitionBody:
     """Add a reduced body to a model.
 
@@ -172,7 +266,8 @@ def CreatePartitionBody(
 
     Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
     NodeGenericODE2 holds the elastic ones. Mass is constant, inertia forces are a user function (module `floating`).
-    There are no algebraic equations, so that every solver of Exudyn runs it.
+    There are no algebraic equations, so that every solver of Exudyn runs it. The rigid node's axes stand a degree off
+    the body's, as rotation vectors lose their digits near zero; markers of interfaces have the body's axes.
 
     Parameters
     ----------
@@ -194,6 +289,14 @@ def CreatePartitionBody(
     inertiaTerms : collection of str
         Inertia forces of a floating frame that are kept, of `floating.TERMS`: "gyroscopic", "coriolis", "centrifugal"
         and "coupling". Default: all. `left_out` of what is returned says what is missing.
+    gravity : (3,)
+        Acceleration of gravity [m/s2], a constant force.
+    superElement : bool
+        Whether to add what carries Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a marker for
+        each interface at once, so that the result has the keys of `mbs.CreateFFRFReducedOrderObject` and of
+        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. Otherwise they come when first asked for. Markers
+        that a model itself attaches to FE nodes have the rigid node's axes, which are those of the mesh then: near zero
+        rotation Exudyn keeps 8 digits of it, so that forces of stiff joints chatter in steps of microseconds.
 
     Returns
     -------
@@ -212,6 +315,7 @@ def CreatePartitionBody(
     rotation = None if referenceRotation is None else _rotation_vector(referenceRotation)
     velocity = validate_vector("initialVelocity", initialVelocity)
     angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
+    acceleration = validate_vector("gravity", gravity)
     for term in inertiaTerms:
         validate_choice("inertiaTerms", term, TERMS)
     if frame == "auto":
@@ -222,8 +326,13 @@ def CreatePartitionBody(
             raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
         item = _add_inertial(mbs, body, name, position, body.rigid @ np.r_[velocity, angular_velocity])
     else:
-        kinematics = FloatingKinematics(body, position, np.zeros(3) if rotation is None else rotation)
+        rotation = np.zeros(3) if rotation is None else rotation
+        kinematics = FloatingKinematics(
+            body, position, rotation, node_rotation=None if superElement else np.array(_APART)
+        )
         item = _add_floating(mbs, kinematics, name, velocity, angular_velocity, inertiaTerms)
+    if acceleration.any():
+        mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     for key, kind in (
         ("sCoordinates", exu.OutputVariableType.Coordinates),
@@ -234,6 +343,10 @@ def CreatePartitionBody(
             for n in item.nodes
         ]
     mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
+    if superElement:
+        item._super_element(mbs)
+        for interface in body.partition.interfaces:
+            item.CreateInterfaceMarker(mbs, interface.name)
     return item
 
 
@@ -274,7 +387,7 @@ def _add_floating(
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia = kinematics.body, kinematics.inertia
     stiffness = body.basis.omega**2
-    axes = kinematics.frame(np.zeros(body.n_dofs))[1]
+    axes = kinematics.frame(np.zeros(body.n_dofs))[1] @ kinematics.node_axes
     indices = {
         "nRigid": mbs.AddNode(
             items.NodeRigidBodyRotVecLG(

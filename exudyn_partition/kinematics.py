@@ -6,9 +6,11 @@ floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .body import ReducedBody
 from .errors import InputError
@@ -32,6 +34,7 @@ class InertialKinematics:
     """
 
     linear = True  # in the coordinates
+    node_axes = np.eye(3)
 
     def __init__(self, body: ReducedBody, position: Array, nodes: Array = _NO_NODES) -> None:
         self.body, self.position = body, position
@@ -81,6 +84,10 @@ class InertialKinematics:
         """Directions in space, (m, 3), in the body's axes."""
         return directions
 
+    def weight(self, gravity: Array) -> Array:
+        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+        return self.body.mass @ (self.body.rigid[:, :3] @ gravity)
+
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""
         return q_t @ (self.body.mass @ self.body.rigid[:, :3])
@@ -105,9 +112,11 @@ class InertialKinematics:
 
 
 class FloatingKinematics:
-    """A body in its mean axes: x = r + A (X - c + Phi z), with q = (r - r0, rotation vector of A - that of A0, z).
+    """A body in its mean axes: x = r + A (X - c + Phi z), with q = (r - r0, rotation vector - that at the start, z).
 
-    Velocities q_t are (r_t, angular velocity in the body's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them.
+    Rotation vector and angular velocity are those of a node which is fixed to the frame, with axes of its own.
+    Velocities q_t are (r_t, angular velocity in the node's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them;
+    generalised forces and `inertia` have the node's axes too, all else those of the body.
 
     Parameters
     ----------
@@ -119,6 +128,8 @@ class FloatingKinematics:
         Rotation vector of its axes there [rad].
     nodes : (k,) int array
         Nodes of the FE model that the methods for nodes are about.
+    node_rotation : (3,) array, optional
+        Rotation vector of the node's axes at the start [rad]; default: the body's.
 
     Raises
     ------
@@ -128,27 +139,43 @@ class FloatingKinematics:
 
     linear = False
 
-    def __init__(self, body: ReducedBody, position: Array, rotation: Array, nodes: Array = _NO_NODES) -> None:
-        self.body, self.position, self.rotation = body, position, rotation
-        self.inertia = _validate_inertia(body)
-        self.origin = position + rotation_matrix(rotation) @ body.centre_of_mass
-        self.arms = body.points[nodes] - body.centre_of_mass
-        self.rows = np.asarray(body.rows(nodes))[:, 6:]
+    def __init__(
+        self,
+        body: ReducedBody,
+        position: Array,
+        rotation: Array,
+        nodes: Array = _NO_NODES,
+        node_rotation: Array | None = None,
+    ) -> None:
+        self.body, self.position = body, position
+        self.rotation = rotation if node_rotation is None else node_rotation
+        axes = rotation_matrix(rotation)
+        self.node_axes = np.eye(3) if node_rotation is None else axes.T @ rotation_matrix(node_rotation)
+        self.inertia = _validate_inertia(body).turned(self.node_axes)
+        self.origin = position + axes @ body.centre_of_mass
+        self._of(nodes)
+
+    def _of(self, nodes: Array) -> None:
+        self.arms = self.body.points[nodes] - self.body.centre_of_mass
+        self.rows = np.asarray(self.body.rows(nodes))[:, 6:]
 
     def at(self, nodes: Array) -> FloatingKinematics:
         """Kinematics of other nodes, (k,) int array."""
-        return FloatingKinematics(self.body, self.position, self.rotation, nodes)
+        result = copy.copy(self)
+        result._of(nodes)
+        return result
 
     def frame(self, q: Array) -> tuple[Array, Array]:
         """Place of the centre of mass, (..., 3) [m], and rotation matrix of the body's axes, (..., 3, 3)."""
-        return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6])
+        return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6]) @ self.node_axes.T
 
     @property
     def from_basis(self) -> Array:
         """(n_dofs, n_dofs) array: the coordinates' velocities by those of the body's basis, at the start."""
         result = np.eye(self.body.n_dofs)
         result[:6, :6] = np.linalg.inv(self.body.rigid[:6])
-        result[:3] = rotation_matrix(self.rotation) @ result[:3]
+        result[:3] = self.frame(np.zeros(self.body.n_dofs))[1] @ result[:3]
+        result[3:6] = self.node_axes.T @ result[3:6]
         return result
 
     def elastic(self, q: Array) -> Array:
@@ -166,19 +193,21 @@ class FloatingKinematics:
 
     def velocities(self, q: Array, q_t: Array) -> Array:
         """Velocities of the nodes, (..., k, 3) [m/s]."""
-        local = np.cross(q_t[..., None, 3:6], self._arms(q)) + _fields(self.rows, q_t[..., 6:])
+        local = np.cross((q_t[..., 3:6] @ self.node_axes.T)[..., None, :], self._arms(q)) + _fields(
+            self.rows, q_t[..., 6:]
+        )
         return q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
 
     def generalised(self, q: Array, forces: Array) -> Array:
-        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]; the torque is in the body's axes."""
+        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]; the torque is in the node's axes."""
         local = forces @ self.frame(q)[1]
-        torque = np.cross(self._arms(q), local).sum(axis=0)
+        torque = np.cross(self._arms(q), local).sum(axis=0) @ self.node_axes
         return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
 
     def jacobian(self, q: Array) -> Array:
         """Derivative of the nodes' places, (3k, n_dofs), by velocities of the coordinates."""
         A, arms = self.frame(q)[1], self._arms(q)
-        turning = np.cross(np.eye(3), arms[:, None, :])  # unit rotations about the body's axes
+        turning = np.cross(self.node_axes.T, arms[:, None, :])  # unit rotations about the node's axes
         local = np.concatenate([turning.swapaxes(1, 2), self.rows.reshape(len(arms), 3, -1)], axis=2)
         translation = np.broadcast_to(np.eye(3), (len(arms), 3, 3))
         return np.concatenate([translation, A @ local], axis=2).reshape(3 * len(arms), -1)
@@ -196,6 +225,10 @@ class FloatingKinematics:
         omega_t = np.linalg.solve(J - C @ C.T, force[3:6] - C @ force[6:])
         return np.concatenate([force[:3], self.inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
 
+    def weight(self, gravity: Array) -> Array:
+        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+        return np.concatenate([self.body.total_mass * gravity, np.zeros(self.body.n_dofs - 3)])
+
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""
         return self.body.total_mass * q_t[..., :3]
@@ -204,7 +237,7 @@ class FloatingKinematics:
         """Angular momentum about a point in space, (3,) [m], (..., 3) [N m s]."""
         r, A = self.frame(q)
         local = self.inertia.angular_momentum(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
-        return np.cross(r - point, self.momentum(q_t)) + np.einsum("...ab,...b->...a", A, local)
+        return np.cross(r - point, self.momentum(q_t)) + np.einsum("...ab,...b->...a", A @ self.node_axes, local)
 
     def kinetic_energy(self, q: Array, q_t: Array) -> Array:
         """Kinetic energy, (...,) [J]."""
@@ -213,7 +246,9 @@ class FloatingKinematics:
 
     def rigid_motion(self, q: Array) -> Array:
         """Translation of the centre of mass [m] and rotation vector of the body's axes [rad], (..., 6)."""
-        return np.concatenate([q[..., :3], self.rotation + q[..., 3:6]], axis=-1)
+        axes = self.frame(q)[1]
+        turn = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_rotvec().reshape(*axes.shape[:-2], 3)
+        return np.concatenate([q[..., :3], turn], axis=-1)
 
     def deformation(self, q: Array) -> Array:
         """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""

@@ -181,7 +181,13 @@ class Partition:
     def find_interface(self, name: str) -> Interface:
         """Return the interface of that name; InputError if there is none."""
         names = [interface.name for interface in self.interfaces]
-        validate_choice("interface", name, names)
+        if name not in names:
+            raise InputError(
+                f"interface: expected one of {', '.join(map(repr, names)) or 'none, for the body has no interfaces'}, "
+                f"got {name!r}. Nodes beside interfaces are reduced away, and with them the body's static answer to "
+                f"a joint's forces; join Partition.interface(fem, {name!r}, nodes) to the partition by | and reduce "
+                "the body again"
+            )
         return self.interfaces[names.index(name)]
 
     @classmethod

@@ -34,6 +34,7 @@ from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
 from .items import PartitionBody, coordinate_slices, partition_items
 from .linalg import one_blas_thread
+from .markers import check_joints
 from .step_control import LONGEST, StepControl
 
 Array = np.ndarray
@@ -41,6 +42,7 @@ Progress = Callable[[float], None]
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
 
 
@@ -212,7 +214,8 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     InputError
-        If an option is out of range, or would have no effect.
+        If an option is out of range, or would have no effect, a joint is attached to a node that was reduced away, or
+        the initial velocities violate a joint or drive.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
@@ -232,6 +235,7 @@ def solve_dynamic(
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     if method == "implicit":
         _refuse_multipliers(mbs)
+    check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
@@ -243,6 +247,8 @@ def solve_dynamic(
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
         settings.solution.file.write = False
         settings.timeIntegration.verboseMode = 0
+        # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
+        settings.timeIntegration.newton.absoluteTolerance = _RESIDUAL
         # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
         settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
     integration = settings.timeIntegration

@@ -182,7 +182,8 @@ def test_against_exudyn_s_own_floating_frame(plank, body):
     theirs = by_exudyn(other, 10e-3, 2e-6)
     mbs, item = spin(body)
     ours = by_exudyn(mbs, 10e-3, 2e-6)
-    assert relative(item.coordinates_t(ours)[:, 3:6], theirs.sensor(sensors[0])) < 1e-10
+    omega = item.coordinates_t(ours)[:, 3:6] @ item.kinematics.node_axes.T
+    assert relative(omega, theirs.sensor(sensors[0])) < 1e-10
     assert relative(item.coordinates(ours)[:, 6:], theirs.sensor(sensors[1])) < 1e-8
 
 
@@ -333,11 +334,12 @@ def test_auto_frame(body, plank):
 # --- kinematics of nodes
 
 
-@pytest.fixture(params=["inertial", "inertial with nodal columns", "floating"])
+@pytest.fixture(params=["inertial", "inertial with nodal columns", "floating", "floating off the node's axes"])
 def kinematics(request, plank, body):
     nodes = plank[1].patch_nodes
-    if request.param == "floating":
-        return FloatingKinematics(body, POSITION, Rotation.from_matrix(TURNED).as_rotvec(), nodes)
+    if "floating" in request.param:
+        node_rotation = np.array([0.3, -0.2, 0.9]) if "off" in request.param else None
+        return FloatingKinematics(body, POSITION, Rotation.from_matrix(TURNED).as_rotvec(), nodes, node_rotation)
     if "nodal" in request.param:
         body = ep.reduce(*plank, basis="free", f_cut=20e3)
     return InertialKinematics(body, POSITION, nodes)
@@ -347,7 +349,8 @@ def moved(kinematics, q, q_t, dt):
     """Coordinates after dt at constant velocities."""
     after = q + dt * q_t
     if isinstance(kinematics, FloatingKinematics):
-        turn = Rotation.from_matrix(kinematics.frame(q)[1]) * Rotation.from_rotvec(dt * q_t[3:6])
+        axes = Rotation.from_matrix(kinematics.frame(q)[1] @ kinematics.node_axes)
+        turn = axes * Rotation.from_rotvec(dt * q_t[3:6])
         after[3:6] = turn.as_rotvec() - kinematics.rotation
     return after
 

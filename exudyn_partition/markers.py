@@ -1,0 +1,217 @@
+"""Exudyn adapter: a super element that lends partition bodies Exudyn's markers, and what its mesh nodes are.
+
+An ObjectFFRFreducedOrder without mass, stiffness and inertia forces, on the body's own nodes, is a body to Exudyn's
+superelement markers and sensors, and nothing else. Its mesh nodes are those of the FE model, with the same numbers,
+followed by three for each interface, which move as the interface does: by its mean translation and rotation.
+
+The super element needs a rigid body's node and one for modes. A floating body has both. An inertial body moves within a
+node of its own that six coordinate constraints hold, which Exudyn's explicit solvers eliminate.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ._checks import validate_vector
+from ._optional import require
+from .errors import InputError
+from .kinematics import FloatingKinematics, InertialKinematics
+
+Array = np.ndarray
+Kinematics = InertialKinematics | FloatingKinematics
+
+_TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
+_VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
+_NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
+
+
+def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], name: str) -> dict[str, Any]:
+    """Add the super element of a body.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    kinematics : InertialKinematics or FloatingKinematics
+    nodes : dict
+        Exudyn nodes of the body, `nModal` and, of a floating frame, `nRigid`.
+    name : str
+
+    Returns
+    -------
+    dict
+        `oFFRFreducedOrder` and its nodes `nRigidBody` and `nGenericODE2`.
+
+    Raises
+    ------
+    InputError
+        If the body's basis has nodal columns, which have an Exudyn node of their own.
+    """
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    body = kinematics.body
+    if len(body.basis.nodal):
+        raise InputError(
+            f"body: basis {body.basis.name!r} keeps nodes as coordinates, which Exudyn's superelement markers cannot "
+            "follow. Reduce the body with basis='contact-adapted', 'residual' or 'craig-bampton', or attach to rows of "
+            "its coordinates: body.interface_rows() on a MarkerObjectODE2Coordinates of its 'oGenericODE2'"
+        )
+    rigid = nodes["nRigid"] if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
+    places, rows = mesh(kinematics)
+    turn = kinematics.node_axes
+    rows = (turn.T @ rows.reshape(len(places), 3, -1)).reshape(rows.shape)
+    nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
+    number = mbs.AddObject(
+        items.ObjectFFRFreducedOrder(
+            name=name and f"{name}:markers",
+            nodeNumbers=[rigid, nodes["nModal"]],
+            massMatrixReduced=nothing,
+            stiffnessMatrixReduced=nothing,
+            computeFFRFterms=False,
+            modeBasis=rows,
+            referencePositions=(places @ turn).ravel(),
+            visualization=items.VObjectFFRFreducedOrder(show=False),
+        )
+    )
+    return {"nRigidBody": rigid, "nGenericODE2": nodes["nModal"], "oFFRFreducedOrder": number}
+
+
+def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> Any:
+    """Node at the centre of mass that six coordinate constraints hold; mass lets explicit solvers accept it."""
+    items = require("exudyn.itemInterface")
+    origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
+    node = mbs.AddNode(items.NodeRigidBodyRxyz(name=name and f"{name}:frame", referenceCoordinates=[*origin, 0, 0, 0]))
+    mbs.AddObject(
+        items.ObjectRigidBody(
+            nodeNumber=node, mass=1.0, inertia=[1.0] * 3 + [0.0] * 3, visualization=items.VObjectRigidBody(show=False)
+        )
+    )
+    ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    for coordinate in range(6):
+        held = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[ground, held]))
+    return node
+
+
+def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
+    """Mesh nodes of the super element: places, (m, 3) [m], and displacements by the modes, (3m, n), in body's axes."""
+    body = kinematics.body
+    all_nodes = kinematics.at(np.arange(len(body.points)))
+    places, rows = [all_nodes.arms], [np.asarray(all_nodes.rows)]
+    for interface in body.partition.interfaces:
+        motion = interface.motion @ kinematics.at(interface.nodes).rows
+        arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # small ones would turn round-off into moments
+        places.append(interface.position - body.centre_of_mass + arms)
+        turning = np.cross(motion[3:].T[None], arms[:, None])  # (3, n, 3)
+        rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
+    return np.vstack(places), np.vstack(rows)
+
+
+def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, interface: str, name: str) -> Any:
+    """Add a MarkerSuperElementRigid that moves as an interface, with the body's axes; returns its number."""
+    items, body = require("exudyn.itemInterface"), kinematics.body
+    names = [joint.name for joint in body.partition.interfaces]
+    first = len(body.points) + 3 * names.index(interface)
+    frame = np.eye(4)
+    frame[:3, :3] = kinematics.node_axes.T
+    return mbs.AddMarker(
+        items.MarkerSuperElementRigid(
+            name=name,
+            bodyNumber=super_element,
+            meshNodeNumbers=list(range(first, first + 3)),
+            weightingFactors=[1 / 3] * 3,
+            localHT=frame,
+            visualization=items.VMarkerSuperElementRigid(showMarkerNodes=False),
+        )
+    )
+
+
+def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array) -> Any:
+    """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); returns its number."""
+    return mbs.AddMarker(
+        require("exudyn.itemInterface").MarkerSuperElementPosition(
+            bodyNumber=super_element, meshNodeNumbers=[*map(int, nodes)], weightingFactors=weights
+        )
+    )
+
+
+def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
+    """Nodes around a point, (k,), and weights, (k,), that reproduce every linear field there.
+
+    So a force at the point has its resultant and moment exactly. Of all such weights, those with the smallest sum of
+    squares of distance times weight: a node at the point alone counts.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodes [m].
+    point : (3,) array
+        [m]
+
+    Raises
+    ------
+    InputError
+        If the point is further from the nearest nodes than they are from each other.
+    """
+    point = validate_vector("point", point)
+    distance = np.linalg.norm(points - point, axis=1)
+    near = np.argsort(distance, kind="stable")[:_NEAR]
+    arms, size = points[near] - point, distance[near[-1]]
+    if distance[near[0]] > np.linalg.norm(points[near[1:]] - points[near[0]], axis=1).max():
+        raise InputError(
+            f"point: expected a point on or in the body, got {point}, {distance[near[0]]:.4g} m away from its nearest "
+            f"node at {points[near[0]]}; points are given in the body's own coordinates, those of its mesh"
+        )
+    if distance[near[0]] < 1e-9 * size:
+        return near[:1], np.ones(1)
+    closeness = size / distance[near]
+    linear = np.vstack([np.ones(len(near)), arms.T / size])
+    return near, closeness * np.linalg.lstsq(linear * closeness, np.array([1.0, 0, 0, 0]), rcond=None)[0]
+
+
+def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
+    """Refuse joints on nodes that were reduced away, and initial velocities that violate a constraint.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        Assembled.
+    point_markers : dict of int to (3,)
+        Points of the bodies' node and point markers.
+
+    Raises
+    ------
+    InputError
+    """
+    if mbs.systemData.AEsize() == 0:
+        return
+    exu = require("exudyn")
+    constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
+    for number in constraints:
+        for marker in mbs.GetObject(number).get("markerNumbers", []):
+            if int(marker) in point_markers:
+                raise InputError(
+                    f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
+                    "reduced away: the body lacks its static answer to forces there and would be too stiff. Join "
+                    "Partition.interface(fem, name, nodes) to the partition before reduce(), and take "
+                    "CreateInterfaceMarker"
+                )
+    solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
+    settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
+    solver.InitializeSolver(mbs, settings)
+    solver.ComputeAlgebraicEquations(mbs, velocityLevel=True)
+    residual = np.abs(np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :])
+    largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
+    for number in constraints:
+        own = residual[list(mbs.systemData.GetObjectLTGAE(number))].max()
+        if own > max(_VIOLATION * largest, _ROUND_OFF):
+            raise InputError(
+                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
+                "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "
+                "mass, and initialAngularVelocity that fit the joints and drives"
+            )
+
+
+def _object(mbs: Any, number: int) -> str:
+    about = mbs.GetObject(number)
+    return f"mbs: {about['objectType']} {about['name']!r}, object {number},"
