@@ -39,13 +39,14 @@ class PartitionBody(dict):
     """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
 
     Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
-    frame; `oGenericODE2`; `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+    frame, whose rigid node has axes of its own, `kinematics.node_axes` in those of the body; `oGenericODE2`;
+    `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
 
     With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
     to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
     again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
 
-    `point_markers` are the points of node and point markers by their numbers.
+    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers.
 
     `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
@@ -70,7 +71,8 @@ class PartitionBody(dict):
     @property
     def left_out(self) -> tuple[str, ...]:
         """What body and frame leave out, in sentences."""
-        return self.body.left_out + self._frame_left_out
+        dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
+        return self.body.left_out + self._frame_left_out + dents * bool(self.point_markers)
 
     @property
     def nodes(self) -> list[Any]:
@@ -117,10 +119,11 @@ class PartitionBody(dict):
         self._check_model(mbs)
         key = f"{self.name}:{interface}" if self.name else interface
         if key not in self:
+            name = self.name and key
             if self.body.n_shapes < self.body.n_dofs:
-                self[key] = add_tied_marker(mbs, self.kinematics, self, interface, key)
+                self[key] = add_tied_marker(mbs, self.kinematics, self, interface, name)
             else:
-                self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, key)
+                self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
         return self[key]
 
     def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
@@ -142,9 +145,10 @@ class PartitionBody(dict):
         return self._point_marker(mbs, point, np.array([node]), np.ones(1))
 
     def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
-        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m]; as a node's, else.
+        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
 
-        The point moves by the nodes around it: a force on it has its resultant and moment exactly.
+        The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
+        same dent as `CreateNodeMarker`.
 
         Returns
         -------
@@ -159,7 +163,8 @@ class PartitionBody(dict):
 
     def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
         marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
-        self.point_markers[int(marker)] = point
+        if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
+            self.point_markers[int(marker)] = point
         return marker
 
     def _super_element(self, mbs: Any) -> Any:

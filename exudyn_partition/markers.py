@@ -24,7 +24,7 @@ Kinematics = InertialKinematics | FloatingKinematics
 
 _TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
 _SMALL = 1e-6  # mass of what constraints hold to an interface, of the body's
-_VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
+_VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
 
@@ -103,7 +103,7 @@ def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
         motion = interface.motion @ kinematics.at(interface.nodes).rows
         arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # small ones would turn round-off into moments
         places.append(interface.position - body.centre_of_mass + arms)
-        turning = np.cross(motion[3:].T[None], arms[:, None])  # (6, n, 3)
+        turning = np.cross(motion[3:].T[None], arms[:, None])  # (3, n, 3)
         rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
     return np.vstack(places), np.vstack(rows)
 
@@ -240,7 +240,7 @@ def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
     exu = require("exudyn")
     constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
     for number in constraints:
-        for marker in mbs.GetObjectParameter(number, "markerNumbers"):
+        for marker in mbs.GetObject(number).get("markerNumbers", []):
             if int(marker) in point_markers:
                 raise InputError(
                     f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
@@ -256,7 +256,7 @@ def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
     largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
     for number in constraints:
         own = residual[list(mbs.systemData.GetObjectLTGAE(number))].max()
-        if own > _VIOLATION * max(own, largest):
+        if own > max(_VIOLATION * largest, _ROUND_OFF):
             raise InputError(
                 f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
                 "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "

@@ -2,6 +2,7 @@
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import exudyn.utilities
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -11,7 +12,7 @@ from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import InputError, PenetrationError
 from exudyn_partition.fem import node_dofs
 from exudyn_partition.markers import interpolation
 from exudyn_partition.tied import tie
@@ -112,7 +113,7 @@ def test_points_reproduce_linear_fields(body):
 
 def static_solver(mbs):
     solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
-    settings.staticSolver.verboseMode = 0
+    settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
     solver.InitializeSolver(mbs, settings)
     mbs.sys["dynamicSolver"] = solver
     return solver
@@ -205,7 +206,9 @@ def jointed(body, frame, axes=(1,) * 6, **options):
 def test_frequencies_of_the_hinged_body(link, body, frame):
     mbs, _, _ = jointed(body, frame, HINGE)
     mbs.Assemble()
-    values = np.sort(mbs.ComputeODE2Eigenvalues()[0])
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    values = np.sort(mbs.ComputeODE2Eigenvalues(settings)[0])
     _, _, K, M = tied_matrices(link, HINGE)
     expected = np.sort(scipy.sparse.linalg.eigsh(K, 6, M, sigma=-1e6, return_eigenvectors=False))
     assert abs(values[0]) < 1e-6 * expected[1]  # it swings
@@ -360,6 +363,11 @@ def test_keys_of_exudyn_s_own_reduced_bodies(mbs, link, body, frame):
     np.testing.assert_allclose(result.sensor(corner), place, atol=1e-12)
 
 
+def test_bodies_without_names(mbs, body, frame):
+    first, second = (ep.CreatePartitionBody(mbs, body, frame=frame, superElement=True) for _ in range(2))
+    assert first["head"] != second["head"]
+
+
 # --- bad input
 
 
@@ -412,13 +420,37 @@ def test_an_interface_of_a_basis_that_keeps_nodes(mbs, link):
 
 def test_joints_on_nodes_that_were_reduced_away(mbs, body, frame):
     item = ep.CreatePartitionBody(mbs, body, frame=frame)
+    assert not any("dents" in sentence for sentence in item.left_out)
     marker = item.CreateNodeMarker(mbs, (0.005, 0.004, 0.03))
+    assert any("dents" in sentence for sentence in item.left_out)
     mbs.AddObject(items.SphericalJoint(name="ball", markerNumbers=[ground(mbs, (0.005, 0.004, 0.03)), marker]))
     mbs.Assemble()
     with pytest.raises(
         InputError, match=r"JointSpherical 'ball', object \d+, is attached to the body's point .* reduced"
     ):
         ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+
+
+def test_joints_on_nodes_of_a_rigid_interface(mbs, body, frame):
+    """Their motion is the interface's; Euler parameters of other bodies have constraints without markers."""
+    item = ep.CreatePartitionBody(mbs, body, frame=frame)
+    corner = item.CreateNodeMarker(mbs, (0.005, 0.004, 0.0))
+    inertia = exudyn.utilities.RigidBodyInertia(mass=1.0, inertiaTensor=np.eye(3))
+    other = mbs.CreateRigidBody(inertia=inertia, referencePosition=[0.005, 0.004, 0])
+    mbs.AddObject(items.SphericalJoint(markerNumbers=[mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=other)), corner]))
+    mbs.Assemble()
+    assert ep.solve_dynamic(mbs, end_time=1e-5, method="implicit").status == "finished"
+
+
+def test_a_mechanism_that_overlaps_at_the_start(mbs, bodies, frame):
+    """Floating or not, turned or not: a contact looks where its bodies are put."""
+    upside_down = {"referenceRotation": np.diag([1.0, -1.0, -1.0])} if frame == "floating" else {}
+    target = ep.CreatePartitionBody(mbs, bodies[1], frame=frame, referencePosition=PLACE, **upside_down)
+    down = -1 if upside_down else 1
+    place = PLACE + np.array([0, 0, down * (0.03 - 1e-4)])
+    striker = ep.CreatePartitionBody(mbs, bodies[0], frame=frame, referencePosition=place, **upside_down)
+    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by 0\.0001 m"):
+        ep.CreatePartitionContact(mbs, striker, target)
 
 
 def test_initial_velocities_that_violate_a_joint(body, frame):

@@ -117,3 +117,15 @@ def test_rod_on_plate_in_quick_mode(tmp_path):
     assert 450 < result["peak_force_N"] < 800
     assert result["time"]["reference_s"] > 50 * result["time"]["online_s"]
     assert set(result["time"]) == {"mesh_s", "fem_s", "reduce_s", "online_s", "reference_s"}
+
+
+def test_existing_model_in_quick_mode(tmp_path):
+    command = [sys.executable, str(ROOT / "examples" / "existing_model.py"), "--quick", "--out", str(tmp_path)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    assert matplotlib.image.imread(Path(printed.strip().splitlines()[-1])).std() > 0.05
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["error"]["tip_displacement"] < 1e-3
+    assert result["error"]["deflection"] < 0.02
+    assert result["largest_deflection_m"] > 1e-4
+    assert result["dofs"] < 60 < result["fe_dofs"]
+    assert set(result["time"]) == {"mesh_s", "reduce_s", "online_s", "cms_reduce_s", "cms_online_s"}

@@ -41,7 +41,7 @@ from exudyn_partition.fem import node_dofs
 from exudyn_partition.linalg import one_blas_thread
 from exudyn_partition.reference import _HHT
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples"))
 import crank_slider as example  # noqa: E402
 
