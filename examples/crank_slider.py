@@ -42,14 +42,20 @@ def slider(angle):
     return root - CRANK * np.cos(angle), CRANK * np.sin(angle) * (1 - CRANK * np.cos(angle) / root)
 
 
-def block(number, h, region, maxh):
-    """FE model and partition of block 3 or 4: head at the origin, towards the other block, an interface at its back."""
+def block_shape(number):
+    """Shape of block 3 or 4: head at the origin, towards the other block; the face at its back has a name."""
     side, length = (1, LENGTHS[0]) if number == 3 else (-1, LENGTHS[1])
     centre = occ.Pnt(-side * RADIUS, 0, 0)
     shape = occ.Cylinder(centre, occ.Vec(-side, 0, 0), r=RADIUS, h=length - RADIUS) + occ.Sphere(centre, RADIUS)
     (shape.faces.Min(occ.X) if number == 3 else shape.faces.Max(occ.X)).name = "back"
-    fem = ep.fe_model(shape, STEEL, maxh=maxh, refine=[ep.Refine((0, 0, 0), region, h)], grading=0.5)
-    head = ep.Partition.ball(fem, (0, 0, 0), region, direction=(side, 0, 0))
+    return shape
+
+
+def block(number, h, region, maxh):
+    """FE model and partition of block 3 or 4, with an interface at its back."""
+    refined = [ep.Refine((0, 0, 0), region, h)]
+    fem = ep.fe_model(block_shape(number), STEEL, maxh=maxh, refine=refined, grading=0.5)
+    head = ep.Partition.ball(fem, (0, 0, 0), region, direction=(1 if number == 3 else -1, 0, 0))
     return fem, head | ep.Partition.interface(fem, "back", "back", kind="averaged")
 
 
