@@ -4,8 +4,8 @@ Reference: both blocks as full FE models in the same mechanism, over a window fr
 mechanism's motion as rigid bodies is prescribed; what the impact adds to it is linear: both FE models, the link's modes
 and the spring-damper, joined by their pins and slides, in the configuration at the impact (the link turns by 4 mrad in
 the window). Time integration is that of `exudyn_partition.reference`; halving its step shows its own error.
-Quantity: peak, impulse and relative L2 error of the contact force, relative L2 error of the torque that the impact adds,
-beside run times; convergence in step, truncation and link modes; the paper's scheme; Exudyn's own means: (a) floating
+Quantity: peak, impulse and relative L2 error of the contact force, relative L2 error of the torque that the impact
+adds, beside run times; convergence in step, truncation and link modes; the paper's scheme; Exudyn's own means: (a) floating
 frame bodies with Hurty-Craig-Bampton modes and penalty contact (GeneralContact), its stiffness scanned, (b) rigid
 blocks with Hertz' force. The whole turn: run time, energy balance, explicit against implicit.
 Limits: peak and impulse 1 %, force 3 %, torque 2 % for the recommended setting; energy 0.5 % of the drive's work; the
@@ -214,7 +214,8 @@ def main():
     def report(row):
         console.print(
             f"{row['name']:36} {row['dofs']:6} dofs, force {row['force']:8.2%}, peak {row['peak']:+8.2%}, impulse "
-            f"{row['impulse']:+8.2%}, torque {row['torque']:8.2%}, {row['online_s']:7.2f} s, {row['ms_a_step']:.2f} ms a step"
+            f"{row['impulse']:+8.2%}, torque {row['torque']:8.2%}, {row['online_s']:7.2f} s, "
+            f"{row['ms_a_step']:.2f} ms a step"
         )
 
     bodies, window, curves = window_runs(parts, mesh, report)
