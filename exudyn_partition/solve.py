@@ -125,7 +125,7 @@ def stability_limit(mbs: Any) -> float:
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        if not contact.explicit_only:
+        if not contact.multipliers:
             items = [item for item, _ in contact.sides]
             to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
             stiffness = to_coordinates.T @ contact.law.closed_stiffness() @ to_coordinates
@@ -205,8 +205,6 @@ def solve_dynamic(
     end_time = validate_positive("end_time", end_time, "s")
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    if method == "implicit":
-        _refuse_multipliers(mbs)
     step = _checked_step(mbs, step, method)
     steps = math.ceil(end_time / step * (1 - 1e-9))
     step = end_time / steps
@@ -315,15 +313,6 @@ def _checked_step(mbs: Any, step: float | None, method: str) -> float:
     return step
 
 
-def _refuse_multipliers(mbs: Any) -> None:
-    for contact in partition_items(mbs)[1]:
-        if contact.explicit_only:
-            raise InputError(
-                f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in "
-                "explicit central differences; use method='explicit', or formulation='compliance' with its bases"
-            )
-
-
 class _Watch:
     """What the hook before each step knows: how many there were, and whether the user asked to stop."""
 
@@ -338,7 +327,7 @@ def _watched(mbs: Any, end_time: float, progress: Progress | None) -> Iterator[_
     watch = _Watch()
     own = mbs.GetPreStepUserFunction()
     own_function = own["function"] if isinstance(own, dict) else None
-    multipliers = [contact for contact in partition_items(mbs)[1] if contact.explicit_only]
+    multipliers = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:

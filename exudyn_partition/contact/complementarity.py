@@ -12,6 +12,15 @@ from ..errors import ComplementarityError, IndefiniteMatrixError
 Array = np.ndarray
 
 _PATIENCE = 10  # block steps without progress before single pivots, which are finite
+_REGULARISATION = 1e-9  # of the mean diagonal
+
+
+def regularised(F: Array) -> Array:
+    """F and a billionth of its mean diagonal on the diagonal: redundant rows share their force in the least-norm way.
+
+    Sums of the forces, and what the bodies feel of them, change by as little; without it they are not defined.
+    """
+    return F + _REGULARISATION * np.trace(F) / max(len(F), 1) * np.eye(len(F))
 
 
 class Complementarity:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import RunError
-from .complementarity import Complementarity
+from .complementarity import Complementarity, regularised
 from .gaps import Gaps
 from .law import ContactLaw
 
@@ -63,6 +63,7 @@ class LagrangeContact(ContactLaw):
         else:
             self.push = (self.G * self._inverse_mass).T
             F = self.G @ self.push
+        F = regularised(F)
         if self.problem is None or not gaps.moving:
             self.problem = Complementarity(F)
         else:
