@@ -64,10 +64,10 @@ class SubImpact:
 class PartitionContact(dict):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact`, the force element; `sForce`, a sensor of the total normal force [N], the number of closed rows, the
-    force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an explicit run, total
-    and on the slave [N s]. `sMoment`, a sensor of the moment on the slave about the origin [N m], which stores nothing
-    unless it is told to, as its lever arms cost time.
+    Keys: `oContact`, the force element; `sForce`, a sensor of the total normal force [N], the number of closed rows,
+    the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an explicit run,
+    total and on the slave [N s]. `sMoment`, a sensor of the moment on the slave about the origin [N m], which stores
+    nothing unless it is told to, as its lever arms cost time.
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """

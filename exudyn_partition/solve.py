@@ -38,6 +38,10 @@ Progress = Callable[[float], None]
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_JOINTS_HINT = (
+    ". Joints and other constraints are algebraic equations, which explicit solvers do not take; method='implicit' "
+    "runs them, with contacts of every formulation"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +193,7 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     RunError
-        If the model is not assembled, or Exudyn cannot run its first step.
+        If the model is not assembled, or Exudyn cannot run its first step: explicit, for instance, with joints.
 
     Warns
     -----
@@ -234,7 +238,8 @@ def solve_dynamic(
             mbs.SolveDynamic(settings, solverType=solver)
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
             if not watch.steps:
-                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}") from error
+                hint = _JOINTS_HINT if method == "explicit" and mbs.systemData.AEsize() else ""
+                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}{hint}") from error
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
     result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)

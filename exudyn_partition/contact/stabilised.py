@@ -19,6 +19,8 @@ Array = np.ndarray
 
 _AHEAD = 2.0  # steps that gaps are predicted
 _SHARE = 0.4  # of the compliance that a step meets
+_PATIENCE = 30  # evaluations in a step that has been cut, after which rows no longer open or close
+_CUT = 0.26  # of the longest step
 _STEPS_KEPT = 8  # step sizes whose flexibility is kept, for adaptive steps
 
 
@@ -32,13 +34,17 @@ class StabilisedContact(ContactLaw):
     Here lambda* = 2 lambda_n - lambda_n-1 is extrapolated from the last two steps, and F is a share of the compliance
     that a step of the trapezoidal rule itself meets, s^2 / 4m on a node without neighbours and static on a stiff one.
 
-    Gaps themselves being zero would be of index 3, whose forces ring from step to step. The prediction damps: closed
-    rows obey h + 2 s h' = 0 as soon as forces are smooth, so that what is closed stays closed, and what comes to touch
-    is slowed down over some steps. The worst factor of a free node's deviations from step to step is 0.72, and for
-    stiff ones what the integrator does to its own (spectral radius 0.9). The compliance lets Newton's iteration find
-    which rows are closed. As it gives way to the second difference of the force alone, it neither bends under constant
-    or steadily changing forces, nor gives energy, to leading order: penetration is F s^2 lambda''. What contact takes
+    Gaps that are zero at the end of the step would be of index 3, whose forces ring from step to step. The prediction
+    damps: closed rows obey h + 2 s h' = 0 once forces are smooth, and what comes to touch is slowed down over some
+    steps. A free node's deviations fall by a factor of 0.72 or less each step, at a spectral radius of 0.9; those of
+    stiff ones by 0.88, as the integrator's own do. F lets Newton's iteration find which rows are closed. It gives way
+    to the second difference of the forces alone, so that penetration is F s^2 lambda'', nothing under constant or
+    steadily changing forces. Its work is of third order in the step, and not always a loss: a body that rings on its
+    contact gained 2e-3 of the vibration's energy a period at 25 steps a period, 3e-4 at 50. What contact takes besides
     is what nodes' own masses carry when they meet (Kane, Repetto, Ortiz, Marsden 1999).
+
+    Where Newton's iteration goes round in a circle, Exudyn cuts the step; if that does not help either, rows stay open
+    or closed for the rest of the step, with forces that may pull a little, once.
 
     `least_gap` is that of the prediction.
 
@@ -53,6 +59,8 @@ class StabilisedContact(ContactLaw):
         self._step = 0.0
         self._flexibilities: dict[float, list[Array]] = {}
         self._start = -math.inf
+        self._longest = 0.0
+        self._evaluations = 0
         self._expected = self._last = np.zeros(len(self._closed_nodes))
         self._held: Any = None
         self.problem: Any = None
@@ -76,6 +84,7 @@ class StabilisedContact(ContactLaw):
         """
         if start != self._start:
             self._extrapolate(start)
+        self._evaluations = self._evaluations + 1 if step == self._step else 0
         if step <= 0.0:
             return self._open()
         gaps = self.gaps
@@ -87,16 +96,22 @@ class StabilisedContact(ContactLaw):
         if self.least_gap >= 0.0 and not expected.any():
             return self._open()
         self._take_rows(step)
-        lam = self.problem.solve(h - self.problem.F @ expected)
+        w = h - self.problem.F @ expected
+        self._longest = max(self._longest, step)
+        if self._evaluations < _PATIENCE or step > _CUT * self._longest:
+            lam = self.problem.solve(w)
+        else:
+            lam = np.zeros(len(w))
+            lam[self.problem.index] = self.problem.solve_active(-w[self.problem.index])
         self._close(lam, self.problem.index)
         return gaps.generalised(lam)
 
     def _extrapolate(self, start: float) -> None:
         """Begin a new step: the forces found last are those of the one before."""
-        last = np.zeros_like(self._last)
+        last = np.zeros(len(self._closed_nodes))
         last[self.gaps.row_nodes[self.index]] = self.lam[self.index]
         self._expected = 2 * last - self._last
-        self._last, self._start = last, start
+        self._last, self._start, self._evaluations = last, start, 0
 
     def _take_rows(self, step: float) -> None:
         """F of the present rows, if they or the step are others than before."""
