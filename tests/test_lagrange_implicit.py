@@ -275,3 +275,20 @@ def test_redundant_rows_have_a_unique_total_force():
     # 0.1 step^2 / m of the row's mobility gives way to 2 step v.
     assert force[0] == pytest.approx(2 * 0.3 / 1e-3 * 2.0 / 0.1, rel=1e-8)
     assert implicit_law.tangent(1.0, 0.0).toarray()[0, 0] == pytest.approx(2.0 / 0.1 / 1e-6, rel=1e-8)
+
+
+def test_a_sliding_tip(nodal):
+    """Pairs follow: the explicit run's force, and constant momentum."""
+    forces = []
+    for method, step in (("explicit", None), ("implicit", 5e-8)):
+        mbs = exu.SystemContainer().AddSystem()
+        tip = ep.CreatePartitionBody(mbs, nodal[0], referencePosition=TOP, initialVelocity=[300.0, 0, -1.0])
+        target = ep.CreatePartitionBody(mbs, nodal[1])
+        contact = ep.CreatePartitionContact(mbs, tip, target, formulation="lagrange")
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=1.5e-6, step=step, method=method, sample_period=5e-8)
+        assert contact.law.gaps.moving
+        momentum = tip.momentum(result) + target.momentum(result)
+        np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0]).max())
+        forces.append(np.interp(np.linspace(0, 1.5e-6, 16), result.t, contact.force(result)))
+    assert relative(*forces) < 0.1
