@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,11 @@ from .contact.lagrange import LagrangeContact
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
+from .contact.stabilised import StabilisedContact
 from .contact.two_pass import TwoPass
 from .contact_results import ContactResults
 from .errors import InputError, ModelLimitWarning, RunError
-from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
+from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit
 from .kinematics import FloatingKinematics
 
 Array = np.ndarray
@@ -37,8 +38,8 @@ _FINER = 0.9  # facets of the master smaller than this share of the slave's make
 class PartitionContact(ContactResults):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact`, the force element of compliance and penalty; `sForce`, a sensor of the total normal force [N], the
-    number of closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far,
+    Keys: `oContact`, the force element; `sForce`, a sensor of the total normal force [N], the number of closed rows,
+    the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an explicit run,
     total and on the slave [N s]. `sMoment` after `AddMomentSensor`: the moment on the slave [N m].
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
@@ -49,11 +50,13 @@ class PartitionContact(ContactResults):
         self.name, self.sides = name, tuple(sides)
         self.slave = sides[0][0]
         self.master = rigid if rigid is not None else sides[1][0]
+        self.laws = {}
         self.group = [self]
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
-        (self.law if len(self.group) == 1 else self.together).reset()
+        for law in self.laws.values() or [self.law if len(self.group) == 1 else self.together]:
+            law.reset()
         self.reached_edge_at: float | None = None
         self.reached_edge: Array | None = None
         self._sampled_at = self._stepped_to = t
@@ -68,7 +71,10 @@ class PartitionContact(ContactResults):
         Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity
         at mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the contact's acceleration c.
         """
-        if not self.explicit_only or t == self._stepped_to:
+        if not self.multipliers or t == self._stepped_to:
+            return
+        self.law = self.laws["implicit" if runs_implicit(mbs) else "explicit"]
+        if not self.ahead:
             return
         exu, data = require("exudyn"), mbs.systemData
         step = t - data.GetTime(exu.ConfigurationType.StartOfStep)
@@ -93,7 +99,7 @@ class PartitionContact(ContactResults):
         self._sampled_at = t
         law = self.law
         closed = law.index
-        if self.explicit_only:
+        if self.ahead:
             self._check_step(mbs, t)
         if closed.size:
             if closed is not self._closed:  # the active set is kept from step to step
@@ -108,7 +114,7 @@ class PartitionContact(ContactResults):
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
-        return values + self._impulse.tolist() if self.explicit_only else values
+        return values + self._impulse.tolist() if self.multipliers else values
 
     def _check_step(self, mbs: Any, t: float) -> None:
         """Refuse a run in which multipliers were not applied, or not by central differences."""
@@ -180,9 +186,9 @@ def CreatePartitionContact(
     master : PartitionBody, RigidPlane, RigidSphere or RigidCylinder
         Rigid surfaces are fixed in space, or to `masterBody`.
     formulation : {"compliance", "lagrange", "penalty"}
-        "compliance" where a basis carries a residual flexibility, explicit and implicit; "lagrange" for bases whose
-        patch has mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet; "penalty" for any basis,
-        an elastic layer on the slave's patch.
+        "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
+        paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
+        (`contact.stabilised`), there with joints too; "penalty" for any basis, an elastic layer on the slave's patch.
     rows : {"node-to-segment", "integrated"}
         What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
         facets; see `contact.points`.
@@ -246,12 +252,15 @@ def CreatePartitionContact(
             raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
         back = _law(formulation, PatchGaps(placed[1], placed[0], rows), stiffness)
         contact.law = TwoPass(contact.law, back)
+    if formulation == "lagrange":
+        contact.laws = {"explicit": contact.law, "implicit": StabilisedContact(contact.law.gaps)}
     contact.restart()
     _check_shared_bodies(contact, contacts)
-    if contact.explicit_only:
+    if contact.multipliers:
         _chain_before_step(mbs, contact)
+        contact["oContact"] = _add_element(mbs, contact, *_stabilised_functions(contact))
     else:
-        contact["oContact"] = _add_force_element(mbs, contact)
+        contact["oContact"] = _add_element(mbs, contact, *_law_functions(contact))
     if masterBody is not None:
         _load_carrier(mbs, contact, masterBody)
     items = require("exudyn.itemInterface")
@@ -369,9 +378,9 @@ def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContac
     for other in others:
         for item, patch in contact.sides:
             for other_item, other_patch in other.sides:
-                if item is not other_item or contact.explicit_only != other.explicit_only:
+                if item is not other_item or contact.multipliers != other.multipliers:
                     continue
-                if contact.explicit_only:
+                if contact.multipliers:
                     _refuse_coupled_multipliers(contact, other, item)
                 elif patch == other_patch:
                     raise InputError(
@@ -433,9 +442,12 @@ def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) ->
     )
 
 
-def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
-    """Massless object over the nodes of all bodies, with the contact's force and its Jacobian."""
-    exu, items = require("exudyn"), require("exudyn.itemInterface")
+Functions = tuple[Callable[..., Any], Callable[..., Any]]
+
+
+def _law_functions(contact: PartitionContact) -> Functions:
+    """Force of a law of the coordinates alone, and its Jacobian."""
+    exu = require("exudyn")
     law: Any = contact.law
     floating = [
         (s, item.kinematics) for s, item in _own_slices(contact) if isinstance(item.kinematics, FloatingKinematics)
@@ -455,6 +467,39 @@ def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
             law.force(np.asarray(q))
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
 
+    return force, jacobian
+
+
+def _stabilised_functions(contact: PartitionContact) -> Functions:
+    """Force of multipliers in implicit runs, and its Jacobian; nothing in explicit ones."""
+    exu = require("exudyn")
+    law: StabilisedContact = contact.laws["implicit"]
+
+    def evaluate(mbs: Any) -> Array:
+        data, solver = mbs.systemData, mbs.sys["dynamicSolver"]
+        views = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
+        slices, start = contact._slices(mbs), data.GetTime(exu.ConfigurationType.StartOfStep)
+        q, q_t = (np.concatenate([view[s] for s in slices]) for view in views)
+        return law.force(q, q_t, solver.it.currentStepSize, start)
+
+    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        if not runs_implicit(mbs):
+            return np.zeros(law.gaps.n)
+        contact.law = law
+        return evaluate(mbs)
+
+    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        if not runs_implicit(mbs):
+            return exu.MatrixContainer(sp.csr_matrix((law.gaps.n,) * 2))
+        evaluate(mbs)
+        return exu.MatrixContainer(law.tangent(fODE2, fODE2_t))
+
+    return force, jacobian
+
+
+def _add_element(mbs: Any, contact: PartitionContact, force: Callable[..., Any], jacobian: Callable[..., Any]) -> Any:
+    """Massless object over the nodes of all bodies."""
+    items = require("exudyn.itemInterface")
     return mbs.AddObject(
         items.ObjectGenericODE2(
             name=contact.name,

@@ -336,6 +336,14 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
 
 
+def runs_implicit(mbs: Any) -> bool:
+    """Whether an implicit dynamic solver is at work."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None or "implicit" not in solver.GetSolverName():
+        return False
+    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # not one that ran before a static solver
+
+
 def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dict[str, Any]:
     """Inertia forces of a floating frame and their Jacobian."""
     start_of_step = exu.ConfigurationType.StartOfStep

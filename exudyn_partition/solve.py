@@ -42,6 +42,10 @@ Progress = Callable[[float], None]
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
+_JOINTS_HINT = (
+    ". Joints and other constraints are algebraic equations, which explicit solvers do not take; method='implicit' "
+    "runs them, with contacts of every formulation"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +137,7 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        if not contact.explicit_only:
+        if not contact.multipliers:
             contact.law.reset()  # to the pairs at the start, which are all that can close
             items = [item for item, _ in contact.sides]
             to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
@@ -214,7 +218,7 @@ def solve_dynamic(
     InputError
         If an option is out of range, or would have no effect.
     RunError
-        If the model is not assembled, or Exudyn cannot run its first step.
+        If the model is not assembled, or Exudyn cannot run its first step: explicit, for instance, with joints.
 
     Warns
     -----
@@ -230,8 +234,6 @@ def solve_dynamic(
     end_time = validate_positive("end_time", end_time, "s")
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    if method == "implicit":
-        _refuse_multipliers(mbs)
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
@@ -277,7 +279,8 @@ def solve_dynamic(
             mbs.SolveDynamic(settings, solverType=solver)
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
             if not watch.steps:
-                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}") from error
+                hint = _JOINTS_HINT if method == "explicit" and mbs.systemData.AEsize() else ""
+                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}{hint}") from error
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
     result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
@@ -385,15 +388,6 @@ def _step_control(
     return StepControl(contacts, bodies, state, step=step, longest=longest, gap_tolerance=gap_tolerance)
 
 
-def _refuse_multipliers(mbs: Any) -> None:
-    for contact in partition_items(mbs)[1]:
-        if contact.explicit_only:
-            raise InputError(
-                f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in "
-                "explicit central differences; use method='explicit', or formulation='compliance' with its bases"
-            )
-
-
 class _Watch:
     """What the hook before each step knows: how many there were, and whether the user asked to stop."""
 
@@ -407,7 +401,7 @@ def _watched(mbs: Any, end_time: float, progress: Progress) -> Iterator[_Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, in front of the model's own, which is put back after."""
     exu, watch, start_of_step = require("exudyn"), _Watch(), None
     own_function = _function(mbs.GetPreStepUserFunction())
-    multipliers = [contact for contact in partition_items(mbs)[1] if contact.explicit_only]
+    multipliers = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:

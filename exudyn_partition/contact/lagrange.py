@@ -21,7 +21,7 @@ _CLOSED = 1e-6  # of a facet's size: central differences close gaps to round-off
 def _not_central_differences(reason: str) -> RunError:
     return RunError(
         f"{reason}: contact with formulation 'lagrange' needs Exudyn's explicit solver VelocityVerlet with a constant "
-        "step (solve_dynamic(..., method='explicit'))"
+        "step (solve_dynamic(..., method='explicit')), or its generalized-alpha (method='implicit')"
     )
 
 
