@@ -12,6 +12,7 @@ import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive, validate_vector
 from ._optional import require
+from .central_differences import MultiplierStep
 from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
 from .contact.gaps import PatchGaps, Side
@@ -23,7 +24,7 @@ from .contact.stabilised import StabilisedContact
 from .contact.two_pass import TwoPass
 from .contact_results import ContactResults
 from .errors import InputError, ModelLimitWarning, RunError
-from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit
+from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit, start_of_step
 from .kinematics import FloatingKinematics
 
 Array = np.ndarray
@@ -52,11 +53,15 @@ class PartitionContact(ContactResults):
         self.master = rigid if rigid is not None else sides[1][0]
         self.laws = {}
         self.group = [self]
+        self.stepper: MultiplierStep | None = None
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
-        for law in self.laws.values() or [self.law if len(self.group) == 1 else self.together]:
-            law.reset()
+        if self.stepper is not None:
+            self.stepper.reset()
+            self.laws["implicit"].reset()
+        else:
+            (self.law if len(self.group) == 1 else self.together).reset()
         self.reached_edge_at: float | None = None
         self.reached_edge: Array | None = None
         self._sampled_at = self._stepped_to = t
@@ -66,30 +71,18 @@ class PartitionContact(ContactResults):
         self._areas = self.law.node_areas
 
     def before_step(self, mbs: Any, t: float) -> None:
-        """Apply multipliers ahead of the step that ends at t, once.
+        """Apply multipliers ahead of the explicit step that ends at t, once, with those of the contacts it shares."""
+        if self.stepper is not None:
+            self.stepper.before_step(mbs, t)
 
-        Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity
-        at mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the contact's acceleration c.
-        """
-        if not self.multipliers or t == self._stepped_to:
-            return
+    def take_law(self, mbs: Any) -> None:
+        """Choose between the multipliers of explicit and of implicit runs by the solver at work."""
         self.law = self.laws["implicit" if runs_implicit(mbs) else "explicit"]
-        if not self.ahead:
-            return
-        exu, data = require("exudyn"), mbs.systemData
-        step = t - data.GetTime(exu.ConfigurationType.StartOfStep)
-        slices = self._slices(mbs)
-        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
-        increment = self.law.increment(*[np.concatenate([view[s] for s in slices]) for view in views], step=step)
-        if increment is not None:
+
+    def stepped(self, t: float, step: float) -> None:
+        """Count what multipliers have pushed in the step to t."""
+        if self.law.index.size:
             self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
-            start = 0
-            for s in slices:
-                part = increment[start : start + s.stop - s.start]
-                q_t[s] += 0.5 * step * part
-                q_tt[s] += part
-                start += len(part)
         self._stepped_to = t
 
     def sample(self, mbs: Any, t: float) -> list[float]:
@@ -125,21 +118,22 @@ class PartitionContact(ContactResults):
                 "CreatePartitionContact, or run the model by solve_dynamic"
             )
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        self.law.check_gaps(np.concatenate([coordinates[s] for s in self._slices(mbs)]))
+        self.law.check_gaps(np.concatenate([coordinates[s] for s in self.slices(mbs)]))
 
-    def _slices(self, mbs: Any) -> list[slice]:
+    def slices(self, mbs: Any) -> list[slice]:
+        """Where the coordinates of slave and master are among the model's."""
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
     def force_in_group(self, mbs: Any) -> Array:
         """Generalised force of this contact, solved together with those that move its patches."""
         data = mbs.systemData.GetODE2Coordinates(copy=False)
-        coordinates = [np.concatenate([data[s] for s in contact._slices(mbs)]) for contact in self.group]
+        coordinates = [np.concatenate([data[s] for s in contact.slices(mbs)]) for contact in self.group]
         return self.together.forces(coordinates)[self.group.index(self)]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
         """Gap rows of multipliers on the coordinates of one of the bodies, (nr, n_dofs)."""
-        n = self.slave.body.n_dofs
-        return sp.csr_matrix(self.law.G[:, :n] if item is self.slave else self.law.G[:, n:])
+        G, n = self.laws["explicit"].G, self.slave.body.n_dofs
+        return sp.csr_matrix(G[:, :n] if item is self.slave else G[:, n:])
 
     @property
     def nodes(self) -> list[Any]:
@@ -254,6 +248,7 @@ def CreatePartitionContact(
         contact.law = TwoPass(contact.law, back)
     if formulation == "lagrange":
         contact.laws = {"explicit": contact.law, "implicit": StabilisedContact(contact.law.gaps)}
+        contact.stepper = MultiplierStep([contact])
     contact.restart()
     _check_shared_bodies(contact, contacts)
     if contact.multipliers:
@@ -381,7 +376,8 @@ def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContac
                 if item is not other_item or contact.multipliers != other.multipliers:
                     continue
                 if contact.multipliers:
-                    _refuse_coupled_multipliers(contact, other, item)
+                    if patch == other_patch or _moves_nodes_of(contact, other, item):
+                        coupled += [c for c in other.group if c not in coupled]
                 elif patch == other_patch:
                     raise InputError(
                         f"body {item.name!r}: its patch {patch} already has the contact {other.name!r}; each would "
@@ -394,7 +390,13 @@ def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContac
                         coupled += [c for c in other.group if c not in coupled]
                     elif all(isinstance(c.law, ComplianceContact | TwoPass) for c in both):
                         _warn_of_coupled_flexibility(item, patch, other_patch)
-    if len(coupled) > 1:
+    if len(coupled) == 1:
+        return
+    if contact.multipliers:
+        stepper = MultiplierStep(coupled)
+        for member in coupled:
+            member.group, member.stepper = coupled, stepper
+    else:
         together = CoupledContacts([c.law for c in coupled], _links(coupled))
         for member in coupled:
             member.group, member.together = coupled, together
@@ -411,17 +413,12 @@ def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, A
     ]
 
 
-def _refuse_coupled_multipliers(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> None:
-    """Multipliers of each contact close its own gaps; those of the other must not open them again."""
+def _moves_nodes_of(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> bool:
+    """Whether multipliers of one contact move gaps of the other, through a body of both."""
     inverse_mass = sp.diags(1 / item.body.mass.diagonal())
     G, others = (c.rows_on(item) for c in (contact, other))
     coupling = abs(G @ inverse_mass @ others.T).max()
-    if coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max():
-        raise InputError(
-            f"body {item.name!r}: multipliers of the contact {other.name!r} move the nodes of {contact.name!r}, as "
-            f"basis {item.body.basis.name!r} couples them. Take basis='free', or formulation='compliance' with "
-            "basis='contact-adapted' and a patch for each contact"
-        )
+    return bool(coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max())
 
 
 def _coupling(item: PartitionBody, patch: int, other: int) -> float:
@@ -478,9 +475,8 @@ def _stabilised_functions(contact: PartitionContact) -> Functions:
     def evaluate(mbs: Any) -> Array:
         data, solver = mbs.systemData, mbs.sys["dynamicSolver"]
         views = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
-        slices, start = contact._slices(mbs), data.GetTime(exu.ConfigurationType.StartOfStep)
-        q, q_t = (np.concatenate([view[s] for s in slices]) for view in views)
-        return law.force(q, q_t, solver.it.currentStepSize, start)
+        q, q_t = (np.concatenate([view[s] for s in contact.slices(mbs)]) for view in views)
+        return law.force(q, q_t, solver.it.currentStepSize, start_of_step(mbs))
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         if not runs_implicit(mbs):
@@ -518,12 +514,13 @@ def _own_slices(contact: PartitionContact) -> list[tuple[slice, PartitionBody]]:
 
 
 def _chain_before_step(mbs: Any, contact: PartitionContact) -> None:
-    """Put the contact's work before each step in front of the model's own PreStep function."""
+    """Put the contact's work before each step behind the model's own PreStep function."""
     own = mbs.GetPreStepUserFunction()
     own_function = own["function"] if isinstance(own, dict) else None
 
     def before_step(mbs: Any, t: float) -> bool:
+        go_on = own_function is None or own_function(mbs, t)
         contact.before_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
+        return go_on
 
     mbs.SetPreStepUserFunction(before_step)

@@ -336,6 +336,11 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
 
 
+def start_of_step(mbs: Any) -> float:
+    """Time at the start of the present step [s]."""
+    return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
+
+
 def runs_implicit(mbs: Any) -> bool:
     """Whether an implicit dynamic solver is at work."""
     solver = mbs.sys.get("dynamicSolver")

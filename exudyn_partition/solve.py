@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from ._checks import validate_choice, validate_positive
 from ._optional import require
 from ._progress import LONG
 from ._progress import progress as progress_bar
+from .central_differences import MultiplierStep
 from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
@@ -32,7 +33,8 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items
+from .items import PartitionBody, coordinate_slices, partition_items, start_of_step
+from .joints import Joints
 from .linalg import one_blas_thread
 from .step_control import LONGEST, StepControl
 
@@ -42,10 +44,6 @@ Progress = Callable[[float], None]
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
-_JOINTS_HINT = (
-    ". Joints and other constraints are algebraic equations, which explicit solvers do not take; method='implicit' "
-    "runs them, with contacts of every formulation"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +216,7 @@ def solve_dynamic(
     InputError
         If an option is out of range, or would have no effect.
     RunError
-        If the model is not assembled, or Exudyn cannot run its first step: explicit, for instance, with joints.
+        If the model is not assembled, or Exudyn cannot run its first step.
 
     Warns
     -----
@@ -252,6 +250,7 @@ def solve_dynamic(
         raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
     integration.endTime, integration.numberOfSteps = end_time, steps
     integration.generalizedAlpha.spectralRadius = spectral_radius
+    integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
     if sample_period is not None:
         sample_period = validate_positive("sample_period", sample_period, "s")
     settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
@@ -271,7 +270,8 @@ def solve_dynamic(
     with (
         one_blas_thread(),
         bar as report,
-        _watched(mbs, end_time, report) as watch,
+        _multipliers(mbs, method) as steppers,
+        _watched(mbs, end_time, report, steppers) as watch,
         _controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
@@ -279,8 +279,7 @@ def solve_dynamic(
             mbs.SolveDynamic(settings, solverType=solver)
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
             if not watch.steps:
-                hint = _JOINTS_HINT if method == "explicit" and mbs.systemData.AEsize() else ""
-                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}{hint}") from error
+                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}") from error
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
     result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
@@ -397,26 +396,59 @@ class _Watch:
 
 
 @contextlib.contextmanager
-def _watched(mbs: Any, end_time: float, progress: Progress) -> Iterator[_Watch]:
-    """Progress and Ctrl-C through Exudyn's PreStep function, in front of the model's own, which is put back after."""
-    exu, watch, start_of_step = require("exudyn"), _Watch(), None
+def _multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
+    """Multipliers to apply before steps: of contacts, in explicit runs together with those of the model's joints.
+
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected for joints
+    through its PostStep function, in front of the model's own, which is put back after.
+    """
+    exu = require("exudyn")
+    contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
+    own_steppers = [contact.stepper for contact in contacts if contact.stepper is not None]
+    if method == "implicit" or not mbs.systemData.AEsize():
+        yield own_steppers
+        return
+    stepper = MultiplierStep(contacts, Joints(mbs))
+    own_function = _function(mbs.GetPostStepUserFunction())
+
+    def after_step(mbs: Any, t: float) -> bool:
+        stepper.after_step(mbs, t)
+        return own_function is None or own_function(mbs, t)
+
+    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
+    mbs.SetPostStepUserFunction(after_step)
+    for contact in contacts:
+        contact.stepper = stepper
+    try:
+        yield [stepper]
+    finally:
+        exu.config.suppressWarnings = warnings_off
+        mbs.SetPostStepUserFunction(own_function or 0)
+        for contact, own in zip(contacts, own_steppers, strict=True):
+            contact.stepper = own
+
+
+@contextlib.contextmanager
+def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[MultiplierStep]) -> Iterator[_Watch]:
+    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
+    watch, last_start = _Watch(), None
     own_function = _function(mbs.GetPreStepUserFunction())
-    multipliers = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:
-        nonlocal next_report, start_of_step
+        nonlocal next_report, last_start
         if t >= next_report:
             next_report = t + end_time / 100
             progress(min(t / end_time, 1.0))
         if watch.interrupted:
             return False
-        start, previous = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep), start_of_step
+        start, previous = start_of_step(mbs), last_start
         watch.steps += start != previous  # not those that are taken again, shorter
-        start_of_step = start
-        for contact in multipliers:  # also where the model's own function was set after them
-            contact.before_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
+        last_start = start
+        go_on = own_function is None or own_function(mbs, t)
+        for stepper in steppers:  # also where the model's own function was set after them
+            stepper.before_step(mbs, t)
+        return go_on
 
     def interrupt(number: int, frame: Any) -> None:
         watch.interrupted = True
