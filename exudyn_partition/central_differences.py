@@ -145,10 +145,11 @@ class MultiplierStep:
             if joints.linear or change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
                 break
             last = change
-        if not joints.linear and abs(g[joints.scale > 0]).max() > _OPEN * step * abs(mid).max() + _ROUND_OFF:
+        open_by = abs(g[joints.scale > 0]).max(initial=0.0)
+        if not joints.linear and open_by > _OPEN * step * abs(mid).max() + _ROUND_OFF:
             raise RunError(
-                f"joints: Newton's iteration leaves them open by {abs(g[joints.scale > 0]).max():.3g} m or rad. Check "
-                "that they fit together at the start, take a shorter step, or method='implicit'"
+                f"joints: Newton's iteration leaves them open by {open_by:.3g} m or rad. Check that they fit together "
+                "at the start, take a shorter step, or method='implicit'"
             )
         return forward.accelerations(lam) if lam.any() else forward.open(), reaction
 

@@ -53,7 +53,7 @@ class PartitionContact(ContactResults):
         self.master = rigid if rigid is not None else sides[1][0]
         self.laws = {}
         self.group = [self]
-        self.stepper: MultiplierStep | None = None
+        self.stepper: Any = None  # MultiplierStep of multipliers
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
@@ -71,8 +71,11 @@ class PartitionContact(ContactResults):
         self._areas = self.law.node_areas
 
     def before_step(self, mbs: Any, t: float) -> None:
-        """Apply multipliers ahead of the explicit step that ends at t, once, with those of the contacts it shares."""
-        if self.stepper is not None:
+        """Apply multipliers ahead of the explicit step that ends at t, with those of other contacts that they move.
+
+        With joints in the model, `solve_dynamic` does.
+        """
+        if self.stepper is not None and self.stepper.joints is None:
             self.stepper.before_step(mbs, t)
 
     def take_law(self, mbs: Any) -> None:
@@ -111,7 +114,7 @@ class PartitionContact(ContactResults):
 
     def _check_step(self, mbs: Any, t: float) -> None:
         """Refuse a run in which multipliers were not applied, or not by central differences."""
-        if t > self._stepped_to:
+        if t > self._stepped_to and self.stepper.joints is None:
             raise RunError(
                 f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
                 "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
@@ -514,13 +517,12 @@ def _own_slices(contact: PartitionContact) -> list[tuple[slice, PartitionBody]]:
 
 
 def _chain_before_step(mbs: Any, contact: PartitionContact) -> None:
-    """Put the contact's work before each step behind the model's own PreStep function."""
+    """Put the contact's work before each step in front of the model's own PreStep function."""
     own = mbs.GetPreStepUserFunction()
     own_function = own["function"] if isinstance(own, dict) else None
 
     def before_step(mbs: Any, t: float) -> bool:
-        go_on = own_function is None or own_function(mbs, t)
         contact.before_step(mbs, t)
-        return go_on
+        return own_function is None or own_function(mbs, t)
 
     mbs.SetPreStepUserFunction(before_step)

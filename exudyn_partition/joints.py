@@ -23,7 +23,6 @@ _HOLONOMIC = (
 )  # fmt: skip
 _LINEAR = ("ConnectorCoordinate", "ConnectorCoordinateVector")  # but for user functions and quadratic terms
 _TIMED = ("offsetUserFunction", "constraintUserFunction")
-_CONSTANT_MASS = ("GenericODE2", "Mass1D", "MassPoint", "MassPoint2D", "RigidBody2D", "RotationalMass1D")
 
 
 class Joints:
@@ -69,7 +68,7 @@ class Joints:
                 _validate(number, entry)
                 self._objects.append((number, rows, columns, _is_linear(entry)))
                 if any(isinstance(entry.get(name), dict) for name in _TIMED):
-                    self._timed.append((number, rows))
+                    self._timed.append(int(number))
         if sum(len(rows) for _, rows, *_ in self._objects) < self.n:
             raise InputError(
                 "method: explicit steps take algebraic equations of joints and constraints alone, the model has others "
@@ -89,14 +88,12 @@ class Joints:
             columns = np.array(data.GetObjectLTGODE2(number), int)
             if not columns.size or self._kind.MassMatrix not in mbs.ComputeItem(number):
                 continue
-            entry = mbs.GetObject(number)
-            if entry["objectType"] not in _CONSTANT_MASS or isinstance(entry.get("massMatrixUserFunction"), dict):
+            mass = _constant_mass(mbs.GetObject(number), len(columns))
+            if mass is None:
                 varying.append((number, columns))
                 linked.append(_placed(sp.coo_matrix(np.ones((len(columns),) * 2)), columns, n))
-            elif entry["objectType"] == "GenericODE2":
-                constant.append(_placed(_matrix(entry["massMatrix"], len(columns)), columns, n))
             else:
-                constant.append(_placed(sp.coo_matrix(mbs.ComputeItem(number, self._kind.MassMatrix)), columns, n))
+                constant.append(_placed(mass, columns, n))
         M = sp.csr_matrix(sum(constant, sp.csr_matrix((n, n))))
         groups = scipy.sparse.csgraph.connected_components(sum(linked, M), directed=False)[1]
         touched = groups[np.concatenate([columns for *_, columns, _ in self._objects])]
@@ -137,9 +134,8 @@ class Joints:
     def update(self) -> bool:
         """Take rows and masses of the present coordinates; whether they are others than before."""
         C = np.zeros_like(self.C)
-        for number, rows, columns, linear in self._objects:
-            if linear and not self._mbs.GetObjectParameter(number, "activeConnector"):
-                continue
+        self._active = [joint for joint in self._objects if self._mbs.GetObjectParameter(joint[0], "activeConnector")]
+        for number, rows, columns, linear in self._active:
             J = self._constant.get(int(number)) if linear else None
             if J is None:
                 J = np.asarray(self._mbs.ComputeItem(number, self._kind.ConstraintJacobian))
@@ -174,7 +170,7 @@ class Joints:
             end[self._turns] = (before * turn).as_rotvec() - self._references
         q[self.dofs] = end
         g = np.zeros(self.n)
-        for number, rows, *_ in self._objects:
+        for number, rows, *_ in self._active:
             g[rows] = self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
         q[self.dofs] = start
         return g
@@ -187,8 +183,9 @@ class Joints:
             t = data.GetTime()
             for side in (-1, 1):
                 data.SetTime(t + side * step / 2)
-                for number, rows in self._timed:
-                    rate[rows] += side / step * self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
+                for number, rows, *_ in self._active:
+                    if int(number) in self._timed:
+                        rate[rows] += side / step * self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
             data.SetTime(t)
         return rate
 
@@ -213,12 +210,20 @@ def _is_linear(entry: dict[str, Any]) -> bool:
     return entry["objectType"] in _LINEAR and not quadratic and not isinstance(entry.get(_TIMED[1]), dict)
 
 
-def _matrix(entry: Any, n: int) -> sp.coo_matrix:
-    """Matrix that GetObject tells, empty for none."""
-    if isinstance(entry, dict):
-        rows, columns, values = np.asarray(entry["triplets"]).reshape(-1, 3).T
+def _constant_mass(entry: dict[str, Any], n: int) -> sp.coo_matrix | None:
+    """Mass matrix, (n, n), by what GetObject tells; None for one that may vary. ComputeItem has no sparse ones."""
+    kind = entry["objectType"]
+    if kind in ("Mass1D", "MassPoint", "MassPoint2D"):
+        return sp.coo_matrix(entry["mass"] * np.eye(n))
+    if kind == "RigidBody2D" and not np.any(entry.get("centerOfMass", 0.0)):
+        return sp.coo_matrix(np.diag([entry["mass"], entry["mass"], entry["inertia"]]))
+    if kind != "GenericODE2" or isinstance(entry["massMatrixUserFunction"], dict):
+        return None
+    matrix = entry["massMatrix"].GetPythonObject()
+    if isinstance(matrix, dict):
+        rows, columns, values = np.reshape(matrix["triplets"], (-1, 3)).T
         return sp.coo_matrix((values, (rows.astype(int), columns.astype(int))), shape=(n, n))
-    return sp.coo_matrix(np.asarray(entry)) if np.size(entry) else sp.coo_matrix((n, n))
+    return sp.coo_matrix(matrix) if np.size(matrix) else sp.coo_matrix((n, n))
 
 
 def _placed(matrix: sp.coo_matrix, columns: Array, n: int) -> sp.csr_matrix:

@@ -404,7 +404,7 @@ def _multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
     """
     exu = require("exudyn")
     contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
-    own_steppers = [contact.stepper for contact in contacts if contact.stepper is not None]
+    own_steppers = [contact.stepper for contact in contacts]
     if method == "implicit" or not mbs.systemData.AEsize():
         yield own_steppers
         return
@@ -433,6 +433,8 @@ def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[M
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
     watch, last_start = _Watch(), None
     own_function = _function(mbs.GetPreStepUserFunction())
+    contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
+    with_joints = [stepper for stepper in steppers if stepper.joints is not None]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:
@@ -442,12 +444,14 @@ def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[M
             progress(min(t / end_time, 1.0))
         if watch.interrupted:
             return False
+        for stepper in contacts_alone:  # also where the model's own function was set after them
+            stepper.before_step(mbs, t)
+        go_on = own_function is None or own_function(mbs, t)
+        for stepper in with_joints:  # which the function may have moved
+            stepper.before_step(mbs, t)
         start, previous = start_of_step(mbs), last_start
         watch.steps += start != previous  # not those that are taken again, shorter
         last_start = start
-        go_on = own_function is None or own_function(mbs, t)
-        for stepper in steppers:  # also where the model's own function was set after them
-            stepper.before_step(mbs, t)
         return go_on
 
     def interrupt(number: int, frame: Any) -> None:

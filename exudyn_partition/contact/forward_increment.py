@@ -115,7 +115,8 @@ class ForwardIncrement:
         if self.problem.index is not self._index:
             self._index = self.problem.index
             self._closed = [np.flatnonzero(self.problem.active[self._rows(i)]) for i in range(len(self.laws))]
+        scale = self._step**2 * (self._F.diagonal() * lam).max()
         parts = zip(self.laws, self.split(lam), self._closed, self.split(self._gaps), strict=True)
         for law, on_rows, closed, gaps in parts:
-            law.close(on_rows, closed, gaps)
+            law.close(on_rows, closed, gaps, scale)
         return [law.push @ law.lam for law in self.laws]

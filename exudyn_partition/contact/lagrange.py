@@ -88,19 +88,22 @@ class LagrangeContact(ContactLaw):
             [s]
         """
         self._check_last_step(q)
-        self._gap = self.gaps.at(q + step * q_t + 0.5 * step**2 * q_tt)
-        self._expected, self.least_gap = None, self._gap.min(initial=np.inf)
-        return self._gap
+        gap = self.gaps.at(q + step * q_t + 0.5 * step**2 * q_tt)
+        self._expected, self.least_gap = None, gap.min(initial=np.inf)
+        return gap
 
     def open(self) -> None:
         """Leave all rows open in the coming step."""
         self._open()
 
-    def close(self, lam: Array, index: Array, gap: Array) -> None:
-        """Push with lam, (nr,) [N], on the rows `index` in the coming step, which makes the gaps (nr,) [m]."""
+    def close(self, lam: Array, index: Array, gap: Array, scale: float) -> None:
+        """Push with lam, (nr,) [N], on the rows `index` in the coming step.
+
+        Its gaps are then `gap`, (nr,) [m]; `scale` [m] is the most that one multiplier closes.
+        """
         self._close(lam, index)
         if not self.gaps.moving:
-            self._expected, self._scale = gap, abs(gap - self._gap).max()
+            self._expected, self._scale = gap, scale
 
     def _check_last_step(self, q: Array) -> None:
         """Refuse to go on if the last step did not do with the multipliers what central differences do."""
