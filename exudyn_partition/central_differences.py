@@ -140,7 +140,7 @@ class MultiplierStep:
             acceleration = joints.push @ reaction
             if lam.any():
                 for (law, (own, others)), on_rows in zip(self._pairs(forward), forward.split(lam), strict=True):
-                    acceleration[others] += law.push[own] @ on_rows
+                    acceleration[others] += (law.push @ on_rows)[own]
             change = abs(acceleration - before).max()
             if joints.linear or change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
                 break

@@ -185,7 +185,7 @@ def CreatePartitionContact(
     formulation : {"compliance", "lagrange", "penalty"}
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
         paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
-        (`contact.stabilised`), there with joints too; "penalty" for any basis, an elastic layer on the slave's patch.
+        (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch.
     rows : {"node-to-segment", "integrated"}
         What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
         facets; see `contact.points`.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.csgraph
 import scipy.sparse.linalg
+from scipy.linalg import lapack
 from scipy.spatial.transform import Rotation
 
 from ._optional import require
@@ -78,6 +79,7 @@ class Joints:
         self._take_masses(exu)
         self._take_turns(exu)
         self._constant: dict[int, Array] = {}
+        self._were_active: list[bool] | None = None
         self.C = np.full((self.n, len(self.dofs)), np.nan)
 
     def _take_masses(self, exu: Any) -> None:
@@ -133,8 +135,11 @@ class Joints:
 
     def update(self) -> bool:
         """Take rows and masses of the present coordinates; whether they are others than before."""
+        active = [bool(self._mbs.GetObjectParameter(joint[0], "activeConnector")) for joint in self._objects]
+        if self.linear and not self._varying and active == self._were_active:
+            return False
+        self._were_active, self._active = active, [*compress(self._objects, active)]
         C = np.zeros_like(self.C)
-        self._active = [joint for joint in self._objects if self._mbs.GetObjectParameter(joint[0], "activeConnector")]
         for number, rows, columns, linear in self._active:
             J = self._constant.get(int(number)) if linear else None
             if J is None:
@@ -150,16 +155,16 @@ class Joints:
         if self._varies.size:
             self.push[self._varies] = np.linalg.solve(self._varying_mass, C[:, self._varies].T)
         W = C @ self.push
-        active = C.any(axis=1)
-        self.scale = np.where(active, 1 / np.sqrt(np.where(active, W.diagonal(), 1.0)), 0.0)
-        W = self.scale[:, None] * W * self.scale + np.diag(np.where(active, 0.0, 1.0))
-        self._factor = scipy.linalg.cho_factor(regularised(W))  # joints may be redundant
+        used = C.any(axis=1)
+        self.scale = np.where(used, 1 / np.sqrt(np.where(used, W.diagonal(), 1.0)), 0.0)
+        W = self.scale[:, None] * W * self.scale + np.diag(np.where(used, 0.0, 1.0))
+        self._factor = lapack.dpotrf(regularised(W), lower=1)[0]  # joints may be redundant
         return True
 
     def solve(self, rhs: Array) -> Array:
         """Multipliers, (n,) or (n, m), that accelerate the rows by rhs, so shaped."""
         scale = self.scale if rhs.ndim == 1 else self.scale[:, None]
-        return scale * scipy.linalg.cho_solve(self._factor, scale * rhs)
+        return scale * lapack.dpotrs(self._factor, scale * rhs, lower=1)[0]
 
     def residual(self, start: Array, way: Array) -> Array:
         """g, (n,), at the present time and the coordinates that a step of `way`, (k,), leads to from `start`, (k,)."""

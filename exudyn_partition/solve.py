@@ -184,7 +184,9 @@ def solve_dynamic(
     step : float, optional
         [s]. Default: 25 steps a period of the highest `f_cut`; explicit at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
-        Exudyn's VelocityVerlet or generalized-alpha.
+        Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
+        motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
+        that are means over the step before. Rigid bodies that turn in space are of first order in explicit steps.
     sample_period : float, optional
         Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
         are at most that long, and samples stand where they end.
@@ -214,7 +216,8 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     InputError
-        If an option is out of range, or would have no effect.
+        If an option is out of range, or would have no effect; if the model has constraints that explicit steps cannot
+        take: of velocities, or of Euler parameters.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
