@@ -123,7 +123,7 @@ class MultiplierStep:
         if forward.laws:
             h = forward.predict(states, step)
             # Farther off, no joint closes a gap within a step, and moving rows are not worth their while.
-            near = h.min(initial=np.inf) * step**2 < min(law.gaps.size for law in forward.laws)
+            near = not h.min(initial=np.inf) * step**2 >= min(law.gaps.size for law in forward.laws)
         if near and (forward.take_rows() or changed or self._across is None):
             pushes = [law.G[:, own] @ joints.push[others] for law, (own, others) in self._pairs(forward)]
             across = self._across = np.vstack(pushes)
@@ -146,7 +146,7 @@ class MultiplierStep:
                 break
             last = change
         open_by = abs(g[joints.scale > 0]).max(initial=0.0)
-        if not joints.linear and open_by > _OPEN * step * abs(mid).max() + _ROUND_OFF:
+        if not joints.linear and not open_by <= _OPEN * step * abs(mid).max() + _ROUND_OFF:  # nor if it is not finite
             raise RunError(
                 f"joints: Newton's iteration leaves them open by {open_by:.3g} m or rad. Check that they fit together "
                 "at the start, take a shorter step, or method='implicit'"

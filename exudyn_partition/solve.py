@@ -186,7 +186,7 @@ def solve_dynamic(
     method : {"explicit", "implicit"}
         Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
         motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
-        that are means over the step before. Rigid bodies that turn in space are of first order in explicit steps.
+        that are means over the step before. Exudyn's rigid bodies that turn in space are of first order there.
     sample_period : float, optional
         Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
         are at most that long, and samples stand where they end.

@@ -45,8 +45,6 @@ class LagrangeContact(ContactLaw):
         Present rows, and the accelerations M^-1 G' that unit forces on them make.
     F : (nr, nr) array
         G M^-1 G', with a trace on the diagonal for rows that are redundant.
-    guess : (nr,) bool array
-        Rows that were closed before, as far as they are still there.
     """
 
     def __init__(self, gaps: Gaps, inverse_mass: Array) -> None:
@@ -73,9 +71,13 @@ class LagrangeContact(ContactLaw):
             self.push = (self.G * self._inverse_mass).T
             F = self.G @ self.push
         self.F = regularised(F)  # flat on flat, there are more rows than coordinates
-        self.guess = self._closed_nodes[gaps.row_nodes]
         self._held = gaps.held
         return True
+
+    @property
+    def guess(self) -> Array:
+        """Present rows that were closed in the last step, (nr,) bool."""
+        return self._closed_nodes[self.gaps.row_nodes]
 
     def predict(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array:
         """Gaps, (nr,) [m], at the end of the coming step, if nothing pushed.
@@ -112,7 +114,8 @@ class LagrangeContact(ContactLaw):
         gap = self.gaps.at(q)
         if self.gaps.moving:  # with other pairs, gaps of other rows
             return
-        if abs(gap - self._expected).max() > 1e-3 * self._scale + 1e-12 * abs(q).max():
+        round_off = 1e-12 * (abs(q).max() + abs(gap).max())
+        if abs(gap - self._expected).max() > 1e-3 * self._scale + round_off:
             raise _not_central_differences("the last step did not close the gaps as predicted")
 
     def check_gaps(self, q: Array) -> None:
