@@ -273,6 +273,7 @@ def solve_dynamic(
     with (
         one_blas_thread(),
         bar as report,
+        _without_stabilised(mbs, method),
         _multipliers(mbs, method) as steppers,
         _watched(mbs, end_time, report, steppers) as watch,
         _controlled(mbs, control, settings),
@@ -429,6 +430,22 @@ def _multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
         mbs.SetPostStepUserFunction(own_function or 0)
         for contact, own in zip(contacts, own_steppers, strict=True):
             contact.stepper = own
+
+
+@contextlib.contextmanager
+def _without_stabilised(mbs: Any, method: str) -> Iterator[None]:
+    """Switch off the force elements that multipliers have for implicit runs: explicit ones only pay for their calls."""
+    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if contact.multipliers]
+    if method == "implicit":
+        elements = []
+    functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
+    for element in elements:
+        mbs.SetObjectParameter(element, "forceUserFunction", 0)
+    try:
+        yield
+    finally:
+        for element, function in zip(elements, functions, strict=True):
+            mbs.SetObjectParameter(element, "forceUserFunction", function)
 
 
 @contextlib.contextmanager
