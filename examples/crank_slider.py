@@ -150,7 +150,13 @@ def connect(mbs, start, pins, backs):
         mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
         for node in (mbs.AddNode(items.NodePointGround()), crank_node)
     ]
-    drive = mbs.AddObject(items.CoordinateConstraint(markerNumbers=axes, offset=SPEED, velocityLevel=True))
+    drive = mbs.AddObject(
+        items.CoordinateConstraint(
+            markerNumbers=axes,
+            offsetUserFunction=lambda mbs, t, *unused: SPEED * t,
+            offsetUserFunction_t=lambda mbs, t, *unused: SPEED,
+        )
+    )
     return mbs.AddSensor(
         items.SensorObject(objectNumber=drive, outputVariableType=exu.OutputVariableType.Force, storeInternal=True)
     )

@@ -50,6 +50,8 @@ class ContactResults(dict):
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     law : ContactLaw or TwoPass
+    laws : dict of str to ContactLaw
+        Of multipliers, that of explicit runs and that of implicit ones, which take turns as `law`.
     group : list of ContactResults
         Contacts that are solved together; `together` solves them if there are several.
     """
@@ -57,6 +59,7 @@ class ContactResults(dict):
     slave: PartitionBody
     sides: tuple[tuple[PartitionBody, int], ...]
     law: Any  # which one decides what it can do
+    laws: dict[str, Any]
     group: list[Any]
     together: CoupledContacts
     _samples: list[tuple[float, Array, Array]]
@@ -78,7 +81,7 @@ class ContactResults(dict):
     def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
         """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
         samples = result.sensor(self["sForce"])
-        if not self.explicit_only or len(result.t) < 2:
+        if not self.ahead or len(result.t) < 2:
             return samples[:, forces]
         impulse = samples[:, impulses]
         means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
@@ -149,7 +152,7 @@ class ContactResults(dict):
 
         The contact is evaluated again at the stored coordinates, in their order.
         """
-        if self.explicit_only:
+        if self.multipliers:
             return np.zeros(len(result.t))
         if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
             raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
@@ -165,8 +168,13 @@ class ContactResults(dict):
         return np.array(stored)
 
     @property
-    def explicit_only(self) -> bool:
-        """Whether the contact runs in explicit solvers only."""
+    def multipliers(self) -> bool:
+        """Whether forces are multipliers, of patches with mass."""
+        return bool(self.laws)
+
+    @property
+    def ahead(self) -> bool:
+        """Whether forces are multipliers that are applied ahead of each explicit step."""
         return isinstance(self.law, LagrangeContact)
 
     @property

@@ -457,6 +457,19 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
 
 
+def start_of_step(mbs: Any) -> float:
+    """Time at the start of the present step [s]."""
+    return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
+
+
+def runs_implicit(mbs: Any) -> bool:
+    """Whether an implicit dynamic solver is at work."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None or "implicit" not in solver.GetSolverName():
+        return False
+    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # not one that ran before a static solver
+
+
 def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dict[str, Any]:
     """Inertia forces of a floating frame and their Jacobian."""
     start_of_step = exu.ConfigurationType.StartOfStep

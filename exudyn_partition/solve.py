@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from ._checks import validate_choice, validate_positive
 from ._optional import require
 from ._progress import LONG
 from ._progress import progress as progress_bar
+from .central_differences import MultiplierStep
 from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
@@ -32,7 +33,8 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items
+from .items import PartitionBody, coordinate_slices, partition_items, start_of_step
+from .joints import Joints
 from .linalg import one_blas_thread
 from .markers import check_joints
 from .step_control import LONGEST, UNRESOLVED, StepControl
@@ -135,7 +137,7 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        if not contact.explicit_only:
+        if not contact.multipliers:
             contact.law.reset()  # to the pairs at the start, which are all that can close
             items = [item for item, _ in contact.sides]
             to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
@@ -185,7 +187,9 @@ def solve_dynamic(
     step : float, optional
         [s]. Default: 25 steps a period of the highest `f_cut`; explicit at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
-        Exudyn's VelocityVerlet or generalized-alpha.
+        Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
+        motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
+        that are means over the step before. Exudyn's rigid bodies that turn in space are of first order there.
     sample_period : float, optional
         Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
         are at most that long, and samples stand where they end.
@@ -218,8 +222,9 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     InputError
-        If an option is out of range, or would have no effect, a joint is attached to a node that was reduced away, or
-        the initial velocities violate a joint or drive.
+        If an option is out of range, or would have no effect; if a joint is attached to a node that was reduced away,
+        or the initial velocities violate a joint or drive; if the model has constraints that explicit steps cannot
+        take: of velocities, or of Euler parameters.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
@@ -237,8 +242,6 @@ def solve_dynamic(
     end_time = validate_positive("end_time", end_time, "s")
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    if method == "implicit":
-        _refuse_multipliers(mbs)
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
@@ -260,6 +263,7 @@ def solve_dynamic(
         raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
     integration.endTime, integration.numberOfSteps = end_time, steps
     integration.generalizedAlpha.spectralRadius = spectral_radius
+    integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
     if sample_period is not None:
         sample_period = validate_positive("sample_period", sample_period, "s")
     settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
@@ -279,7 +283,9 @@ def solve_dynamic(
     with (
         one_blas_thread(),
         bar as report,
-        _watched(mbs, end_time, report) as watch,
+        _without_stabilised(mbs, method),
+        _multipliers(mbs, method) as steppers,
+        _watched(mbs, end_time, report, steppers) as watch,
         _controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
@@ -405,15 +411,6 @@ def _step_control(
     )
 
 
-def _refuse_multipliers(mbs: Any) -> None:
-    for contact in partition_items(mbs)[1]:
-        if contact.explicit_only:
-            raise InputError(
-                f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in "
-                "explicit central differences; use method='explicit', or formulation='compliance' with its bases"
-            )
-
-
 class _Watch:
     """What the hook before each step knows: how many there were, and whether the user asked to stop."""
 
@@ -423,26 +420,79 @@ class _Watch:
 
 
 @contextlib.contextmanager
-def _watched(mbs: Any, end_time: float, progress: Progress) -> Iterator[_Watch]:
-    """Progress and Ctrl-C through Exudyn's PreStep function, in front of the model's own, which is put back after."""
-    exu, watch, start_of_step = require("exudyn"), _Watch(), None
+def _multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
+    """Multipliers to apply before steps: of contacts, in explicit runs together with those of the model's joints.
+
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected for joints
+    through its PostStep function, in front of the model's own, which is put back after.
+    """
+    exu = require("exudyn")
+    contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
+    own_steppers = [contact.stepper for contact in contacts]
+    if method == "implicit" or not mbs.systemData.AEsize():
+        yield own_steppers
+        return
+    stepper = MultiplierStep(contacts, Joints(mbs))
+    own_function = _function(mbs.GetPostStepUserFunction())
+
+    def after_step(mbs: Any, t: float) -> bool:
+        stepper.after_step(mbs, t)
+        return own_function is None or own_function(mbs, t)
+
+    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
+    mbs.SetPostStepUserFunction(after_step)
+    for contact in contacts:
+        contact.stepper = stepper
+    try:
+        yield [stepper]
+    finally:
+        exu.config.suppressWarnings = warnings_off
+        mbs.SetPostStepUserFunction(own_function or 0)
+        for contact, own in zip(contacts, own_steppers, strict=True):
+            contact.stepper = own
+
+
+@contextlib.contextmanager
+def _without_stabilised(mbs: Any, method: str) -> Iterator[None]:
+    """Switch off the force elements that multipliers have for implicit runs: explicit ones only pay for their calls."""
+    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if contact.multipliers]
+    if method == "implicit":
+        elements = []
+    functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
+    for element in elements:
+        mbs.SetObjectParameter(element, "forceUserFunction", 0)
+    try:
+        yield
+    finally:
+        for element, function in zip(elements, functions, strict=True):
+            mbs.SetObjectParameter(element, "forceUserFunction", function)
+
+
+@contextlib.contextmanager
+def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[MultiplierStep]) -> Iterator[_Watch]:
+    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
+    watch, last_start = _Watch(), None
     own_function = _function(mbs.GetPreStepUserFunction())
-    multipliers = [contact for contact in partition_items(mbs)[1] if contact.explicit_only]
+    contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
+    with_joints = [stepper for stepper in steppers if stepper.joints is not None]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:
-        nonlocal next_report, start_of_step
+        nonlocal next_report, last_start
         if t >= next_report:
             next_report = t + end_time / 100
             progress(min(t / end_time, 1.0))
         if watch.interrupted:
             return False
-        start, previous = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep), start_of_step
+        for stepper in contacts_alone:  # also where the model's own function was set after them
+            stepper.before_step(mbs, t)
+        go_on = own_function is None or own_function(mbs, t)
+        for stepper in with_joints:  # which the function may have moved
+            stepper.before_step(mbs, t)
+        start, previous = start_of_step(mbs), last_start
         watch.steps += start != previous  # not those that are taken again, shorter
-        start_of_step = start
-        for contact in multipliers:  # also where the model's own function was set after them
-            contact.before_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
+        last_start = start
+        return go_on
 
     def interrupt(number: int, frame: Any) -> None:
         watch.interrupted = True

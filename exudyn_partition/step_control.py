@@ -130,10 +130,10 @@ class StepControl:
     def shorter_step(self, taken: float) -> float | None:
         """Return the step to take instead of one that overshot a gap [s], None if the one taken will do.
 
-        Multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
+        Explicit multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
         """
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
-            if was_open and contact.law.index.size and not contact.explicit_only:
+            if was_open and contact.law.index.size and not contact.ahead:
                 depth, tolerance = -contact.law.least_gap, self.gap_tolerance
                 if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
                     return 0.5 * taken

@@ -5,9 +5,9 @@ mechanism's motion as rigid bodies is prescribed; what the impact adds to it is 
 and the spring-damper, joined by their pins and slides, in the configuration at the impact (the link turns by 4 mrad in
 the window). Time integration is that of `exudyn_partition.reference`; halving its step shows its own error.
 Quantity: peak, impulse and relative L2 error of the contact force, relative L2 error of the torque that the impact
-adds, beside run times; convergence in step, truncation and link modes; the paper's scheme; Exudyn's own means: (a) floating
-frame bodies with Hurty-Craig-Bampton modes and penalty contact (GeneralContact), its stiffness scanned, (b) rigid
-blocks with Hertz' force. The whole turn: run time, energy balance, explicit against implicit.
+adds, beside run times; convergence in step, truncation and link modes; the paper's scheme; Exudyn's own means: (a)
+floating frame bodies with Hurty-Craig-Bampton modes and penalty contact (GeneralContact), its stiffness scanned, (b)
+rigid blocks with Hertz' force. The whole turn: run time, energy balance, explicit against implicit.
 Limits: peak and impulse 1 %, force 3 %, torque 2 % for the recommended setting; energy 0.5 % of the drive's work; the
 integrators within 1 %; baseline (a) at least 20 times slower at no smaller force error.
 
