@@ -127,7 +127,7 @@ def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, i
     )
 
 
-def add_tied_marker(mbs: Any, kinematics: InertialKinematics, nodes: dict[str, Any], interface: str, name: str) -> Any:
+def add_tied_marker(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], interface: str, name: str) -> Any:
     """Add a small rigid body that six constraints hold to an interface, for bases with nodal columns.
 
     Parameters

@@ -22,8 +22,8 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
     "recovery", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
     "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty", "contact.two_pass",
-    "history", "markers", "items", "joints", "central_differences", "contact_results", "contact_items", "step_control", "solve",
-    "reference", "report", "plot", "__init__", "contact.__init__",
+    "history", "markers", "items", "joints", "central_differences", "contact_results", "contact_items",
+    "step_control", "solve", "reference", "report", "plot", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 
