@@ -28,7 +28,7 @@ _HOMES = {
     "_progress": ("progress",),
     "report": ("Comparison", "compare", "versions"),
 }
-_MODULES = ("errors", "hertz", "plot", "recovery", "reference", "report")
+_MODULES = ("errors", "hertz", "output", "plot", "recovery", "reference", "report")
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted([*_HOME_OF, *_MODULES])

@@ -45,6 +45,8 @@ class ReducedBody:
     partition : Partition
     points : (n, 3) array
         Nodes of the FE model [m].
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Its surface, as `FEModel.facets`: what pictures need.
     mass, stiffness : (n_dofs, n_dofs) csr matrix
         T' M T and T' K T (paper, eq. 16).
     total_mass : float
@@ -64,6 +66,7 @@ class ReducedBody:
     basis: ReducedBasis
     partition: Partition
     points: Array
+    facets: Array
     mass: sp.csr_matrix
     stiffness: sp.csr_matrix
     total_mass: float
@@ -74,7 +77,7 @@ class ReducedBody:
     inertia: InertiaIntegrals | None = None
 
     def __post_init__(self) -> None:
-        read_only(self.points, self.centre_of_mass)
+        read_only(self.points, self.facets, self.centre_of_mass)
 
     @property
     def n_dofs(self) -> int:
@@ -229,7 +232,7 @@ class ReducedBody:
 
 _FILE = Format(
     name="reduced body",
-    version=3,
+    version=4,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
     classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
 )
@@ -469,6 +472,7 @@ def _body(
         basis=reduced,
         partition=partition,
         points=fem.points,
+        facets=fem.facets,
         mass=mass,
         stiffness=stiffness,
         total_mass=fem.total_mass,

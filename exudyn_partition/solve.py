@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ._checks import validate_choice, validate_positive
+from ._checks import validate_array, validate_choice, validate_positive
 from ._optional import require
 from ._progress import LONG
 from ._progress import progress as progress_bar
@@ -64,6 +64,10 @@ class Result:
         Run time of Exudyn's solver [s].
     sensors : dict of int to (n, k) array
         Samples of the model's internally stored sensors, by sensor number.
+    bodies : tuple of PartitionBody
+        The model's.
+    contacts : tuple of PartitionContact
+        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
     """
 
     t: Array
@@ -74,6 +78,8 @@ class Result:
     method: str
     time_s: float
     sensors: Mapping[int, Array] = field(repr=False)
+    bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
+    contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
         """Samples of a sensor, (n, k).
@@ -86,6 +92,35 @@ class Result:
         if int(number) not in self.sensors:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
+
+    def at(self, times: Sequence[float] | Array | int) -> Result:
+        """Return the samples nearest to some times, each once: for frames of a film.
+
+        Parameters
+        ----------
+        times : (k,) [s] or int
+            Times, or how many of them, equally spaced over the run.
+
+        Raises
+        ------
+        InputError
+            If a time is not within the run.
+        """
+        if isinstance(times, int):
+            validate_positive("times", times)
+            wanted = np.linspace(self.t[0], self.t[-1], times)
+        else:
+            wanted = validate_array("times", times, (None,))
+            slack = 1e-9 * (self.t[-1] - self.t[0])
+            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
+            if outside.any():
+                raise InputError(
+                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
+                    f"{wanted[outside.argmax()]:.6g}"
+                )
+        middles = (self.t[1:] + self.t[:-1]) / 2
+        nearest = np.unique(np.searchsorted(middles, wanted))
+        return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
 
     def history(
         self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None
@@ -328,6 +363,7 @@ def _samples(mbs: Any) -> Result:
         raise RunError("mbs: no sensor stored anything; run the model first")
     samples = min(len(data) for data in sensors.values())
     first = next(iter(sensors.values()))
+    bodies, contacts = partition_items(mbs)
     return Result(
         t=first[:samples, 0].copy(),
         status="finished",
@@ -337,6 +373,8 @@ def _samples(mbs: Any) -> Result:
         method="",
         time_s=float("nan"),
         sensors={number: data[:samples, 1:] for number, data in sensors.items()},
+        bodies=tuple(bodies),
+        contacts=tuple(contacts),
     )
 
 
