@@ -24,7 +24,7 @@ _HOMES = {
     "step_control": ("time_to_contact",),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),
-    "spectrum": ("truncation_frequency",),
+    "spectrum": ("amplitude_spectrum", "truncation_frequency"),
     "_progress": ("progress",),
     "report": ("Comparison", "compare", "versions"),
 }

@@ -199,6 +199,7 @@ def test_frames_are_spread_over_the_run(run, tmp_path):
     assert {path.name for *_, path in files} == {path.name for path in tmp_path.glob("*.vtu")}
 
 
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")  # the coarse block's own pass
 @pytest.mark.parametrize("options", [{}, {"rows": "integrated"}, {"formulation": "penalty"}, {"passes": "two"}])
 def test_nodal_forces_are_those_of_the_run(mbs, bodies, options, tmp_path):
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
