@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
+Load = tuple[PartitionContact, list[Array]]  # and its forces on the nodes of each side's patch, (n, np, 3)
 
 FIELDS = ("displacement", "deformation", "velocity", "stress", "von_mises", "contact_pressure")
 _OF_STRESS = {"stress", "von_mises"}
@@ -94,10 +95,9 @@ def write_paraview(
         validate_choice("fields", name, FIELDS)
     chosen = result.at(times)
     contacts = result.contacts if contacts is None else contacts
-    pieces = [_Piece(entry, names, surface) for entry in (result.bodies if bodies is None else bodies)]
-    loads = []
-    if static_answer and any(piece.fem is not None for piece in pieces):
-        loads = [(contact, _nodal_forces(contact, chosen)) for contact in contacts if not contact.explicit_only]
+    pieces = [BodyFields(entry, names, surface) for entry in (result.bodies if bodies is None else bodies)]
+    answered = static_answer and any(piece.fem is not None for piece in pieces)
+    loads = contact_loads(contacts, chosen) if answered else []
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
@@ -111,8 +111,31 @@ def write_paraview(
     return _write_pvd(folder / "run.pvd", sorted(entries))
 
 
-class _Piece:
-    """A body as it is written: its points, its cells, and its fields frame by frame."""
+class BodyFields:
+    """A body as it is written or drawn: its points, its cells, and its fields.
+
+    Parameters
+    ----------
+    entry : PartitionBody or (PartitionBody, FEModel)
+    names : sequence of str
+        Of `FIELDS`.
+    surface : bool
+        Without the elements inside.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Where its nodes are at the start, in space [m].
+    cells : (nc, k) int array
+        Facets or elements, as rows of `points`.
+    kind : str
+        Their name in meshio.
+
+    Raises
+    ------
+    InputError
+        If it is no such thing, or the FE model is needed and missing, or of another body.
+    """
 
     def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
         self.item: PartitionBody
@@ -124,6 +147,7 @@ class _Piece:
                 f"bodies: expected what CreatePartitionBody returns, or pairs (body, fem) with its FE model, got {got}"
             )
         self.names, self.body = names, self.item.body
+        self._static: StaticAnswer | None = None
         if self.fem is None and (_OF_STRESS & {*names} or not surface):
             what = "stress" if surface else "the inside"
             raise InputError(
@@ -137,33 +161,17 @@ class _Piece:
         cells = self.body.facets if surface or self.fem is None else self.fem.cells
         self.kind = (_FACETS if surface else _CELLS)[cells.shape[1]]
         self.nodes, numbers = np.unique(cells, return_inverse=True)
-        self.cells = numbers.reshape(cells.shape)
+        self.cells: Array = numbers.reshape(cells.shape)
         self.kinematics = self.item.kinematics.at(self.nodes)
         self.points = self.kinematics.place(np.zeros(self.body.n_dofs))
 
     def frames(
-        self,
-        result: Result,
-        contacts: Iterable[PartitionContact],
-        loads: Iterable[tuple[PartitionContact, list[Array]]],
+        self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Fields at each time of `result`; `loads` are forces on the nodes of the contacts' patches in space."""
-        forces = [
-            (self.body.partition.patches[patch].nodes, on_side)
-            for contact, on_sides in loads
-            for (item, patch), on_side in zip(contact.sides, on_sides, strict=True)
-            if item is self.item
-        ]
+        """Fields at each time of `result`."""
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
-        static: StaticAnswer | None = None
         for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
-            answer, load = None, np.zeros((len(self.body.points), 3))
-            for nodes, on_nodes in forces:
-                load[nodes] += on_nodes[i]
-            if self.fem is not None and self.body.basis.flexibility is not None and load.any():
-                static = static or StaticAnswer(self.fem, self.body)
-                answer = static(self.kinematics.in_frame(q, load))
-            data = self._fields(q, q_t, answer)
+            data = self.fields(q, q_t, self.forces(loads, i))
             if pressures:
                 field = np.zeros(len(self.body.points))
                 for facets, nodes, values in pressures:
@@ -173,11 +181,22 @@ class _Piece:
                 data["contact_pressure"] = field[self.nodes]
             yield data
 
-    def _fields(self, q: Array, q_t: Array, answer: Array | None) -> dict[str, Array]:
-        """Fields at coordinates q and velocities q_t, (n_dofs,); `answer`, (all nodes, 3) [m], comes on top."""
-        kinematics, axes = self.kinematics, self.kinematics.frame(q)[1]
+    def forces(self, loads: Iterable[Load], i: int) -> Array:
+        """Forces of contacts on all nodes at sample i, (all nodes, 3) in space [N]."""
+        forces = np.zeros((len(self.body.points), 3))
+        for contact, on_sides in loads:
+            for (item, patch), on_side in zip(contact.sides, on_sides, strict=True):
+                if item is self.item:
+                    forces[self.body.partition.patches[patch].nodes] += on_side[i]
+        return forces
+
+    def fields(self, q: Array, q_t: Array, forces: Array | None = None) -> dict[str, Array]:
+        """Fields at coordinates q and velocities q_t, (n_dofs,), with the static answer to forces on all nodes."""
+        kinematics, axes, answer = self.kinematics, self.kinematics.frame(q)[1], None
         displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
-        if answer is not None:
+        if self.fem is not None and self.body.basis.flexibility is not None and forces is not None and forces.any():
+            self._static = self._static or StaticAnswer(self.fem, self.body)
+            answer = self._static(kinematics.in_frame(q, forces))
             deformation = deformation + answer[self.nodes]
             displacement = displacement + answer[self.nodes] @ axes.T
         data = {"displacement": displacement, "deformation": deformation @ axes.T}
@@ -190,11 +209,18 @@ class _Piece:
         return {name: data[name] for name in self.names if name in data}
 
 
-def _nodal_forces(contact: PartitionContact, result: Result) -> list[Array]:
+def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:
+    """Forces of contacts on the nodes of their patches at the times of `result`; without those that are multipliers.
+
+    Raises
+    ------
+    InputError
+        If a body of another kind carries a rigid surface: these are not known after the run.
+    """
     try:
-        return contact.nodal_forces(result)
+        return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.explicit_only]
     except InputError as error:
-        raise InputError(f"{error}; write without them by static_answer=False") from error
+        raise InputError(f"{error}; static_answer=False does without them") from error
 
 
 def _pressures(
@@ -213,7 +239,7 @@ def _pressures(
     return found
 
 
-def _stems(pieces: Sequence[_Piece]) -> list[str]:
+def _stems(pieces: Sequence[BodyFields]) -> list[str]:
     """File names of bodies: their own, as far as a file can have them and each only once."""
     stems: list[str] = []
     for i, piece in enumerate(pieces):

@@ -22,11 +22,13 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
     "recovery", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
     "contact.lagrange", "contact.penalty", "contact.two_pass", "history", "items", "contact_results",
-    "contact_items", "step_control", "output", "report", "plot", "solve", "reference", "__init__", "contact.__init__",
+    "contact_items", "step_control", "output", "view", "report", "plot", "summary", "solve", "reference",
+    "cli", "__main__", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 TYPES = {  # imported for type checking alone
-    "items": {"contact_items", "solve"}, "contact_results": {"solve"}, "output": {"solve"}, "plot": {"solve"},
+    "items": {"contact_items", "solve"}, "contact_results": {"solve"}, "output": {"solve"}, "view": {"solve"},
+    "plot": {"solve"}, "summary": {"solve"},
 }  # fmt: skip
 
 
@@ -67,7 +69,7 @@ def test_outer_packages_have_one_door_each():
         "ngsolve": {"ngsolve_fem"},
         "netgen": {"ngsolve_fem"},
         "meshio": {"mesh_files"},
-        "exudyn": {"items", "contact_items", "solve"},
+        "exudyn": {"items", "contact_items", "view", "solve"},
     }
 
 
