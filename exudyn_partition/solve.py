@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from .history import History
 from .items import PartitionBody, coordinate_slices, partition_items
 from .linalg import one_blas_thread
 from .step_control import LONGEST, StepControl
+from .summary import write_report
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -121,6 +123,27 @@ class Result:
         middles = (self.t[1:] + self.t[:-1]) / 2
         nearest = np.unique(np.searchsorted(middles, wanted))
         return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
+
+    def report(self, path: str | Path, *, title: str = "") -> Path:
+        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the page, which needs no other file.
+        title : str
+            Default: the file's name.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or the run kept nothing.
+        """
+        return write_report(path, self, title=title)
 
     def history(
         self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None

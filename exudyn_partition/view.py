@@ -128,7 +128,7 @@ def picture(
     general, view = SC.visualizationSettings.general, SC.visualizationSettings.view0
     view.window.renderWindowSize = [int(validate_positive("size", pixels)) for pixels in size]
     general.renderWindowString = f"t = {frame.t[0]:.6g} s"
-    general.showSolverInformation = general.showSolverTime = general.showComputationInfo = False
+    general.showSolverInformation = general.showSolverTime = view.window.showComputationInfo = False
     SC.renderer.ZoomAll()  # or the first drawing sets the view anew
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -260,4 +260,4 @@ def _graphics(
 def _corner(places: list[Array]) -> list[float]:
     """Place above the bodies, (3,) [m]."""
     low, high = (getattr(np.vstack(places), end)(axis=0) for end in ("min", "max"))
-    return [float(low[0]), float(low[1]), float(high[2])]
+    return [float(low[0]), float(high[1]), float(high[2] + 0.1 * (high - low).max())]
