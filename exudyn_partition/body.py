@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from . import basis as bases
-from ._checks import read_only, validate_choice, validate_positive
+from ._checks import read_only, validate_choice, validate_positive, validate_type
 from ._progress import shown
 from .archive import Format
 from .basis import Progress, ReducedBasis
@@ -316,8 +316,8 @@ def reduce(
     CacheWarning
         If a kept file is damaged, or the folder cannot be written; the body is computed.
     """
-    validate_choice("basis", basis, BASES)
     _validate_partition(fem, partition)
+    validate_choice("basis", basis, BASES)
     if len(partition.nodes) == fem.n_nodes and basis != "free":
         raise InputError(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
@@ -407,6 +407,8 @@ def reduce_pair(
 
 
 def _validate_partition(fem: FEModel, partition: Partition) -> None:
+    validate_type("fem", fem, FEModel, "fe_model()")
+    validate_type("partition", partition, Partition, "Partition.ball()")
     if partition.n_nodes != fem.n_nodes:
         raise InputError(
             f"partition: it was made for another mesh, with {partition.n_nodes} nodes; this one has {fem.n_nodes}"
