@@ -286,6 +286,9 @@ def solve_dynamic(
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
+    if not isinstance(mbs, exu.MainSystem):
+        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
+        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     if method == "implicit":
