@@ -1,6 +1,7 @@
 """Architecture, README, and the examples as a user runs them."""
 
 import ast
+import importlib
 import json
 import re
 import subprocess
@@ -11,6 +12,7 @@ import matplotlib.image
 import pytest
 
 import exudyn_partition as ep
+from exudyn_partition import cli
 from exudyn_partition._optional import require
 from exudyn_partition.errors import MissingPackageError
 
@@ -104,6 +106,26 @@ def test_the_program_in_the_readme_runs(tmp_path):
     assert blocks
     for block in blocks:
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, timeout=120)
+
+
+def test_calls_in_the_readme_s_table_of_commands_parse():
+    calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", (ROOT / "README.md").read_text(), re.M)
+    assert len(calls) == 4
+    for call in calls:
+        cli._parser().parse_args(call.split())
+
+
+def test_what_is_published_names_this_version_and_runs_the_same_checks():
+    citation = (ROOT / ".github" / "CITATION.cff").read_text()
+    assert re.search(r"^version: (.+)$", citation, re.M)[1] == ep.__version__
+    assert f"**{ep.__version__}**" in (ROOT / "README.md").read_text()
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    assert workflow.rstrip().endswith("- run: .ci/run")
+    project = (ROOT / "pyproject.toml").read_text()
+    module, function = re.search(r'^exudyn-partition = "(.+):(.+)"$', project, re.M).groups()
+    assert callable(getattr(importlib.import_module(module), function))
+    assert 'exudyn_partition = ["py.typed"]' in project
+    assert (PACKAGE / "py.typed").is_file()
 
 
 def test_rod_on_plate_in_quick_mode(tmp_path):
