@@ -43,7 +43,7 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Callable[[float], No
         yield report
         bar.update(task, completed=1.0)
     finally:
-        bar.stop()
+        _stop(bar)
 
 
 @contextlib.contextmanager
@@ -61,7 +61,7 @@ def pulsing(title: str) -> Iterator[None]:
         timer.cancel()
         if timer.ident is not None:
             timer.join()  # or it might start the bar after it was stopped
-        bar.stop()
+        _stop(bar)
 
 
 def _bar() -> Any:
@@ -69,6 +69,11 @@ def _bar() -> Any:
     console = require("rich.console").Console(stderr=True)
     columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())
     return rich.Progress(*columns, console=console, disable=not console.is_terminal)
+
+
+def _stop(bar: Any) -> None:
+    if bar.live.is_started:  # rich 13 prints an empty line for a bar that is stopped without having been shown
+        bar.stop()
 
 
 @contextlib.contextmanager

@@ -277,16 +277,16 @@ def _doctor(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     for line in _requirements():
         name = line.split(">")[0].strip()
         wanted[name] = line
-    versions, missing = {"python": sys.version.split()[0], "exudyn-partition": __version__}, []
+    versions, missing = {"python": sys.version.split()[0], "exudyn-partition": __version__}, {}
     for package in _PACKAGES:
         try:
             importlib.import_module(package)
             versions[package] = metadata.version(package)
-        except ImportError:  # and its PackageNotFoundError
-            missing.append(wanted.get(package, package))
+        except ImportError as error:  # also PackageNotFoundError
+            missing[wanted.get(package, package)] = str(error)  # it may be there and lack a library of its own
     found: dict[str, Any] = {"versions": versions}
     if missing:
-        line = "pip install " + " ".join(f'"{name}"' for name in missing)
+        line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
         return 1, found | {"missing": missing, "install": line}
     found["self_test"] = test = _self_test()
     return int(not test["passed"]), found
