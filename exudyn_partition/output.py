@@ -220,7 +220,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     try:
         return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.explicit_only]
     except InputError as error:
-        raise InputError(f"{error}; static_answer=False does without them") from error
+        raise InputError(f"{error}; without FE models, or with static_answer=False, fields do without them") from error
 
 
 def _pressures(

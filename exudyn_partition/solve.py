@@ -106,8 +106,10 @@ class Result:
         Raises
         ------
         InputError
-            If a time is not within the run.
+            If a time is not within the run, or the run kept nothing.
         """
+        if not len(self.t):
+            raise InputError(f"result: the run kept no samples ({self.message})")
         if isinstance(times, int):
             validate_positive("times", times)
             wanted = np.linspace(self.t[0], self.t[-1], times)

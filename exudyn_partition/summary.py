@@ -6,6 +6,7 @@ The page is one HTML file without references to others, its figures are embedded
 from __future__ import annotations
 
 import base64
+import contextlib
 import datetime
 import html
 import io
@@ -133,9 +134,12 @@ def _conservation(result: Result) -> str:
     if not result.bodies:
         return "<p>No partition bodies.</p>"
     rows: list[Sequence[Any]] = []
-    energies = [item.energy(result) for item in result.bodies]
-    stored, note = _stored(result)
-    for name, values in (("energy of the bodies [J]", np.sum(energies, axis=0)), ("with contacts' [J]", stored)):
+    bodies, note, with_contacts = np.sum([item.energy(result) for item in result.bodies], axis=0), "", None
+    try:
+        with_contacts = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
+    except InputError as error:
+        note = f"{html.escape(str(error))}. "
+    for name, values in (("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)):
         if values is not None:
             largest = abs(values).max() or 1.0
             rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / largest:.2e}"))
@@ -149,15 +153,6 @@ def _conservation(result: Result) -> str:
         + f"<p>{note}Loads, joints and other items of the model may change them; contact between the bodies does not."
         "</p>"
     )
-
-
-def _stored(result: Result) -> tuple[Array | None, str]:
-    """Energy of bodies and contacts together, if it is known, and what is to be said of it."""
-    total = np.sum([item.energy(result) for item in result.bodies], axis=0)
-    try:
-        return total + np.sum([contact.energy(result) for contact in result.contacts], axis=0), ""
-    except InputError as error:
-        return None, f"{html.escape(str(error))}. "
 
 
 def _left_out(result: Result) -> str:
@@ -175,8 +170,9 @@ def _figures(result: Result) -> str:
             axes = plot.force(None, result, contact=contact)
             axes.set_title(contact.name or f"contact {i}")
             images.append((_png(axes), "contact force over time"))
-        if result.bodies and _stored(result)[0] is not None and len(result.t) > 1:
-            images.append((_png(plot.energy(None, result)), "energies over time"))
+        if result.bodies:
+            with contextlib.suppress(InputError):  # of what is not known after the run; `_conservation` says so
+                images.append((_png(plot.energy(None, result)), "energies over time"))
     if result.bodies:
         peak = float(result.t[int(np.argmax(np.max(forces, axis=0)))]) if forces else float(result.t[-1])
         scale = _scale(result.at([peak]))

@@ -3,6 +3,9 @@
 Nothing is added to the equations of motion. `CreatePartitionView` puts an ObjectGround without coordinates into a
 model, whose graphicsDataUserFunction draws the triangles when, and only when, Exudyn renders: live, or in
 `mbs.SolutionViewer()`. `picture` and `show` draw a finished run in a scene of their own.
+
+The tests check what would be drawn, as data, and raytraced pictures, neither of which needs a screen. Exudyn's OpenGL
+window was tried under a virtual display (Xvfb), not on a screen.
 """
 
 from __future__ import annotations
