@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -154,18 +155,44 @@ class ContactResults(dict):
         """
         if self.multipliers:
             return np.zeros(len(result.t))
+        alone = len(self.group) == 1
+        return np.array([self.law.potential(q) if alone else self.law.stored() for q in self._again(result)])
+
+    def nodal_forces(self, result: Result) -> list[Array]:
+        """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
+
+        The contact is evaluated again at the stored coordinates, in their order.
+
+        Raises
+        ------
+        InputError
+            If the forces are multipliers, or a body of another kind carries the rigid surface.
+        """
+        if self.explicit_only:
+            raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
+        forces = []
+        for q in self._again(result):
+            if len(self.group) == 1:
+                self.law.force(q)
+            forces.append(self.law.nodal_forces())
+        return [np.array(side) for side in zip(*forces, strict=True)]
+
+    def _again(self, result: Result) -> Iterator[Array]:
+        """Coordinates of the sides at each time of `result`, with all contacts that are solved together evaluated."""
         if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
-            raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
+            raise InputError(
+                "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
+            )
         histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
+        own = next(i for i, contact in enumerate(self.group) if contact is self)
         if len(self.group) == 1:
             self.law.reset()
-            return np.array([self.law.potential(q) for q in histories[0]])
-        self.together.reset()
-        stored = []
+        else:
+            self.together.reset()
         for coordinates in zip(*histories, strict=True):
-            self.together.forces(coordinates)
-            stored.append(self.law.stored())
-        return np.array(stored)
+            if len(self.group) > 1:
+                self.together.forces(coordinates)
+            yield coordinates[own]
 
     @property
     def multipliers(self) -> bool:

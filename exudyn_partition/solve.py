@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ._checks import validate_choice, validate_positive
+from ._checks import validate_array, validate_choice, validate_positive
 from ._optional import require
 from ._progress import LONG
 from ._progress import progress as progress_bar
@@ -38,6 +39,7 @@ from .joints import Joints
 from .linalg import one_blas_thread
 from .markers import check_joints
 from .step_control import LONGEST, UNRESOLVED, StepControl
+from .summary import write_report
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -68,6 +70,10 @@ class Result:
         Run time of Exudyn's solver [s].
     sensors : dict of int to (n, k) array
         Samples of the model's internally stored sensors, by sensor number.
+    bodies : tuple of PartitionBody
+        The model's.
+    contacts : tuple of PartitionContact
+        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
     """
 
     t: Array
@@ -78,6 +84,8 @@ class Result:
     method: str
     time_s: float
     sensors: Mapping[int, Array] = field(repr=False)
+    bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
+    contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
         """Samples of a sensor, (n, k).
@@ -90,6 +98,58 @@ class Result:
         if int(number) not in self.sensors:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
+
+    def at(self, times: Sequence[float] | Array | int) -> Result:
+        """Return the samples nearest to some times, each once: for frames of a film.
+
+        Parameters
+        ----------
+        times : (k,) [s] or int
+            Times, or how many of them, equally spaced over the run.
+
+        Raises
+        ------
+        InputError
+            If a time is not within the run, or the run kept nothing.
+        """
+        if not len(self.t):
+            raise InputError(f"result: the run kept no samples ({self.message})")
+        if isinstance(times, int):
+            validate_positive("times", times)
+            wanted = np.linspace(self.t[0], self.t[-1], times)
+        else:
+            wanted = validate_array("times", times, (None,))
+            slack = 1e-9 * (self.t[-1] - self.t[0])
+            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
+            if outside.any():
+                raise InputError(
+                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
+                    f"{wanted[outside.argmax()]:.6g}"
+                )
+        middles = (self.t[1:] + self.t[:-1]) / 2
+        nearest = np.unique(np.searchsorted(middles, wanted))
+        return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
+
+    def report(self, path: str | Path, *, title: str = "") -> Path:
+        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the page, which needs no other file.
+        title : str
+            Default: the file's name.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or the run kept nothing.
+        """
+        return write_report(path, self, title=title)
 
     def history(
         self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None
@@ -240,6 +300,9 @@ def solve_dynamic(
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
+    if not isinstance(mbs, exu.MainSystem):
+        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
+        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
@@ -344,6 +407,7 @@ def _samples(mbs: Any) -> Result:
         raise RunError("mbs: no sensor stored anything; run the model first")
     samples = min(len(data) for data in sensors.values())
     first = next(iter(sensors.values()))
+    bodies, contacts = partition_items(mbs)
     return Result(
         t=first[:samples, 0].copy(),
         status="finished",
@@ -353,6 +417,8 @@ def _samples(mbs: Any) -> Result:
         method="",
         time_s=float("nan"),
         sensors={number: data[:samples, 1:] for number, data in sensors.items()},
+        bodies=tuple(bodies),
+        contacts=tuple(contacts),
     )
 
 
