@@ -168,7 +168,7 @@ class ContactResults(dict):
         InputError
             If the forces are multipliers, or a body of another kind carries the rigid surface.
         """
-        if self.explicit_only:
+        if self.multipliers:
             raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
         forces = []
         for q in self._again(result):

@@ -250,6 +250,7 @@ def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
                 )
     solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
     settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     solver.InitializeSolver(mbs, settings)
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=True)
     residual = np.abs(np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :])

@@ -218,7 +218,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
         If a body of another kind carries a rigid surface: these are not known after the run.
     """
     try:
-        return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.explicit_only]
+        return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.multipliers]
     except InputError as error:
         raise InputError(f"{error}; without FE models, or with static_answer=False, fields do without them") from error
 
