@@ -160,7 +160,7 @@ def CreatePartitionContact(
     master: PartitionBody | RigidSurface,
     *,
     formulation: str = "compliance",
-    rows: str = "node-to-segment",
+    rows: str = "integrated",
     passes: str = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
@@ -183,7 +183,7 @@ def CreatePartitionContact(
         "compliance" where a basis carries a residual flexibility, explicit and implicit; "lagrange" for bases whose
         patch has mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet; "penalty" for any basis,
         an elastic layer on the slave's patch.
-    rows : {"node-to-segment", "integrated"}
+    rows : {"integrated", "node-to-segment"}
         What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
         facets; see `contact.points`.
     passes : {"finer", "given", "two"}

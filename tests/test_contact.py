@@ -108,7 +108,7 @@ def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
 
 
 def test_gap_between_two_spheres(surfaces):
-    rows = pair_surfaces(*surfaces)
+    rows = pair_surfaces(*surfaces, "node-to-segment")
     r = np.linalg.norm(surfaces[0].points[rows.points.row_nodes, :2], axis=1)
     np.testing.assert_allclose(rows.gap, r**2 / 0.01, atol=1e-7)
 
@@ -274,7 +274,7 @@ def test_formulations_name_the_bases_that_they_need(mbs, bodies, nodal):
 
 
 def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
-    gaps = PatchGaps(*sides(nodal))
+    gaps = PatchGaps(*sides(nodal), "node-to-segment")
     law = LagrangeContact(gaps, 1 / np.concatenate([body.mass.diagonal() for body in nodal]))
     q = np.zeros(sum(body.n_dofs for body in nodal))
     v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])

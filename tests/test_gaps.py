@@ -203,7 +203,7 @@ def test_points_past_the_master_s_edge_carry_nothing(ball, plate):
     RigidCylinder((0, 0, -0.02), (3.0, 0, 0), 0.02),
 ])  # fmt: skip
 def test_gap_to_rigid_surfaces(ball, surface):
-    gaps = RigidGaps(inertial(ball), surface)
+    gaps = RigidGaps(inertial(ball), surface, "node-to-segment")
     x = ball.points[ball.partition.patches[0].nodes] + [0, 0, 5e-6]
     expected = {
         RigidPlane: x[:, 2],

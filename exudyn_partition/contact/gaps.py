@@ -110,6 +110,8 @@ class Gaps:
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
     _shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
     _q: Array
+    _normal: Array
+    _normal_of: Array | None = None  # normals that `_normal` is the mean of
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
@@ -139,7 +141,11 @@ class Gaps:
     @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each present row."""
-        return self.normals if self._mean is None else self._mean @ self.normals
+        if self._mean is None:
+            return self.normals
+        if self._normal_of is not self.normals:
+            self._normal, self._normal_of = self._mean @ self.normals, self.normals
+        return self._normal
 
     def split(self, q: Array) -> list[Array]:
         """Coordinates of each side, of q, (n,)."""
@@ -194,7 +200,7 @@ class Gaps:
 
     def resultant(self, lam: Array) -> Array:
         """Force on the slave, (3,) [N], of forces on the present rows, (nr,) [N]."""
-        return (lam if self._mean is None else lam @ self._mean) @ self.normals
+        return lam @ self.normal
 
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
@@ -222,7 +228,7 @@ class Gaps:
         nodes, weights = self._shares[side]
         own, n = self.sides[side], len(self.sides[side].surface.points)
         if len(np.asarray(own.flexibility)) == n:
-            rows = point_matrix(nodes, -abs(weights), n)  # contact pushes inwards
+            rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes inwards
         else:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
@@ -254,7 +260,7 @@ class PatchGaps(Gaps):
     Parameters
     ----------
     slave, master : Side
-    kind : {"node-to-segment", "integrated"}
+    kind : {"integrated", "node-to-segment"}
 
     Raises
     ------
@@ -262,7 +268,7 @@ class PatchGaps(Gaps):
         As `rows.pair_surfaces`.
     """
 
-    def __init__(self, slave: Side, master: Side, kind: str = "node-to-segment") -> None:
+    def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
         self.sides = (slave, master)
         self._all = contact_points(slave.surface, kind)
         self._start = pair_surfaces(slave.surface, master.surface, kind)

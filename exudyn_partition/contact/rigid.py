@@ -123,7 +123,7 @@ class RigidGaps(Gaps):
     slave : Side
     surface : RigidSurface
         In the frame of what carries it.
-    kind : {"node-to-segment", "integrated"}
+    kind : {"integrated", "node-to-segment"}
     pose : callable, optional
         () -> place of that frame, (3,) [m], and its rotation matrix, (3, 3); default: the frame of space.
     motion : callable, optional
@@ -141,7 +141,7 @@ class RigidGaps(Gaps):
         self,
         slave: Side,
         surface: RigidSurface,
-        kind: str = "node-to-segment",
+        kind: str = "integrated",
         pose: Callable[[], tuple[Array, Array]] | None = None,
         motion: Callable[[], tuple[Array, Array]] | None = None,
     ) -> None:
