@@ -9,11 +9,10 @@ import numpy as np
 
 from ..errors import ComplementarityError
 from .complementarity import Complementarity, regularised
+from .gaps import BULGE
 from .law import ContactLaw
 
 Array = np.ndarray
-
-_BULGE = 0.25
 
 
 class ComplianceContact(ContactLaw):
@@ -85,7 +84,7 @@ class ComplianceContact(ContactLaw):
         if self.least_gap >= 0.0:
             self._open()
             return
-        near = np.flatnonzero(h < -_BULGE * self.least_gap)
+        near = np.flatnonzero(h < -BULGE * self.least_gap)
         self.problem.replace(self._flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
         self._held = None  # the frozen problem is no more
         lam = np.zeros(len(h))

@@ -60,13 +60,18 @@ class ContactPoints:
     @property
     def nodal(self) -> bool:
         """Whether each row is one point."""
-        return self.mean.shape[0] == self.mean.shape[1]
+        return self.nodes.shape[1] == 1
+
+    @property
+    def dense_mean(self) -> Array | None:
+        """`mean` as an array, (nr, p); None if each row is one point."""
+        return None if self.nodal else self.mean.toarray()
 
     def at(self, points: Array) -> Array:
         """Positions, (p, 3), by those of the patch's nodes, (np, 3) [m]."""
         if self.nodes.shape[1] == 1:
             return points[self.nodes[:, 0]]
-        return np.einsum("pk,pkd->pd", self.weights, points[self.nodes])
+        return (self.weights[:, None] @ points.take(self.nodes, axis=0))[:, 0]
 
     def restricted(self, points: Array) -> ContactPoints:
         """Take a mask of points; rows are the means of those, and end where none is left."""
@@ -83,6 +88,21 @@ class ContactPoints:
             area=self.area[kept] * share[kept],
             facets=self.facets[:, points],
         )
+
+    def of_rows(self, rows: Array) -> tuple[ContactPoints, Array]:
+        """Take some rows, an index, with their points, whose numbers come second."""
+        mean = self.mean[rows]
+        points = np.unique(mean.indices)
+        kept = replace(
+            self,
+            nodes=self.nodes[points],
+            weights=self.weights[points],
+            mean=mean[:, points],
+            row_nodes=self.row_nodes[rows],
+            area=self.area[rows],
+            facets=self.facets[:, points],
+        )
+        return kept, points
 
 
 _NO_AREA = 1e-9  # of a mean edge's square

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._checks import validate_positive, validate_vector
 from ..errors import InputError, PenetrationError
@@ -149,7 +150,7 @@ class RigidGaps(Gaps):
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
-        self._mean = None if self._all.nodal else self._all.mean.toarray()
+        self._mean, self._row_points = self._all.dense_mean, sp.find(self._all.mean)
         self._shares = ((self._all.nodes, self._all.weights),)
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
