@@ -67,7 +67,7 @@ class MovingPairs:
         if len(left):
             last[left] = 0.0
             self._find(pairs, left, x[left], x_m)
-            offset = pairs.offset[left]
+            offset = np.where(self._at_rim(pairs.facet[left], pairs.local[left]), pairs.offset[left], 0.0)
             self._past[index[left]] = offset > _ON_EDGE * self.size
             self._gone[index[left]] = offset > EDGE_TOLERANCE * self.size
         self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
@@ -82,6 +82,11 @@ class MovingPairs:
         over = (neighbour >= 0)[:, None]
         turned = np.einsum("kij,kj->ki", turn, last)
         return np.where(over[:, 0], neighbour, facet), np.where(over, there, local), np.where(over, turned, last)
+
+    def _at_rim(self, facet: Array, local: Array) -> Array:
+        """Which closest points lie on edges beyond which there is no facet, (k,) bool."""
+        on = np.stack(_depths(local, self.facets.shape[1]), axis=1) < _ON_EDGE
+        return (on & (self._neighbours[0][facet] < 0)).any(axis=1)
 
     def _find(self, pairs: Projection, left: Array, x: Array, x_m: Array) -> None:
         """Project points, x (k, 3), that have left their facets: in the neighbours, else anywhere."""

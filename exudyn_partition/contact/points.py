@@ -152,8 +152,8 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
             pressures=sp.diags(1 / hat_area, format="csr"),
             facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csr"),
         )
-    corner_hats = _corner_hats(surface)
-    corner_area = corner_hats @ hat_area
+    of_corners = corner_hats(surface)
+    corner_area = of_corners @ hat_area
     inverse = sp.diags(np.divide(1.0, corner_area, out=np.zeros(n), where=corner_area > 0))
     return ContactPoints(
         nodes=np.arange(n)[:, None],
@@ -161,12 +161,12 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         mean=sp.identity(n, format="csr"),
         row_nodes=np.arange(n),
         area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), _NODAL_SHARES[k]).ravel(), minlength=n),
-        pressures=sp.csr_matrix(inverse @ corner_hats),
+        pressures=sp.csr_matrix(inverse @ of_corners),
         facets=sp.csr_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
     )
 
 
-def _corner_hats(surface: Surface) -> sp.csr_matrix:
+def corner_hats(surface: Surface) -> sp.csr_matrix:
     """Values of the corners' hat functions at all nodes, (np, np): one at the corner, a half at its mid-side nodes."""
     n, facets = len(surface.points), surface.facets
     hats = sp.lil_matrix((n, n))

@@ -26,10 +26,10 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.contact.points import contact_points
+from exudyn_partition.contact.points import ROWS, contact_points, corner_hats
+from exudyn_partition.fem import facet_corners
 
 RADIUS, F_CUT, STEP = 0.010, 200e3, 0.1e-6
-ROWS = ("node-to-segment", "integrated")
 # Element size asked for, over Hertz' contact radius (edges come out some 1.4 times as long): random placements.
 LEVELS = {0.64: 3, 0.45: 3, 0.32: 3, 0.24: 2}
 CASES = {"plane, 0.5 m/s": (0.5, False), "plane, 0.1 m/s": (0.1, False), "two spheres, 0.5 m/s": (0.5, True)}
@@ -166,37 +166,26 @@ def static(level=0.15):
 def hat_means(law, pressure):
     """Mean pressures over the hat functions of the facets' corners: r, those of the contact, areas, the reference's.
 
-    Forces of integrated rows are such means already in the potential; those of nodes become them here.
+    Such a hat is the sum of integrated rows' hats, with a half of those of the mid-side nodes beside the corner; and it
+    has these values at the nodes: for both kinds the forces of the rows are summed alike.
     """
     surface = law.gaps.slave.surface
-    places = surface.points
-    hats = contact_points(surface, "integrated")
-    area = hats.area
-    at = hats.mean.multiply(area[:, None]).tocsr()  # areas of the points, split by hats
-    reference = at @ pressure(np.hypot(*hats.at(places)[:, :2].T)) / area
-    own = law.gaps._all
-    at_points = law.lam @ own.mean
-    if own.nodal:
-        # Hat functions at the nodes: one at a corner, a half at the mid-sides beside it.
-        corners, middles = surface.facets[:, :3], surface.facets[:, 3:]
-        row = np.searchsorted(hats.row_nodes, corners)
-        pairs = [(row[:, i], corners[:, i], 1.0) for i in range(3)]
-        pairs += [(row[:, j], middles[:, i], 0.5) for i in range(3) for j in (i, (i + 1) % 3)]
-        value = np.zeros((len(area), len(places)))
-        for i, j, x in pairs:
-            value[i, j] = x
-        force = value @ at_points
-    else:
-        point_area = np.asarray(at.sum(axis=0)).ravel()
-        force = at @ (at_points / point_area)
-    return np.hypot(*places[hats.row_nodes, :2].T), force / area, area, reference
+    rows = contact_points(surface, "integrated")
+    corners = np.unique(facet_corners(surface.facets))
+    hats = corner_hats(surface)[corners]
+    area = hats @ rows.area
+    reference = hats @ (rows.area * (rows.mean @ pressure(np.hypot(*rows.at(surface.points)[:, :2].T)))) / area
+    forces = np.zeros(len(surface.points))
+    forces[law.row_nodes] = law.lam
+    return np.hypot(*surface.points[corners, :2].T), hats @ forces / area, area, reference
 
 
 def rows_error(law, pressure):
     """Relative L2 error of each row's force over its area, as `PartitionContact.pressure` gives it."""
     area, places = law.node_areas, law.gaps.slave.surface.points
-    p = np.zeros(len(area))
-    p[law.row_nodes] = law.lam / area[law.row_nodes]
+    forces = np.zeros(len(area))
+    forces[law.row_nodes] = law.lam
+    p = np.divide(forces, area, out=np.zeros(len(area)), where=area > 0)
     reference = pressure(np.hypot(*places[:, :2].T))
     return math.sqrt(area @ (p - reference) ** 2 / (area @ reference**2))
 
