@@ -35,6 +35,7 @@ _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
 _NEAR = 1.0  # of a facet's size: gaps beyond which nothing is followed between searches
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close as the surface bulges around a contact
+_SAME = 0.003  # of a facet's size, or turning of normals: motion up to which rows keep their flexibility
 _AHEAD = 0.006  # of a facet's size: gaps, beyond those that matter now, below which rows are followed
 
 
@@ -121,7 +122,8 @@ class Gaps:
     _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
     _row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and shares
-    _slave_flexibility: Array | None = None  # of all present rows
+    _flexibility: Array | None = None  # of all present rows
+    _flexible_at: Array
     _shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _normal: Array
@@ -226,40 +228,37 @@ class Gaps:
         return np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
 
     def flexibility(self, index: Array) -> Array:
-        """Residual flexibility between some present rows, (na, na) [m/N]."""
-        F = np.zeros((len(index),) * 2)
-        for number, side in enumerate(self.sides):
+        """Residual flexibility between some present rows, (na, na) [m/N].
+
+        It changes with the places of the points on their facets, but slowly, and is kept for small steps of them.
+        """
+        stance = self._stance()
+        if self._flexibility is None or abs(stance - self._flexible_at).max() > _SAME:
+            self._flexibility, self._flexible_at = self._all_flexibility(), stance
+        return self._flexibility.take(index, axis=0).take(index, axis=1)
+
+    def _stance(self) -> Array:
+        """What the rows' flexibility depends on, with changes relative to a facet's size or to one."""
+        raise NotImplementedError
+
+    def _all_flexibility(self) -> Array:
+        row, point, share = self._row_points
+        n_rows = len(self.row_nodes)
+        F = np.zeros((n_rows, n_rows))
+        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
             if side.flexibility is None:
                 continue
-            if number == 0 and side.normal_only:  # rows are the same as long as they are present
-                if self._slave_flexibility is None:
-                    self._slave_flexibility = self._side_flexibility(0, np.arange(len(self.row_nodes)))
-                F += self._slave_flexibility.take(index, axis=0).take(index, axis=1)
-            else:
-                F += self._side_flexibility(number, index)
+            nodes, weights = nodes[point], share[:, None] * weights[point]
+            present = np.bincount(nodes.ravel(), minlength=len(side.surface.points)) > 0
+            used, column = np.flatnonzero(present), (np.cumsum(present) - 1)[nodes]
+            if not side.normal_only:
+                along = side.kinematics.in_frame(q, self.normals[point])
+                used, column = node_dofs(used), (3 * column[:, :, None] + np.arange(3)).reshape(len(row), -1)
+                weights = (weights[:, :, None] * along[:, None, :]).reshape(len(row), -1)
+            cells = (column + len(used) * row[:, None]).ravel()
+            rows = np.bincount(cells, weights.ravel(), minlength=n_rows * len(used)).reshape(n_rows, len(used))
+            F += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
         return F
-
-    def _side_flexibility(self, number: int, index: Array) -> Array:
-        """What one of the sides contributes to that of some rows."""
-        side, (nodes, weights) = self.sides[number], self._shares[number]
-        row, point, share = self._row_points
-        place = np.full(len(self.row_nodes), -1)
-        place[index] = np.arange(len(index))
-        row = place.take(row)
-        wanted = np.flatnonzero(row >= 0)
-        row, point = row.take(wanted), point.take(wanted)
-        nodes, weights = nodes.take(point, axis=0), share.take(wanted)[:, None] * weights.take(point, axis=0)
-        n, F = len(side.surface.points), np.asarray(side.flexibility)
-        present = np.bincount(nodes.ravel(), minlength=n) > 0
-        used, column = np.flatnonzero(present), (np.cumsum(present) - 1).take(nodes)
-        if not side.normal_only:
-            along = side.kinematics.in_frame(self.split(self._q)[number], self.normals.take(point, axis=0))
-            used, column = node_dofs(used), (3 * column[:, :, None] + np.arange(3)).reshape(len(row), -1)
-            weights = (weights[:, :, None] * along[:, None, :]).reshape(len(row), -1)
-        shape = len(index), len(used)
-        cells = (column + shape[1] * row[:, None]).ravel()
-        rows = np.bincount(cells, weights.ravel(), minlength=shape[0] * shape[1]).reshape(shape)
-        return rows @ F.take(used, axis=0).take(used, axis=1) @ rows.T
 
     def side_rows(self, side: int) -> Any:
         """Present rows on the flexibility of one of the sides' patches, (nr, d np)."""
@@ -295,6 +294,7 @@ class PatchGaps(Gaps):
         self.n = sum(side.n for side in self.sides)
         self._linear = slave.kinematics.linear and master.kinematics.linear
         self._witnesses = [_spread(side.surface.points) for side in self.sides]
+        self._here = np.zeros((3, 3))
         self.held, self.moving = None, True
         self.reset()
 
@@ -322,11 +322,14 @@ class PatchGaps(Gaps):
             self._drift_start = self._drift @ q
             self.moving = False
 
+    def _stance(self) -> Array:
+        return self._here / self.size
+
     def _take(self, points: ContactPoints, at_edge: Array) -> None:
         """Make these the present rows."""
         self._points, self._mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
         self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
-        self._slave_flexibility = None
+        self._flexibility = None
 
     def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
         """Make these what the present points face: nodes and weights, (p, k), and normals, (p, 3)."""
@@ -356,7 +359,7 @@ class PatchGaps(Gaps):
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
         x_s, x_m = self.places(q)
-        here = self._placed(x_s, x_m)
+        self._here = here = self._placed(x_s, x_m)
         if self._searched_at is None or abs(here - self._searched_at).max() > self._reach:
             self._search(x_s, x_m, here)
         gap = self._follow(x_s, x_m) if self._narrowed else None
@@ -394,7 +397,7 @@ class PatchGaps(Gaps):
         """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
         origin, axes = _triangle_frame(x_m[self._witnesses[1]])
         here = (x_s[self._witnesses[0]] - origin) @ axes
-        if not np.isfinite(here).all():
+        if not math.isfinite(here.sum()):
             raise ComplementarityError("the patches are nowhere: the run has become unstable")
         return here
 
@@ -458,7 +461,7 @@ class PatchGaps(Gaps):
     def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
         """Projections of some of the pairs, and their gaps, (p,) [m]."""
         found, gone = self._pairs.follow(index, points.at(x_s), x_m)
-        return found, np.where(gone, self.size, found.gap)
+        return found, np.where(gone, self.size, found.gap) if gone.any() else found.gap
 
     def _meet_followed(self, found: Projection) -> None:
         self._meet(self.sides[1].surface.facets.take(found.facet, axis=0), found.weights, found.normal)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from .rows import EDGE_TOLERANCE
@@ -57,13 +59,13 @@ class MovingPairs:
         Projection, (k,) bool array
         """
         facet, last = self.facet.take(index), self._last.take(index, axis=0)
-        local, past = self.local.take(index, axis=0) + last, self._past.take(index)
-        left = np.flatnonzero(_outside(local, self.facets.shape[1]) & ~past)
+        local = self.local.take(index, axis=0) + last
+        left = self._on_patch(index, _outside(local, self.facets.shape[1]))
         if len(left):
             facet[left], local[left], last[left] = self._cross(facet[left], local[left], last[left])
         pairs = follow(x, x_m.take(self.facets.take(facet, axis=0), axis=0), facet, local)
         last += pairs.local - local
-        left = np.flatnonzero(_outside(pairs.local, self.facets.shape[1], _FOLLOWED) & ~past)
+        left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], _FOLLOWED))
         if len(left):
             last[left] = 0.0
             self._find(pairs, left, x[left], x_m)
@@ -72,6 +74,10 @@ class MovingPairs:
             self._gone[index[left]] = offset > EDGE_TOLERANCE * self.size
         self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
         return pairs, self._gone.take(index)
+
+    def _on_patch(self, index: Array, left: Array) -> Array:
+        """Those of some points, `left` of `index`, that are not past the edge of the patch."""
+        return left[~self._past[index[left]]] if len(left) else left
 
     def _cross(self, facet: Array, local: Array, last: Array) -> tuple[Array, Array, Array]:
         """Facets over the edge that points have crossed, their coordinates and motion there; at rims as they were."""
@@ -93,7 +99,8 @@ class MovingPairs:
         before = pairs.facet[left]
         facet, local, _ = self._cross(before, pairs.local[left], np.zeros((len(left), 2)))
         pairs.put(left, follow(x, x_m[self.facets[facet]], facet, local))
-        lost = (facet == before) | _outside(pairs.local[left], self.facets.shape[1], _FOLLOWED)
+        lost = facet == before
+        lost[_outside(pairs.local[left], self.facets.shape[1], _FOLLOWED)] = True
         if lost.any():
             pairs.put(left[lost], closest_points(x[lost], x_m[self.facets]))
 
@@ -156,5 +163,5 @@ def _depths(local: Array, n_nodes: int) -> list[Array]:
 
 
 def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:
-    """Which points are outside of their facets, (k,) bool."""
-    return np.minimum.reduce(_depths(local, n_nodes)) < -by
+    """Which points are outside of their facets, (k,) int array."""
+    return np.flatnonzero(reduce(np.minimum, _depths(local, n_nodes)) < -by)

@@ -184,6 +184,9 @@ class RigidGaps(Gaps):
             rate = rate - (carried if self._mean is None else self._mean @ carried)
         return gap, rate, acceleration
 
+    def _stance(self) -> Array:
+        return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
+
     def _evaluate(self, nodes: Array) -> Array:
         x = self._all.at(nodes)
         if self._pose is None:
