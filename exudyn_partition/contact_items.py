@@ -170,7 +170,7 @@ def CreatePartitionContact(
 ) -> PartitionContact:
     """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
 
-    Points of the slave's patch are kept out of the master. Pairs stay as they are found at the start, along the line of
+    The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
     contact, until the patches slide along each other; then they follow (`contact.gaps`).
 
     Parameters
@@ -184,8 +184,9 @@ def CreatePartitionContact(
         patch has mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet; "penalty" for any basis,
         an elastic layer on the slave's patch.
     rows : {"integrated", "node-to-segment"}
-        What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
-        facets; see `contact.points`.
+        What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
+        meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
+        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius.
     passes : {"finer", "given", "two"}
         Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
         the contact each.

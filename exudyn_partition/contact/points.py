@@ -143,13 +143,16 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         where = np.broadcast_arrays(facets[:, None, :], points[:, :, None])
         weighted = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(n, area.size))
         weighted.eliminate_zeros()
+        # Forces make a pressure at the points, whose mean over each hat is asked for.
+        inverse = sp.diags(1 / hat_area, format="csr")
+        pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
         return ContactPoints(
             nodes=np.repeat(facets, len(weight), axis=0),
             weights=np.tile(shape[:, 0], (nf, 1)),
-            mean=sp.csr_matrix(sp.diags(1 / hat_area) @ weighted),
+            mean=sp.csr_matrix(inverse @ weighted),
             row_nodes=np.arange(n),
             area=hat_area,
-            pressures=sp.diags(1 / hat_area, format="csr"),
+            pressures=sp.csr_matrix(pressures),
             facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csr"),
         )
     of_corners = corner_hats(surface)
