@@ -163,7 +163,7 @@ def CreatePartitionContact(
     master: PartitionBody | RigidSurface,
     *,
     formulation: str = "compliance",
-    rows: str = "node-to-segment",
+    rows: str = "integrated",
     passes: str = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
@@ -173,7 +173,7 @@ def CreatePartitionContact(
 ) -> PartitionContact:
     """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
 
-    Points of the slave's patch are kept out of the master. Pairs stay as they are found at the start, along the line of
+    The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
     contact, until the patches slide along each other; then they follow (`contact.gaps`).
 
     Parameters
@@ -186,9 +186,10 @@ def CreatePartitionContact(
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
         paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
         (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch.
-    rows : {"node-to-segment", "integrated"}
-        What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
-        facets; see `contact.points`.
+    rows : {"integrated", "node-to-segment"}
+        What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
+        meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
+        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius.
     passes : {"finer", "given", "two"}
         Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
         the contact each.

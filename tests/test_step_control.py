@@ -92,7 +92,7 @@ def test_first_root(gap, rate, acceleration):
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
 def test_time_to_contact_of_a_fall_is_exact(body, frame):
     height, speed = 1e-3, 0.3
-    *_, contact = fall(body, height, frame=frame)
+    *_, contact = fall(body, height, frame=frame, rows="node-to-segment")
     up = body.rigid[:, 2] if frame == "inertial" else np.eye(body.n_dofs)[2]
     start = np.zeros(body.n_dofs)
     assert ep.time_to_contact(contact, start, -speed * up) == pytest.approx(height / speed, rel=1e-9)
@@ -126,7 +126,7 @@ def test_time_to_contact_of_moving_pairs(body, bodies, height, passes):
     mbs = exu.SystemContainer().AddSystem()
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, height]), frame="floating")
     target = ep.CreatePartitionBody(mbs, bodies[1], frame="floating")
-    contact = ep.CreatePartitionContact(mbs, striker, target, passes=passes)
+    contact = ep.CreatePartitionContact(mbs, striker, target, passes=passes, rows="node-to-segment")
     mbs.Assemble()
     q_t = np.zeros(contact.law.gaps.n)
     contact.law.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
@@ -282,7 +282,7 @@ def test_two_bodies_in_floating_frames_as_in_inertial_ones(bodies):
             mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, 0.5e-3]), initialVelocity=[0, 0, -1.0], frame=frame
         )
         target = ep.CreatePartitionBody(mbs, bodies[1], frame=frame)
-        contact = ep.CreatePartitionContact(mbs, striker, target)
+        contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=0.56e-3, method="implicit", adaptive=True)
         flight = result.t < contact.impacts(result)[0].start
@@ -399,7 +399,7 @@ def dense_limit(contact):
     [
         (None, {}),
         (None, {"passes": "two"}),
-        (None, {"rows": "integrated"}),
+        (None, {"rows": "node-to-segment"}),
         (None, {"formulation": "penalty"}),
         (ep.RigidPlane(TOP), {}),
         (ep.RigidSphere([0, 0, 0.02], SPHERE_RADIUS), {}),

@@ -2,13 +2,18 @@
 
 Pairs hold as long as the patches have not slid along each other: gaps are linear then, h = h0 + H q, and cost one
 product. When they have slid by 2 % of a facet, every evaluation takes positions from the bodies' coordinates and
-projects the contact points anew, starting from where they were: Newton's iteration on the facet, and a search for those
-that have left it. A search of all points, with a tree, comes when the patches have moved by a quarter of a facet. When
-the sliding stops, pairs are frozen again. So the motion decides, and nobody has to know it beforehand.
+projects the contact points anew, starting from where they were (`contact.pairs`). A search of all points, with a tree,
+comes when the patches have moved by a quarter of a facet. When the sliding stops, pairs are frozen again. So the motion
+decides, and nobody has to know it beforehand.
+
+Between searches only rows that can close are followed: all are projected, those with small gaps are taken, and that
+again when the rigid motion of the patches since then, and twice what deformation has changed of the gaps that are
+followed, could close another.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,16 +24,19 @@ import scipy.sparse as sp
 from ..body import ReducedBody
 from ..errors import ComplementarityError
 from ..fem import node_dofs
+from .pairs import MovingPairs
 from .points import ContactPoints, contact_points
-from .rows import EDGE_TOLERANCE, ContactRows, directed_matrix, facing, pair_surfaces, point_matrix, rows_of
-from .surface import Array, Surface, closest_points, follow
+from .rows import ContactRows, directed_matrix, facing, pair_surfaces, point_matrix, rows_of
+from .surface import Array, Projection, Surface, closest_points
 
 _HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
 _STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again
 _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
-_ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
-_NEAR = 1.0  # of a facet's size: points with smaller gaps are followed between searches
+_NEAR = 1.0  # of a facet's size: gaps beyond which nothing is followed between searches
+BULGE = 0.25  # of the deepest row's depth: smaller gaps may close as the surface bulges around a contact
+_SAME = 0.003  # of a facet's size, or turning of normals: motion up to which rows keep their flexibility
+_AHEAD = 0.006  # of a facet's size: gaps, beyond those that matter now, below which rows are followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +61,11 @@ class Side:
     def n(self) -> int:
         """Number of coordinates of its body."""
         return self.kinematics.body.n_dofs
+
+    @property
+    def normal_only(self) -> bool:
+        """Whether the flexibility is along the line of contact: that of nodes, whatever a row's own direction."""
+        return len(np.asarray(self.flexibility)) == len(self.surface.points)
 
     @classmethod
     def of(cls, kinematics: Any, patch: int = 0) -> Side:
@@ -108,8 +121,13 @@ class Gaps:
     H: Any
     _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
+    _row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and shares
+    _flexibility: Array | None = None  # of all present rows
+    _flexible_at: Array
     _shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
     _q: Array
+    _normal: Array
+    _normal_of: Array | None = None  # normals that `_normal` is the mean of
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
@@ -139,7 +157,11 @@ class Gaps:
     @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each present row."""
-        return self.normals if self._mean is None else self._mean @ self.normals
+        if self._mean is None:
+            return self.normals
+        if self._normal_of is not self.normals:
+            self._normal, self._normal_of = self._mean @ self.normals, self.normals
+        return self._normal
 
     def split(self, q: Array) -> list[Array]:
         """Coordinates of each side, of q, (n,)."""
@@ -185,8 +207,10 @@ class Gaps:
         forces = at_points[active, None] * self.normals[active]
         result = []
         for (nodes, weights), side in zip(self._shares, self.sides, strict=True):
-            on_nodes = np.zeros((len(side.surface.points), 3))
-            np.add.at(on_nodes, nodes[active], weights[active, :, None] * forces[:, None, :])
+            at, share, n = nodes.take(active, axis=0).ravel(), weights.take(active, axis=0), len(side.surface.points)
+            on_nodes = np.empty((n, 3))
+            for axis in range(3):  # np.add.at takes several times as long
+                on_nodes[:, axis] = np.bincount(at, (share * forces[:, axis, None]).ravel(), minlength=n)
             result.append(on_nodes)
         return result
 
@@ -199,7 +223,7 @@ class Gaps:
 
     def resultant(self, lam: Array) -> Array:
         """Force on the slave, (3,) [N], of forces on the present rows, (nr,) [N]."""
-        return (lam if self._mean is None else lam @ self._mean) @ self.normals
+        return lam @ self.normal
 
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
@@ -209,48 +233,48 @@ class Gaps:
         return np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
 
     def flexibility(self, index: Array) -> Array:
-        """Residual flexibility between some present rows, (na, na) [m/N]."""
-        mean, points = None, index
-        if self._mean is not None:
-            mean = self._mean[index]
-            points = np.flatnonzero(mean.any(axis=0))
-            mean = mean[:, points]
-        F = np.zeros((len(index),) * 2)
+        """Residual flexibility between some present rows, (na, na) [m/N].
+
+        It changes with the places of the points on their facets, but slowly, and is kept for small steps of them.
+        """
+        stance = self._stance()
+        if self._flexibility is None or abs(stance - self._flexible_at).max() > _SAME:
+            self._flexibility, self._flexible_at = self._all_flexibility(), stance
+        return self._flexibility.take(index, axis=0).take(index, axis=1)
+
+    def _stance(self) -> Array:
+        """What the rows' flexibility depends on, with changes relative to a facet's size or to one."""
+        raise NotImplementedError
+
+    def _all_flexibility(self) -> Array:
+        row, point, share = self._row_points
+        n_rows = len(self.row_nodes)
+        F = np.zeros((n_rows, n_rows))
         for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
-            if side.flexibility is not None:
-                along = side.kinematics.in_frame(q, self.normals[points])
-                F += _row_flexibility(side, nodes[points], weights[points], along, mean)
+            if side.flexibility is None:
+                continue
+            nodes, weights = nodes[point], share[:, None] * weights[point]
+            present = np.bincount(nodes.ravel(), minlength=len(side.surface.points)) > 0
+            used, column = np.flatnonzero(present), (np.cumsum(present) - 1)[nodes]
+            if not side.normal_only:
+                along = side.kinematics.in_frame(q, self.normals[point])
+                used, column = node_dofs(used), (3 * column[:, :, None] + np.arange(3)).reshape(len(row), -1)
+                weights = (weights[:, :, None] * along[:, None, :]).reshape(len(row), -1)
+            cells = (column + len(used) * row[:, None]).ravel()
+            rows = np.bincount(cells, weights.ravel(), minlength=n_rows * len(used)).reshape(n_rows, len(used))
+            F += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
         return F
 
     def side_rows(self, side: int) -> Any:
         """Present rows on the flexibility of one of the sides' patches, (nr, d np)."""
         nodes, weights = self._shares[side]
         own, n = self.sides[side], len(self.sides[side].surface.points)
-        if len(np.asarray(own.flexibility)) == n:
-            rows = point_matrix(nodes, -abs(weights), n)  # contact pushes inwards
+        if own.normal_only:
+            rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes inwards
         else:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
         return rows if self._mean is None else self._mean @ rows
-
-
-def _row_flexibility(side: Side, nodes: Array, weights: Array, along: Array, mean: Array | None) -> Array:
-    """Flexibility of rows, the means (nr, p) of points that are weighted nodes, (p, k), of the patch."""
-    n, F = len(side.surface.points), np.asarray(side.flexibility)
-    # Along the line of contact alone, a point's flexibility is that of its nodes, whatever its own direction.
-    normal_only = len(F) == n
-    if normal_only and mean is None and nodes.shape[1] == 1:
-        return F[np.ix_(nodes[:, 0], nodes[:, 0])]
-    used = np.flatnonzero(np.bincount(nodes.ravel(), minlength=n))
-    place = np.empty(n, dtype=np.int64)
-    place[used] = np.arange(len(used))
-    if normal_only:
-        rows, dofs = point_matrix(place[nodes], weights, len(used)), used
-    else:
-        rows, dofs = directed_matrix(place[nodes], weights, along, len(used)), node_dofs(used)
-    if mean is not None:
-        rows = mean @ rows
-    return rows @ (rows @ F[np.ix_(dofs, dofs)]).T
 
 
 class PatchGaps(Gaps):
@@ -259,7 +283,7 @@ class PatchGaps(Gaps):
     Parameters
     ----------
     slave, master : Side
-    kind : {"node-to-segment", "integrated"}
+    kind : {"integrated", "node-to-segment"}
 
     Raises
     ------
@@ -267,14 +291,15 @@ class PatchGaps(Gaps):
         As `rows.pair_surfaces`.
     """
 
-    def __init__(self, slave: Side, master: Side, kind: str = "node-to-segment") -> None:
+    def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
         self.sides = (slave, master)
         self._all = contact_points(slave.surface, kind)
         self._start = pair_surfaces(slave.surface, master.surface, kind)
         self.size, self.approach = self._start.facet_size, self._start.approach
         self.n = sum(side.n for side in self.sides)
         self._linear = slave.kinematics.linear and master.kinematics.linear
-        self._witnesses = [side.kinematics.at(side.surface.nodes[_spread(side.surface.points)]) for side in self.sides]
+        self._witnesses = [_spread(side.surface.points) for side in self.sides]
+        self._here = np.zeros((3, 3))
         self.held, self.moving = None, True
         self.reset()
 
@@ -291,7 +316,9 @@ class PatchGaps(Gaps):
 
     def _hold(self, rows: ContactRows, q: Array) -> None:
         """Freeze these pairs, whose gaps are those at q."""
-        self._take(rows)
+        self._take(rows.points, rows.at_edge)
+        self._meet(rows.master, rows.weights, rows.normals)
+        self.unpaired = rows.unpaired
         self.moving, self.held, self._q = True, rows, q
         if self._linear:
             self.H = self.jacobian(np.arange(len(rows)))
@@ -300,13 +327,19 @@ class PatchGaps(Gaps):
             self._drift_start = self._drift @ q
             self.moving = False
 
-    def _take(self, rows: ContactRows) -> None:
+    def _stance(self) -> Array:
+        return self._here / self.size
+
+    def _take(self, points: ContactPoints, at_edge: Array) -> None:
         """Make these the present rows."""
-        self._points, self._facet, self._local = rows.points, rows.facet.copy(), rows.local
-        self._mean = None if rows.points.nodal else rows.points.mean.toarray()
-        self._shares = (rows.points.nodes, rows.points.weights), (rows.master, -rows.weights)
-        self.row_nodes, self.area, self.at_edge = rows.points.row_nodes, rows.points.area, rows.at_edge
-        self.normals, self.unpaired = rows.normals, rows.unpaired
+        self._points, self._mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
+        self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
+        self._flexibility = None
+
+    def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
+        """Make these what the present points face: nodes and weights, (p, k), and normals, (p, 3)."""
+        self._shares = (self._points.nodes, self._points.weights), (nodes, -weights)
+        self.normals = normals
 
     def _drift_rows(self, rows: ContactRows) -> Array:
         """Rows of the sliding of some pairs along two tangents, (6, n)."""
@@ -330,19 +363,18 @@ class PatchGaps(Gaps):
                 return self._gap + self.H @ q
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
-        witnesses = [w.place(part) for w, part in zip(self._witnesses, self.split(q), strict=True)]
-        moved = self._has_moved(np.vstack(witnesses))
-        if not moved and not len(self.row_nodes):
-            return np.empty(0)
         x_s, x_m = self.places(q)
-        if moved:
-            self._search(x_s, x_m)
-        gap = self._follow(x_s, x_m)
+        self._here = here = self._placed(x_s, x_m)
+        if self._searched_at is None or abs(here - self._searched_at).max() > self._reach:
+            self._search(x_s, x_m, here)
+        gap = self._follow(x_s, x_m) if self._narrowed else None
+        if gap is None or self._others_close(gap, here):
+            gap = self._narrow(x_s, x_m, here)
         self._since += 1
         if self._since >= _PATIENCE and self._linear:
             self._since = 0
             # Only where they touch: pairs of patches far apart are not those that will meet.
-            if self._stands_still(*witnesses) and gap.min(initial=np.inf) < _HELD * self.size:
+            if self._stands_still(here) and gap.min(initial=np.inf) < _HELD * self.size:
                 rows = self._project(x_s, x_m)[0]
                 self._hold(rows, q)
                 return rows.gap
@@ -350,81 +382,130 @@ class PatchGaps(Gaps):
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """As `Gaps.closing`; with what is no row yet, as near as it can be and as fast as the patches are."""
-        found = super().closing(q, q_t, q_tt)
+        self.at(q)
         if not self.moving:
-            return found
-        beyond = (_NEAR - 2 * _SEARCHED) * self.size
-        if not len(found[0]):
-            x_s, x_m = self.places(q)
-            beyond = self._project(x_s, x_m, _NEAR * self.size)[1]
+            return super().closing(q, q_t, q_tt)
+        x_s, x_m = self.places(q)
+        gap = self._narrow(x_s, x_m, self._placed(x_s, x_m), _NEAR * self.size)
+        self._narrowed = False  # forces need fewer rows
+        H = self.jacobian(np.arange(len(gap)))
+        beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._project(x_s, x_m)[1]
         of_slave, of_master = (
             side.kinematics.velocities(*parts)
             for side, *parts in zip(self.sides, self.split(q), self.split(q_t), strict=True)
         )
         mean = of_master.mean(axis=0)
         speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in (of_slave, of_master))
-        gap, rate, acceleration = found
-        return np.append(gap, beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
+        return np.append(gap, beyond), np.append(H @ q_t, -speed), np.append(H @ q_tt, 0.0)
 
-    def _has_moved(self, here: Array) -> bool:
-        """Whether points may meet other facets than at the last search, by the witnesses' places."""
-        if not np.isfinite(here).all():
+    def _placed(self, x_s: Array, x_m: Array) -> Array:
+        """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
+        origin, axes = _triangle_frame(x_m[self._witnesses[1]])
+        here = (x_s[self._witnesses[0]] - origin) @ axes
+        if not math.isfinite(here.sum()):
             raise ComplementarityError("the patches are nowhere: the run has become unstable")
-        if self._searched_at is not None and abs(here - self._searched_at).max() <= self._reach:
-            return False
-        self._searched_at = here
-        return True
+        return here
 
-    def _project(self, x_s: Array, x_m: Array, near: float = np.inf) -> tuple[ContactRows, float]:
-        """Rows of the points whose gaps are below `near` [m] and of those that share a row with them; least gap."""
+    def _project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
+        """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         found = closest_points(self._all.at(x_s), x_m[master.facets])
         paired = facing(found, slave.normal_here, self.size)
         least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
-        if np.isfinite(near):
-            close = (paired & (found.gap < near)).astype(float)
-            beside = self._all.mean.T @ (self._all.mean @ close > 0)
-            paired &= beside > 0
         return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
 
-    def _search(self, x_s: Array, x_m: Array) -> None:
-        rows, least = self._project(x_s, x_m, _NEAR * self.size)
-        self._take(rows)
-        self._gone, self._past = np.zeros((2, len(rows.facet)), dtype=bool)
+    def _search(self, x_s: Array, x_m: Array, here: Array) -> None:
+        """Find the pairs of all points."""
+        self._every, least = self._project(x_s, x_m)
+        self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
+        self.unpaired = self._every.unpaired
+        self._searched_at, self._narrowed = here, False
         # Far apart, the next search comes when the patches may have come near.
         self._reach = max(_SEARCHED * self.size, 0.25 * (least - _NEAR * self.size))
+        # As the slave's nodes are seen from its witnesses, to tell how a rigid motion changes gaps.
+        origin, axes = _triangle_frame(x_s[self._witnesses[0]])
+        self._arms = (x_s[self._every.points.row_nodes] - origin) @ axes
+
+    def _narrow(self, x_s: Array, x_m: Array, here: Array, near: float | None = None) -> Array:
+        """Take the rows that may close next, or those whose gaps are below `near` [m], as the present ones."""
+        every = self._every
+        self._pairs.rest()
+        found, gap = self._followed(every.points, np.arange(len(every.facet)), x_s, x_m)
+        row_gap = every.points.mean @ gap
+        if near is None:
+            near = min(_needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
+        chosen = row_gap < near
+        points, self._followed_points = every.points.of_rows(np.flatnonzero(chosen))
+        self._take(points, every.at_edge[chosen])
+        self._meet_followed(found.part(self._followed_points))
+        # What gaps will be, to first order in the slave's rigid motion as seen from the master.
+        normals = (every.points.mean @ found.normal) @ _triangle_frame(x_m[self._witnesses[1]])[1]
+        turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
+        order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
+        self._rigidly = np.hstack([normals, turning])[order]
+        self._from, self._pose = row_gap[order], _pose(here)
+        self._narrowed = True
+        return row_gap[chosen]
+
+    def _others_close(self, gap: Array, here: Array) -> bool:
+        """Whether rows that are not followed may close, or come nearer than those that are.
+
+        Deformation and curvature may have brought them twice as far from a rigid motion's gaps as any that is followed.
+        """
+        rigid = self._from + self._rigidly @ (_pose(here) - self._pose)
+        off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
+        nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
+        return bool(nearest < min(_needed(gap), _NEAR * self.size))
 
     def _follow(self, x_s: Array, x_m: Array) -> Array:
-        facets = self.sides[1].surface.facets
-        x = self._points.at(x_s)
-        pairs, left = follow(x, x_m[facets[self._facet]], self._facet, self._local)
-        left &= ~self._past
-        if left.any():
-            found = closest_points(x[left], x_m[facets])
-            for name in ("facet", "local", "weights", "normal", "gap"):
-                getattr(pairs, name)[left] = getattr(found, name)
-            # Points that look past the edge of the patch are left alone until the next search.
-            self._past[left] = found.offset > _ON_EDGE * self.size
-            self._gone[left] = found.offset > EDGE_TOLERANCE * self.size
-        self._local, self.normals = pairs.local, pairs.normal
-        self._shares = self._shares[0], (facets[self._facet], -pairs.weights)
-        gap = np.where(self._gone, self.size, pairs.gap) if self._gone.any() else pairs.gap
+        """Gaps of the present rows, (nr,) [m]."""
+        found, gap = self._followed(self._points, self._followed_points, x_s, x_m)
+        self._meet_followed(found)
         return gap if self._mean is None else self._mean @ gap
 
-    def _stands_still(self, of_slave: Array, of_master: Array) -> bool:
-        """Whether the patches have hardly slid since this was asked last, by the witnesses' places."""
-        here = of_slave - of_master.mean(axis=0)
-        here -= np.outer(here @ self.approach, self.approach)
+    def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
+        """Projections of some of the pairs, and their gaps, (p,) [m]."""
+        found, gone = self._pairs.follow(index, points.at(x_s), x_m)
+        return found, np.where(gone, self.size, found.gap) if gone.any() else found.gap
+
+    def _meet_followed(self, found: Projection) -> None:
+        self._meet(self.sides[1].surface.facets.take(found.facet, axis=0), found.weights, found.normal)
+
+    def _stands_still(self, here: Array) -> bool:
+        """Whether the patches have hardly slid since this was asked last."""
         last, self._stood_at = self._stood_at, here
-        return last is not None and bool(abs(here - last).max() < _STILL * _HELD * self.size)
+        return last is not None and bool(abs(here - last)[:, :2].max() < _STILL * _HELD * self.size)
+
+
+def _needed(gap: Array) -> float:
+    """Gap below which rows must be present [m]: the smallest while open, in contact what may bulge."""
+    least = float(gap.min(initial=np.inf))
+    return max(least, -BULGE * least)
+
+
+def _triangle_frame(points: Array) -> tuple[Array, Array]:
+    """First of three points, (3,), and axes, (3, 3) with a column each, of which two are in their plane."""
+    (a, b, c), (d, e, f) = (points[1:] - points[0]).tolist()
+    length = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / length, b / length, c / length
+    u, v, w = b * f - c * e, c * d - a * f, a * e - b * d
+    length = math.sqrt(u * u + v * v + w * w)
+    u, v, w = u / length, v / length, w / length
+    return points[0], np.array([[a, v * c - w * b, u], [b, w * a - u * c, v], [c, u * b - v * a, w]])
+
+
+def _pose(points: Array) -> Array:
+    """Place and axes of three points' frame as one vector, (12,)."""
+    origin, axes = _triangle_frame(points)
+    return np.concatenate([origin, axes.ravel()])
 
 
 def _spread(points: Array) -> Array:
     """Three points far from each other."""
     first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
     second = int(np.linalg.norm(points - points[first], axis=1).argmax())
-    both = np.linalg.norm(points - points[first], axis=1) * np.linalg.norm(points - points[second], axis=1)
-    return np.unique([first, second, int(both.argmax())])
+    aside = np.linalg.norm(np.cross(points - points[first], points[second] - points[first]), axis=1)
+    return np.array([first, second, int(aside.argmax())])
 
 
 def _dense(matrix: Any) -> Array:

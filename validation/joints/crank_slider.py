@@ -6,9 +6,9 @@ and the spring-damper, joined by their pins and slides, in the configuration at 
 the window). Time integration is that of `exudyn_partition.reference`; halving its step shows its own error.
 Quantity: peak, impulse and relative L2 error of the contact force, relative L2 error of the torque that the impact
 adds, beside run times; convergence in step, truncation and link modes; the paper's scheme, on a mesh of as many nodes
-as the paper's impact regions have; Exudyn's own means:
-(a) floating frame bodies with Hurty-Craig-Bampton modes and penalty contact (GeneralContact), its stiffness scanned, (b)
-rigid blocks with Hertz' force. The whole turn: run time, energy balance, explicit against implicit.
+as the paper's impact regions have; Exudyn's own means: (a) floating frame bodies with Hurty-Craig-Bampton modes and
+penalty contact (GeneralContact), its stiffness scanned, (b) rigid blocks with Hertz' force. The whole turn: run time,
+energy balance. Explicit against implicit steps.
 Limits: peak and impulse 1 %, force 3 %, torque 2 % for the recommended setting; energy 0.5 % of the drive's work; the
 integrators within 1 %; baseline (a) at least 20 times slower at no smaller force error.
 
