@@ -24,7 +24,8 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
     "recovery", "contact.pairs", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance",
     "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
-    "contact.two_pass", "history", "markers", "items", "joints", "central_differences", "contact_results", "contact_items",
+    "contact.two_pass", "history", "markers", "items", "joints", "central_differences", "contact_results",
+    "contact_items",
     "step_control", "output", "view", "report", "plot", "summary", "solve", "reference", "cli", "__main__",
     "__init__", "contact.__init__",
 ]  # fmt: skip
