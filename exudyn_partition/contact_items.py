@@ -14,8 +14,9 @@ from ._checks import validate_choice, validate_positive, validate_vector
 from ._optional import require
 from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
-from .contact.gaps import PatchGaps, Side
+from .contact.gaps import Side
 from .contact.lagrange import LagrangeContact
+from .contact.patch_gaps import PatchGaps
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
@@ -171,7 +172,7 @@ def CreatePartitionContact(
     """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
 
     The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
-    contact, until the patches slide along each other; then they follow (`contact.gaps`).
+    contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
 
     Parameters
     ----------

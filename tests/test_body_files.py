@@ -18,8 +18,9 @@ import exudyn_partition as ep
 from exudyn_partition import archive, cache
 from exudyn_partition import body as body_module
 from exudyn_partition.contact.compliance import ComplianceContact
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.lagrange import LagrangeContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.errors import CacheWarning, InputError
 from exudyn_partition.kinematics import InertialKinematics
 from exudyn_partition.partition import Interface, Patch
