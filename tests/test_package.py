@@ -22,7 +22,8 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
     "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
     "contact.compliance", "contact.coupled", "contact.lagrange", "contact.penalty", "contact.two_pass", "history",
-    "items", "contact_results", "contact_items", "step_control", "solve", "reference", "report", "plot", "__init__", "contact.__init__",
+    "items", "contact_results", "contact_items", "step_control", "solve", "reference", "report", "plot", "__init__",
+    "contact.__init__",
 ]  # fmt: skip
 
 
