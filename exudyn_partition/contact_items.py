@@ -15,8 +15,9 @@ from ._optional import require
 from .central_differences import MultiplierStep
 from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
-from .contact.gaps import PatchGaps, Side
+from .contact.gaps import Side
 from .contact.lagrange import LagrangeContact
+from .contact.patch_gaps import PatchGaps
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
@@ -174,7 +175,7 @@ def CreatePartitionContact(
     """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
 
     The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
-    contact, until the patches slide along each other; then they follow (`contact.gaps`).
+    contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
 
     Parameters
     ----------

@@ -16,8 +16,9 @@ from exudyn_partition.contact import complementarity
 from exudyn_partition.contact.complementarity import Complementarity
 from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.forward_increment import ForwardIncrement
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.lagrange import LagrangeContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.contact.surface import Surface, closest_points, shape_functions
 from exudyn_partition.errors import (

@@ -9,8 +9,9 @@ from conftest import SPHERE_RADIUS, box, relative
 
 import exudyn_partition as ep
 from exudyn_partition.contact.compliance import ComplianceContact
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.pairs import MovingPairs
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.penalty import PenaltyContact, bed_stiffness
 from exudyn_partition.contact.points import ROWS, contact_points
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere

@@ -22,12 +22,11 @@ ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_progress", "archive", "cache", "material", "fem", "mesh_files",
     "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "basis", "contact.surface",
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
-    "recovery", "contact.pairs", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance",
-    "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
-    "contact.two_pass", "history", "markers", "items", "joints", "central_differences", "contact_results",
-    "contact_items",
-    "step_control", "output", "view", "report", "plot", "summary", "solve", "reference", "cli", "__main__",
-    "__init__", "contact.__init__",
+    "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
+    "contact.compliance", "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised",
+    "contact.penalty", "contact.two_pass", "history", "markers", "items", "joints", "central_differences",
+    "contact_results", "contact_items", "step_control", "output", "view", "report", "plot", "summary", "solve",
+    "reference", "cli", "__main__", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking

@@ -23,8 +23,9 @@ class ComplianceContact(ContactLaw):
     are a continuous, piecewise linear function of q and the gradient of the potential 1/2 lambda' F lambda, so that
     contact stores and returns energy but makes none.
 
-    While pairs move, F is projected on the present normals and facets, for the rows that can close: those inside, and
-    those no further off than a quarter of the deepest one's depth, for the bulge around a contact.
+    While pairs move, F is projected on the normals and facets, anew when they have slid by 0.3 % of a facet, for the
+    rows that can close: those inside, and those no further off than a quarter of the deepest one's depth, for the bulge
+    around a contact. What F changes by makes no force, in steps or without: rows are frictionless.
 
     Parameters
     ----------

@@ -23,7 +23,8 @@ from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.contact.compliance import ComplianceContact
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.points import ROWS
 from exudyn_partition.kinematics import InertialKinematics
 from exudyn_partition.linalg import one_blas_thread
