@@ -11,7 +11,8 @@ from conftest import TOP, box, relative
 from test_mesh_files import hexahedra, write
 
 import exudyn_partition as ep
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.stabilised import StabilisedContact
 from exudyn_partition.kinematics import InertialKinematics
 
