@@ -426,3 +426,19 @@ def test_stability_limit(adapted, surface, options, frame, monkeypatch):
         with pytest.warns(StoppedRunWarning):
             result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
         assert result.status == "unstable"
+
+
+def test_vibration_that_need_not_be_resolved(body):
+    """After the impact the sphere rings with a small share of its energy."""
+    steps = []
+    for unresolved in (1e-9, 1e-2):
+        mbs, item, contact = fall(body, 2e-6, velocity=(0, 0, -0.3))
+        result = ep.solve_dynamic(
+            mbs, end_time=0.4e-3, step=0.5e-6, method="implicit", adaptive=True, unresolved=unresolved
+        )
+        assert len(contact.impacts(result)) == 1
+        steps.append(result.steps)
+        assert speeds(item, contact, result)[0] == pytest.approx(0.3, rel=0.02)
+    assert steps[1] < 0.5 * steps[0]
+    with pytest.raises(InputError, match="unresolved: equal steps have none"):
+        ep.solve_dynamic(mbs, end_time=1e-6, unresolved=1e-2)

@@ -192,7 +192,7 @@ def write_table(result):
     """Write the README's table."""
     turn = result["turn"]
     lines = [
-        f"Crank slider, {result['block_fe_nodes']} nodes in both blocks; first {1e3 * WINDOW:g} ms of contact. The full FE "
+        f"Crank slider, {result['block_fe_nodes']} nodes in both blocks, first {1e3 * WINDOW:g} ms. The full FE "
         f"blocks took {result['reference_s']:.0f} s for them. The whole turn of 0.2 s, {turn['impacts']} impacts in "
         f"{turn['steps']} adaptive steps, takes {turn['online_s']:.0f} s, its energy balances to "
         f"{turn['energy_error']:.1e} of the drive's work. Explicit and implicit steps differ by "
