@@ -164,7 +164,7 @@ def CreatePartitionContact(
     master: PartitionBody | RigidSurface,
     *,
     formulation: str = "compliance",
-    rows: str = "integrated",
+    rows: str | None = None,
     passes: str = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
@@ -187,10 +187,11 @@ def CreatePartitionContact(
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
         paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
         (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch.
-    rows : {"integrated", "node-to-segment"}
+    rows : {"integrated", "node-to-segment"}, optional
         What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
         meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
-        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius.
+        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius. Default:
+        "integrated", but with "lagrange" the paper's "node-to-segment", whose implicit steps converge better.
     passes : {"finer", "given", "two"}
         Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
         the contact each.
@@ -227,7 +228,7 @@ def CreatePartitionContact(
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_choice("formulation", formulation, FORMULATIONS)
-    validate_choice("rows", rows, ROWS)
+    rows = validate_choice("rows", rows or ("node-to-segment" if formulation == "lagrange" else "integrated"), ROWS)
     validate_choice("passes", passes, PASSES)
     if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
