@@ -146,7 +146,7 @@ class PatchGaps(Gaps):
         gap = self._narrow(x_s, x_m, self._placed(x_s, x_m), _NEAR * self.size)
         self._narrowed = False  # forces need fewer rows
         H = self.jacobian(np.arange(len(gap)))
-        beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._project(x_s, x_m)[1]
+        beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
         of_slave, of_master = (
             side.kinematics.velocities(*parts)
             for side, *parts in zip(self.sides, self.split(q), self.split(q_t), strict=True)
@@ -154,6 +154,13 @@ class PatchGaps(Gaps):
         mean = of_master.mean(axis=0)
         speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in (of_slave, of_master))
         return np.append(gap, beyond), np.append(H @ q_t, -speed), np.append(H @ q_tt, 0.0)
+
+    def _distance(self, x_s: Array, x_m: Array) -> float:
+        """Least gap, or less: that of balls around the patches while these are apart, which costs no projection [m]."""
+        centres = x_s.mean(axis=0), x_m.mean(axis=0)
+        radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
+        between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
+        return between if between > 0 else self._project(x_s, x_m)[1]
 
     def _placed(self, x_s: Array, x_m: Array) -> Array:
         """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
