@@ -24,11 +24,12 @@ _HOMES = {
     "step_control": ("time_to_contact",),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),
-    "spectrum": ("truncation_frequency",),
+    "spectrum": ("amplitude_spectrum", "truncation_frequency"),
+    "view": ("CreatePartitionView",),
     "_progress": ("progress",),
     "report": ("Comparison", "compare", "versions"),
 }
-_MODULES = ("errors", "hertz", "plot", "recovery", "reference", "report")
+_MODULES = ("errors", "hertz", "output", "plot", "recovery", "reference", "report", "view")
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted([*_HOME_OF, *_MODULES])

@@ -33,15 +33,30 @@ def validate_vector(name: str, value: Any) -> Array:
     return validate_array(name, value, (3,))
 
 
+def validate_number(name: str, value: Any, expected: str = "a finite number") -> float:
+    """Return `value` as a finite float; text that reads like a number is none."""
+    try:
+        number = float("nan") if isinstance(value, str | bytes) else float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: expected {expected}, got {value!r}") from error
+    if not np.isfinite(number):
+        raise InputError(f"{name}: expected {expected}, got {value!r}")
+    return number
+
+
 def validate_positive(name: str, value: Any, unit: str = "") -> float:
     """Return `value` as a finite float above zero."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: expected a number above zero{_in(unit)}, got {value!r}") from error
-    if not (np.isfinite(number) and number > 0):
-        raise InputError(f"{name}: expected a finite number above zero{_in(unit)}, got {number!r}")
+    expected = f"a finite number above zero{_in(unit)}"
+    number = validate_number(name, value, expected)
+    if number <= 0:
+        raise InputError(f"{name}: expected {expected}, got {number!r}")
     return number
+
+
+def validate_type(name: str, value: Any, kind: type, source: str) -> None:
+    """Raise unless `value` is of a kind, which `source` returns."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: expected what {source} returns, a {kind.__name__}, got {type(value).__name__}")
 
 
 def validate_choice(name: str, value: Any, choices: Iterable[str]) -> str:

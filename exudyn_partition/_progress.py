@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from ._optional import require
 
@@ -27,10 +29,7 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Callable[[float], No
     >>> with progress("stepping") as report:
     ...     report(0.5)
     """
-    rich = require("rich.progress")
-    console = require("rich.console").Console(stderr=True)
-    columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())
-    bar = rich.Progress(*columns, console=console, disable=not console.is_terminal)
+    bar = _bar()
     task, begin = bar.add_task(title, total=1.0), time.perf_counter()
 
     def report(share: float) -> None:
@@ -44,6 +43,36 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Callable[[float], No
         yield report
         bar.update(task, completed=1.0)
     finally:
+        _stop(bar)
+
+
+@contextlib.contextmanager
+def pulsing(title: str) -> Iterator[None]:
+    """Show a bar that only moves while something runs whose share done nobody knows, once it takes long."""
+    bar = _bar()
+    bar.add_task(title, total=None)
+    timer = threading.Timer(LONG, bar.start)
+    timer.daemon = True
+    if not bar.disable:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        if timer.ident is not None:
+            timer.join()  # or it might start the bar after it was stopped
+        _stop(bar)
+
+
+def _bar() -> Any:
+    rich = require("rich.progress")
+    console = require("rich.console").Console(stderr=True)
+    columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())
+    return rich.Progress(*columns, console=console, disable=not console.is_terminal)
+
+
+def _stop(bar: Any) -> None:
+    if bar.live.is_started:  # rich 13 prints an empty line for a bar that is stopped without having been shown
         bar.stop()
 
 

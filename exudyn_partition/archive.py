@@ -119,7 +119,9 @@ class Format:
         except InputError:
             raise
         except FileNotFoundError as error:
-            raise InputError(f"path: expected a saved {self.name}, but there is no file {path}") from error
+            raise InputError(
+                f"path: expected a saved {self.name}, but there is no file {path} (working directory {Path.cwd()})"
+            ) from error
         except _DAMAGE as error:
             raise InputError(
                 f"path: {path} is damaged or cannot be read: {error or type(error).__name__}. "

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from . import basis as bases
-from ._checks import read_only, validate_choice, validate_positive
+from ._checks import read_only, validate_choice, validate_positive, validate_type
 from ._progress import shown
 from .archive import Format
 from .basis import Progress, ReducedBasis
@@ -45,6 +45,8 @@ class ReducedBody:
     partition : Partition
     points : (n, 3) array
         Nodes of the FE model [m].
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Its surface, as `FEModel.facets`: what pictures need.
     mass, stiffness : (n_dofs, n_dofs) csr matrix
         T' M T and T' K T (paper, eq. 16).
     total_mass : float
@@ -64,6 +66,7 @@ class ReducedBody:
     basis: ReducedBasis
     partition: Partition
     points: Array
+    facets: Array
     mass: sp.csr_matrix
     stiffness: sp.csr_matrix
     total_mass: float
@@ -74,7 +77,7 @@ class ReducedBody:
     inertia: InertiaIntegrals | None = None
 
     def __post_init__(self) -> None:
-        read_only(self.points, self.centre_of_mass)
+        read_only(self.points, self.facets, self.centre_of_mass)
 
     @property
     def n_dofs(self) -> int:
@@ -229,7 +232,7 @@ class ReducedBody:
 
 _FILE = Format(
     name="reduced body",
-    version=3,
+    version=4,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
     classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
 )
@@ -313,8 +316,8 @@ def reduce(
     CacheWarning
         If a kept file is damaged, or the folder cannot be written; the body is computed.
     """
-    validate_choice("basis", basis, BASES)
     _validate_partition(fem, partition)
+    validate_choice("basis", basis, BASES)
     if len(partition.nodes) == fem.n_nodes and basis != "free":
         raise InputError(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
@@ -404,6 +407,8 @@ def reduce_pair(
 
 
 def _validate_partition(fem: FEModel, partition: Partition) -> None:
+    validate_type("fem", fem, FEModel, "fe_model()")
+    validate_type("partition", partition, Partition, "Partition.ball()")
     if partition.n_nodes != fem.n_nodes:
         raise InputError(
             f"partition: it was made for another mesh, with {partition.n_nodes} nodes; this one has {fem.n_nodes}"
@@ -469,6 +474,7 @@ def _body(
         basis=reduced,
         partition=partition,
         points=fem.points,
+        facets=fem.facets,
         mass=mass,
         stiffness=stiffness,
         total_mass=fem.total_mass,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive, validate_vector
 from ._optional import require
+from .central_differences import MultiplierStep
 from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
 from .contact.gaps import PatchGaps, Side
@@ -19,10 +20,11 @@ from .contact.lagrange import LagrangeContact
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
+from .contact.stabilised import StabilisedContact
 from .contact.two_pass import TwoPass
 from .contact_results import ContactResults
 from .errors import InputError, ModelLimitWarning, RunError
-from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items
+from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit, start_of_step
 from .kinematics import FloatingKinematics
 
 Array = np.ndarray
@@ -37,8 +39,8 @@ _FINER = 0.9  # facets of the master smaller than this share of the slave's make
 class PartitionContact(ContactResults):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact`, the force element of compliance and penalty; `sForce`, a sensor of the total normal force [N], the
-    number of closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far,
+    Keys: `oContact`, the force element; `sForce`, a sensor of the total normal force [N], the number of closed rows,
+    the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an explicit run,
     total and on the slave [N s]. `sMoment` after `AddMomentSensor`: the moment on the slave [N m].
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
@@ -49,11 +51,17 @@ class PartitionContact(ContactResults):
         self.name, self.sides = name, tuple(sides)
         self.slave = sides[0][0]
         self.master = rigid if rigid is not None else sides[1][0]
+        self.laws = {}
         self.group = [self]
+        self.stepper: Any = None  # MultiplierStep of multipliers
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run."""
-        (self.law if len(self.group) == 1 else self.together).reset()
+        if self.stepper is not None:
+            self.stepper.reset()
+            self.laws["implicit"].reset()
+        else:
+            (self.law if len(self.group) == 1 else self.together).reset()
         self.reached_edge_at: float | None = None
         self.reached_edge: Array | None = None
         self._sampled_at = self._stepped_to = t
@@ -63,27 +71,21 @@ class PartitionContact(ContactResults):
         self._areas = self.law.node_areas
 
     def before_step(self, mbs: Any, t: float) -> None:
-        """Apply multipliers ahead of the step that ends at t, once.
+        """Apply multipliers ahead of the explicit step that ends at t, with those of other contacts that they move.
 
-        Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity
-        at mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the contact's acceleration c.
+        With joints in the model, `solve_dynamic` does.
         """
-        if not self.explicit_only or t == self._stepped_to:
-            return
-        exu, data = require("exudyn"), mbs.systemData
-        step = t - data.GetTime(exu.ConfigurationType.StartOfStep)
-        slices = self._slices(mbs)
-        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        views = (data.GetODE2Coordinates(copy=False), q_t, q_tt)
-        increment = self.law.increment(*[np.concatenate([view[s] for s in slices]) for view in views], step=step)
-        if increment is not None:
+        if self.stepper is not None and self.stepper.joints is None:
+            self.stepper.before_step(mbs, t)
+
+    def take_law(self, mbs: Any) -> None:
+        """Choose between the multipliers of explicit and of implicit runs by the solver at work."""
+        self.law = self.laws["implicit" if runs_implicit(mbs) else "explicit"]
+
+    def stepped(self, t: float, step: float) -> None:
+        """Count what multipliers have pushed in the step to t."""
+        if self.law.index.size:
             self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
-            start = 0
-            for s in slices:
-                part = increment[start : start + s.stop - s.start]
-                q_t[s] += 0.5 * step * part
-                q_tt[s] += part
-                start += len(part)
         self._stepped_to = t
 
     def sample(self, mbs: Any, t: float) -> list[float]:
@@ -93,7 +95,7 @@ class PartitionContact(ContactResults):
         self._sampled_at = t
         law = self.law
         closed = law.index
-        if self.explicit_only:
+        if self.ahead:
             self._check_step(mbs, t)
         if closed.size:
             if closed is not self._closed:  # the active set is kept from step to step
@@ -108,32 +110,33 @@ class PartitionContact(ContactResults):
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
-        return values + self._impulse.tolist() if self.explicit_only else values
+        return values + self._impulse.tolist() if self.multipliers else values
 
     def _check_step(self, mbs: Any, t: float) -> None:
         """Refuse a run in which multipliers were not applied, or not by central differences."""
-        if t > self._stepped_to:
+        if t > self._stepped_to and self.stepper.joints is None:
             raise RunError(
                 f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
                 "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
                 "CreatePartitionContact, or run the model by solve_dynamic"
             )
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        self.law.check_gaps(np.concatenate([coordinates[s] for s in self._slices(mbs)]))
+        self.law.check_gaps(np.concatenate([coordinates[s] for s in self.slices(mbs)]))
 
-    def _slices(self, mbs: Any) -> list[slice]:
+    def slices(self, mbs: Any) -> list[slice]:
+        """Where the coordinates of slave and master are among the model's."""
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
     def force_in_group(self, mbs: Any) -> Array:
         """Generalised force of this contact, solved together with those that move its patches."""
         data = mbs.systemData.GetODE2Coordinates(copy=False)
-        coordinates = [np.concatenate([data[s] for s in contact._slices(mbs)]) for contact in self.group]
+        coordinates = [np.concatenate([data[s] for s in contact.slices(mbs)]) for contact in self.group]
         return self.together.forces(coordinates)[self.group.index(self)]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
         """Gap rows of multipliers on the coordinates of one of the bodies, (nr, n_dofs)."""
-        n = self.slave.body.n_dofs
-        return sp.csr_matrix(self.law.G[:, :n] if item is self.slave else self.law.G[:, n:])
+        G, n = self.laws["explicit"].G, self.slave.body.n_dofs
+        return sp.csr_matrix(G[:, :n] if item is self.slave else G[:, n:])
 
     @property
     def nodes(self) -> list[Any]:
@@ -180,9 +183,9 @@ def CreatePartitionContact(
     master : PartitionBody, RigidPlane, RigidSphere or RigidCylinder
         Rigid surfaces are fixed in space, or to `masterBody`.
     formulation : {"compliance", "lagrange", "penalty"}
-        "compliance" where a basis carries a residual flexibility, explicit and implicit; "lagrange" for bases whose
-        patch has mass, the paper's and Craig-Bampton's, in Exudyn's explicit VelocityVerlet; "penalty" for any basis,
-        an elastic layer on the slave's patch.
+        "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
+        paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
+        (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch.
     rows : {"node-to-segment", "integrated"}
         What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
         facets; see `contact.points`.
@@ -246,12 +249,16 @@ def CreatePartitionContact(
             raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
         back = _law(formulation, PatchGaps(placed[1], placed[0], rows), stiffness)
         contact.law = TwoPass(contact.law, back)
+    if formulation == "lagrange":
+        contact.laws = {"explicit": contact.law, "implicit": StabilisedContact(contact.law.gaps)}
+        contact.stepper = MultiplierStep([contact])
     contact.restart()
     _check_shared_bodies(contact, contacts)
-    if contact.explicit_only:
+    if contact.multipliers:
         _chain_before_step(mbs, contact)
+        contact["oContact"] = _add_element(mbs, contact, *_stabilised_functions(contact))
     else:
-        contact["oContact"] = _add_force_element(mbs, contact)
+        contact["oContact"] = _add_element(mbs, contact, *_law_functions(contact))
     if masterBody is not None:
         _load_carrier(mbs, contact, masterBody)
     items = require("exudyn.itemInterface")
@@ -369,10 +376,11 @@ def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContac
     for other in others:
         for item, patch in contact.sides:
             for other_item, other_patch in other.sides:
-                if item is not other_item or contact.explicit_only != other.explicit_only:
+                if item is not other_item or contact.multipliers != other.multipliers:
                     continue
-                if contact.explicit_only:
-                    _refuse_coupled_multipliers(contact, other, item)
+                if contact.multipliers:
+                    if patch == other_patch or _moves_nodes_of(contact, other, item):
+                        coupled += [c for c in other.group if c not in coupled]
                 elif patch == other_patch:
                     raise InputError(
                         f"body {item.name!r}: its patch {patch} already has the contact {other.name!r}; each would "
@@ -385,7 +393,13 @@ def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContac
                         coupled += [c for c in other.group if c not in coupled]
                     elif all(isinstance(c.law, ComplianceContact | TwoPass) for c in both):
                         _warn_of_coupled_flexibility(item, patch, other_patch)
-    if len(coupled) > 1:
+    if len(coupled) == 1:
+        return
+    if contact.multipliers:
+        stepper = MultiplierStep(coupled)
+        for member in coupled:
+            member.group, member.stepper = coupled, stepper
+    else:
         together = CoupledContacts([c.law for c in coupled], _links(coupled))
         for member in coupled:
             member.group, member.together = coupled, together
@@ -402,17 +416,12 @@ def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, A
     ]
 
 
-def _refuse_coupled_multipliers(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> None:
-    """Multipliers of each contact close its own gaps; those of the other must not open them again."""
+def _moves_nodes_of(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> bool:
+    """Whether multipliers of one contact move gaps of the other, through a body of both."""
     inverse_mass = sp.diags(1 / item.body.mass.diagonal())
     G, others = (c.rows_on(item) for c in (contact, other))
     coupling = abs(G @ inverse_mass @ others.T).max()
-    if coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max():
-        raise InputError(
-            f"body {item.name!r}: multipliers of the contact {other.name!r} move the nodes of {contact.name!r}, as "
-            f"basis {item.body.basis.name!r} couples them. Take basis='free', or formulation='compliance' with "
-            "basis='contact-adapted' and a patch for each contact"
-        )
+    return bool(coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max())
 
 
 def _coupling(item: PartitionBody, patch: int, other: int) -> float:
@@ -433,9 +442,12 @@ def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) ->
     )
 
 
-def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
-    """Massless object over the nodes of all bodies, with the contact's force and its Jacobian."""
-    exu, items = require("exudyn"), require("exudyn.itemInterface")
+Functions = tuple[Callable[..., Any], Callable[..., Any]]
+
+
+def _law_functions(contact: PartitionContact) -> Functions:
+    """Force of a law of the coordinates alone, and its Jacobian."""
+    exu = require("exudyn")
     law: Any = contact.law
     floating = [
         (s, item.kinematics) for s, item in _own_slices(contact) if isinstance(item.kinematics, FloatingKinematics)
@@ -455,6 +467,38 @@ def _add_force_element(mbs: Any, contact: PartitionContact) -> Any:
             law.force(np.asarray(q))
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
 
+    return force, jacobian
+
+
+def _stabilised_functions(contact: PartitionContact) -> Functions:
+    """Force of multipliers in implicit runs, and its Jacobian; nothing in explicit ones."""
+    exu = require("exudyn")
+    law: StabilisedContact = contact.laws["implicit"]
+
+    def evaluate(mbs: Any) -> Array:
+        data, solver = mbs.systemData, mbs.sys["dynamicSolver"]
+        views = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
+        q, q_t = (np.concatenate([view[s] for s in contact.slices(mbs)]) for view in views)
+        return law.force(q, q_t, solver.it.currentStepSize, start_of_step(mbs))
+
+    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        if not runs_implicit(mbs):
+            return np.zeros(law.gaps.n)
+        contact.law = law
+        return evaluate(mbs)
+
+    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        if not runs_implicit(mbs):
+            return exu.MatrixContainer(sp.csr_matrix((law.gaps.n,) * 2))
+        evaluate(mbs)
+        return exu.MatrixContainer(law.tangent(fODE2, fODE2_t))
+
+    return force, jacobian
+
+
+def _add_element(mbs: Any, contact: PartitionContact, force: Callable[..., Any], jacobian: Callable[..., Any]) -> Any:
+    """Massless object over the nodes of all bodies."""
+    items = require("exudyn.itemInterface")
     return mbs.AddObject(
         items.ObjectGenericODE2(
             name=contact.name,

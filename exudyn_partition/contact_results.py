@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,8 @@ class ContactResults(dict):
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     law : ContactLaw or TwoPass
+    laws : dict of str to ContactLaw
+        Of multipliers, that of explicit runs and that of implicit ones, which take turns as `law`.
     group : list of ContactResults
         Contacts that are solved together; `together` solves them if there are several.
     """
@@ -57,6 +60,7 @@ class ContactResults(dict):
     slave: PartitionBody
     sides: tuple[tuple[PartitionBody, int], ...]
     law: Any  # which one decides what it can do
+    laws: dict[str, Any]
     group: list[Any]
     together: CoupledContacts
     _samples: list[tuple[float, Array, Array]]
@@ -78,7 +82,7 @@ class ContactResults(dict):
     def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
         """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
         samples = result.sensor(self["sForce"])
-        if not self.explicit_only or len(result.t) < 2:
+        if not self.ahead or len(result.t) < 2:
             return samples[:, forces]
         impulse = samples[:, impulses]
         means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
@@ -149,24 +153,55 @@ class ContactResults(dict):
 
         The contact is evaluated again at the stored coordinates, in their order.
         """
-        if self.explicit_only:
+        if self.multipliers:
             return np.zeros(len(result.t))
+        alone = len(self.group) == 1
+        return np.array([self.law.potential(q) if alone else self.law.stored() for q in self._again(result)])
+
+    def nodal_forces(self, result: Result) -> list[Array]:
+        """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
+
+        The contact is evaluated again at the stored coordinates, in their order.
+
+        Raises
+        ------
+        InputError
+            If the forces are multipliers, or a body of another kind carries the rigid surface.
+        """
+        if self.multipliers:
+            raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
+        forces = []
+        for q in self._again(result):
+            if len(self.group) == 1:
+                self.law.force(q)
+            forces.append(self.law.nodal_forces())
+        return [np.array(side) for side in zip(*forces, strict=True)]
+
+    def _again(self, result: Result) -> Iterator[Array]:
+        """Coordinates of the sides at each time of `result`, with all contacts that are solved together evaluated."""
         if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
-            raise InputError("energy: not known after the run where a body of another kind carries the rigid surface")
+            raise InputError(
+                "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
+            )
         histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
+        own = next(i for i, contact in enumerate(self.group) if contact is self)
         if len(self.group) == 1:
             self.law.reset()
-            return np.array([self.law.potential(q) for q in histories[0]])
-        self.together.reset()
-        stored = []
+        else:
+            self.together.reset()
         for coordinates in zip(*histories, strict=True):
-            self.together.forces(coordinates)
-            stored.append(self.law.stored())
-        return np.array(stored)
+            if len(self.group) > 1:
+                self.together.forces(coordinates)
+            yield coordinates[own]
 
     @property
-    def explicit_only(self) -> bool:
-        """Whether the contact runs in explicit solvers only."""
+    def multipliers(self) -> bool:
+        """Whether forces are multipliers, of patches with mass."""
+        return bool(self.laws)
+
+    @property
+    def ahead(self) -> bool:
+        """Whether forces are multipliers that are applied ahead of each explicit step."""
         return isinstance(self.law, LagrangeContact)
 
     @property

@@ -136,7 +136,7 @@ class FEModel:
             warnings.warn(
                 f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, its first "
                 f"longitudinal frequency would be about {lowest:.3g} Hz. With an SI material the geometry must be in "
-                "metres: if it is in millimetres, scale it by 1e-3",
+                "metres: if it is in millimetres, scale it by 1e-3 (scale=1e-3 of fe_model)",
                 UnitsWarning,
                 stacklevel=3,
             )

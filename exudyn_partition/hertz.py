@@ -135,7 +135,8 @@ def effective(first: float, second: float) -> float:
     float
     """
     unit = "kg or N s/m, or math.inf for a wall"
-    return 1 / (1 / _validate_limit("first", first, unit) + 1 / _validate_limit("second", second, unit))
+    inverse = 1 / _validate_limit("first", first, unit) + 1 / _validate_limit("second", second, unit)
+    return 1 / inverse if inverse else math.inf
 
 
 def rod_impedance(material: Material, area: float) -> float:

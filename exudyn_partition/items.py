@@ -15,7 +15,7 @@ from .body import ReducedBody
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
-from .markers import add_interface_marker, add_point_marker, add_super_element, interpolation
+from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -96,7 +96,8 @@ class PartitionBody(dict):
     def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
         """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
 
-        Its place is the interface's `position`, its axes are those of the mesh at the start.
+        Its place is the interface's `position`, its axes are those of the mesh at the start. Of a basis that keeps
+        nodes it is the marker of a small rigid body which six constraints hold to the interface.
 
         Parameters
         ----------
@@ -112,13 +113,17 @@ class PartitionBody(dict):
         Raises
         ------
         InputError
-            If there is no such interface, the body is not in this model, or its basis keeps nodes.
+            If there is no such interface, or the body is not in this model.
         """
         self.body.partition.find_interface(interface)
+        self._check_model(mbs)
         key = f"{self.name}:{interface}" if self.name else interface
-        super_element = self._super_element(mbs)
         if key not in self:
-            self[key] = add_interface_marker(mbs, super_element, self.kinematics, interface, self.name and key)
+            name = self.name and key
+            if self.body.n_shapes < self.body.n_dofs:
+                self[key] = add_tied_marker(mbs, self.kinematics, self, interface, name)
+            else:
+                self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
         return self[key]
 
     def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
@@ -164,12 +169,15 @@ class PartitionBody(dict):
 
     def _super_element(self, mbs: Any) -> Any:
         """Object that carries markers, made when first asked for."""
-        if not any(item is self for item in partition_items(mbs)[0]):
-            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
+        self._check_model(mbs)
         if "oFFRFreducedOrder" not in self:
             indices = add_super_element(mbs, self.kinematics, self, self.name)
             self.update(indices, FFRFReducedOrderObjectDict=indices)
         return self["oFFRFreducedOrder"]
+
+    def _check_model(self, mbs: Any) -> None:
+        if not any(item is self for item in partition_items(mbs)[0]):
+            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
 
     def coordinates(self, result: Result) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
@@ -447,6 +455,19 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
             "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']"
         )
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
+
+
+def start_of_step(mbs: Any) -> float:
+    """Time at the start of the present step [s]."""
+    return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
+
+
+def runs_implicit(mbs: Any) -> bool:
+    """Whether an implicit dynamic solver is at work."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None or "implicit" not in solver.GetSolverName():
+        return False
+    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # not one that ran before a static solver
 
 
 def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dict[str, Any]:

@@ -23,6 +23,7 @@ Array = np.ndarray
 Kinematics = InertialKinematics | FloatingKinematics
 
 _TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
+_SMALL = 1e-6  # mass of what constraints hold to an interface, of the body's
 _VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
@@ -126,6 +127,57 @@ def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, i
     )
 
 
+def add_tied_marker(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], interface: str, name: str) -> Any:
+    """Add a small rigid body that six constraints hold to an interface, for bases with nodal columns.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    kinematics : InertialKinematics
+    nodes : dict
+        The body's `oGenericODE2` and its nodes, `nModal` and `nNodal`.
+    interface, name : str
+        Of the body, and for Exudyn.
+
+    Returns
+    -------
+    exudyn.MarkerIndex
+    """
+    items, body = require("exudyn.itemInterface"), kinematics.body
+    rows = body.interface_rows(interface)
+    place = kinematics.position + body.partition.find_interface(interface).position
+    parts = [nodes[key] for key in ("nModal", "nNodal") if key in nodes]
+    coordinates_t = np.concatenate([mbs.GetNodeParameter(node, "initialCoordinates_t") for node in parts])
+    node = mbs.AddNode(
+        items.NodeRigidBodyRxyz(
+            name=name, referenceCoordinates=[*place, 0, 0, 0], initialVelocities=rows @ coordinates_t
+        )
+    )
+    mass = _SMALL * body.total_mass
+    foot = mbs.AddObject(
+        items.ObjectRigidBody(
+            name=name,
+            nodeNumber=node,
+            mass=mass,
+            inertia=[mass * np.ptp(body.points, axis=0).max() ** 2] * 3 + [0.0] * 3,
+            visualization=items.VObjectRigidBody(show=False),
+        )
+    )
+    mbs.AddObject(
+        items.ObjectConnectorCoordinateVector(
+            name=name and f"{name}:tie",
+            markerNumbers=[
+                mbs.AddMarker(items.MarkerNodeCoordinates(nodeNumber=node)),
+                mbs.AddMarker(items.MarkerObjectODE2Coordinates(objectNumber=nodes["oGenericODE2"])),
+            ],
+            scalingMarker0=np.eye(6),
+            scalingMarker1=rows,
+            offset=[*(-place), 0, 0, 0],  # of the node's reference coordinates
+        )
+    )
+    return mbs.AddMarker(items.MarkerBodyRigid(name=name, bodyNumber=foot))
+
+
 def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array) -> Any:
     """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); returns its number."""
     return mbs.AddMarker(
@@ -198,6 +250,7 @@ def check_joints(mbs: Any, point_markers: dict[int, Any]) -> None:
                 )
     solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
     settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     solver.InitializeSolver(mbs, settings)
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=True)
     residual = np.abs(np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :])

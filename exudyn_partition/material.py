@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ._checks import validate_positive
+from ._checks import validate_number, validate_positive
 from .errors import InputError
 
 
@@ -27,10 +27,12 @@ class Material:
     rho: float
 
     def __post_init__(self) -> None:
-        validate_positive("E", self.E, "Pa")
-        validate_positive("rho", self.rho, "kg/m3")
+        expected = "a Poisson's ratio in (-1, 0.5)"
+        object.__setattr__(self, "E", validate_positive("E", self.E, "Pa"))
+        object.__setattr__(self, "rho", validate_positive("rho", self.rho, "kg/m3"))
+        object.__setattr__(self, "nu", validate_number("nu", self.nu, expected))
         if not -1 < self.nu < 0.5:
-            raise InputError(f"nu: expected a Poisson's ratio in (-1, 0.5), got {self.nu!r}")
+            raise InputError(f"nu: expected {expected}, got {self.nu!r}")
 
     @property
     def shear_modulus(self) -> float:

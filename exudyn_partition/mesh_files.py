@@ -90,6 +90,12 @@ def read_mesh(path: Path) -> VolumeMesh:
     return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, 4 if volumes[0] == "hexahedron" else 3))
 
 
+def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[str, Array]) -> None:
+    """Write cells of one of meshio's kinds, with nodal fields, (n,) or (n, k), to a VTU file."""
+    meshio = require("meshio")
+    meshio.Mesh(points, [(kind, cells)], point_data=fields).write(path, file_format="vtu")
+
+
 def _read(path: Path) -> Any:
     """Read a file as a `meshio.Mesh`."""
     validate_file("path", path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from ._checks import validate_file, validate_positive, validate_vector
 from ._optional import require
+from ._progress import pulsing
 from .errors import InputError, MeshError
 from .fem import TET_EDGES, FEModel, facet_corners
 from .material import Material
@@ -85,12 +86,17 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     validate_positive("grading", grading)
     if not isinstance(shape, occ.TopoDS_Shape):
         raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
+    regions = [refine] if isinstance(refine, Refine) else list(refine)
+    for region in regions:
+        if not isinstance(region, Refine):
+            raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
     parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
-    for region in refine:
+    for region in regions:
         for x, y, z in region.points():
             parameters.RestrictH(x=x, y=y, z=z, h=region.h)
     try:
-        mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
+        with pulsing("mesh"):
+            mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
     except meshing.NgException as error:
         raise MeshError(
             f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
@@ -108,6 +114,7 @@ def fe_model(
     maxh: float | None = None,
     refine: Iterable[Refine] = (),
     grading: float = 0.3,
+    scale: float = 1.0,
 ) -> FEModel:
     """Assemble the FE model of a free body.
 
@@ -116,9 +123,10 @@ def fe_model(
     source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved with order 2 beforehand, as `generate_mesh` does.
-        A path leads to a shape in a STEP file (lengths come in the unit that Netgen reads them in, millimetres) or to a
-        mesh file of linear or quadratic tetrahedra or linear hexahedra, see `mesh_files.read_mesh`. The nodes of a mesh
-        file keep their order, quadratic elements their own mid-side nodes; its named faces become boundaries.
+        A path leads to a shape in a STEP file (lengths come in the unit that Netgen reads them in, millimetres: give
+        scale=1e-3) or to a mesh file of linear or quadratic tetrahedra or linear hexahedra, see `mesh_files.read_mesh`.
+        The nodes of a mesh file keep their order, quadratic elements their own mid-side nodes; its named faces become
+        boundaries.
     material : Material
         In units that fit the geometry's, SI unless all are chosen otherwise.
     order : {1, 2}, optional
@@ -126,7 +134,9 @@ def fe_model(
         mesh file the file's own. Linear tetrahedra of a file can be raised to order 2, with mid-side nodes after its
         own.
     maxh, refine, grading :
-        For a shape or STEP file, see `generate_mesh`.
+        For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
+    scale : float
+        Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
 
     Returns
     -------
@@ -144,16 +154,24 @@ def fe_model(
     ngsolve = require("ngsolve")
     if order not in (None, 1, 2):
         raise InputError(f"order: expected 1 or 2, got {order!r}")
+    if not isinstance(material, Material):
+        raise InputError(f"material: expected an ep.Material, such as ep.STEEL, got {type(material).__name__}")
+    scale = validate_positive("scale", scale)
     path = Path(source) if isinstance(source, str | Path) else None
     if path and path.suffix.lower() not in _STEP_ENDINGS:
-        fem = _from_file(ngsolve, path, material, order)
+        with pulsing("assemble"):
+            fem = _from_file(ngsolve, path, material, order, scale)
     else:
         mesh = _read_step(path) if path else source
-        if not isinstance(mesh, ngsolve.Mesh):
+        if isinstance(mesh, ngsolve.Mesh):
+            if scale != 1:
+                raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
+        else:
             if maxh is None:
                 raise InputError("maxh: a shape needs a largest element size [m]")
-            mesh = generate_mesh(mesh, maxh=maxh, refine=refine, grading=grading)
-        fem = _from_mesh(ngsolve, mesh, material, order or 2)
+            mesh = generate_mesh(_scaled(mesh, scale), maxh=maxh, refine=refine, grading=grading)
+        with pulsing("assemble"):
+            fem = _from_mesh(ngsolve, mesh, material, order or 2)
     fem.warn_if_units_slipped()
     return fem
 
@@ -166,6 +184,11 @@ def _read_step(path: Path) -> Any:
         return occ.OCCGeometry(str(path)).shape
     except meshing.NgException as error:
         raise InputError(f"path: {path} could not be read by Netgen ({error}). Is it a complete STEP file?") from error
+
+
+def _scaled(shape: Any, scale: float) -> Any:
+    occ = require("netgen.occ")
+    return shape.Scale(occ.Pnt(0, 0, 0), scale) if scale != 1 and isinstance(shape, occ.TopoDS_Shape) else shape
 
 
 def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEModel:
@@ -211,9 +234,10 @@ def _check_volume(points: Array, cells: Array) -> None:
         )
 
 
-def _from_file(ngsolve: Any, path: Path, material: Material, order: int | None) -> FEModel:
+def _from_file(ngsolve: Any, path: Path, material: Material, order: int | None, scale: float) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
     file = read_mesh(path)
+    file = replace(file, points=scale * file.points)
     n_nodes = file.cells.shape[1]
     if order not in (None, file.order) and n_nodes != 4:
         raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")

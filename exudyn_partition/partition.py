@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._checks import read_only, validate_choice, validate_positive, validate_vector
+from ._checks import read_only, validate_choice, validate_positive, validate_type, validate_vector
 from .errors import EmptyRegionError, InputError
 from .fem import FEModel, area_vectors, facet_corners, nodal_area, rigid_modes
 
@@ -230,6 +230,7 @@ class Partition:
         InputError
             If an argument has a wrong shape or is not finite.
         """
+        validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("axes", axes, AXES)
         center = validate_vector("center", center)
         radius = validate_positive("radius", radius, "m")
@@ -291,6 +292,7 @@ class Partition:
         InputError
             If they lie on one line, so that no rotation about it is defined, or are no nodes of the FE model.
         """
+        validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("kind", kind, KINDS)
         if isinstance(nodes, str):
             validate_choice("nodes", nodes, fem.boundaries)

@@ -292,21 +292,50 @@ def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None =
     ----------
     R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, section 11.4.
     """
-    basis = body.basis
-    if basis.flexibility is None:
-        raise InputError(f"body: basis {basis.name!r} has no residual flexibility, and so no static answer to add")
-    if body.fe_dofs != fem.n_dofs:
-        raise InputError(f"fem: expected the body's own mesh with {body.fe_dofs} dofs, got {fem.n_dofs}")
-    load = -pressure(fem, body.partition.patches[body.partition.patch(patch)])
-    elastic = basis.omega > 0
-    amplitude = np.zeros(len(elastic))
-    amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
-    with one_blas_thread():
-        model = tie(fem, body.partition)
-        rigid = mass_normalised(model.rigid_modes, model.mass)
-        flexibility = FreeBodyFlexibility(model.stiffness, model.mass, rigid)
-        answer = model.expand @ flexibility((model.expand.T @ load)[:, None])[:, 0]
-    return (answer - basis.shapes @ amplitude).reshape(-1, 3)
+    answer = StaticAnswer(fem, body)
+    return answer(-pressure(fem, body.partition.patches[body.partition.patch(patch)]).reshape(-1, 3))
+
+
+class StaticAnswer:
+    """What the kept shapes of a body lack of the static answer to nodal forces; see `static_correction`.
+
+    The body's stiffness is factorised once; each answer is one solution with it.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+        Of `fem`, with the residual or contact-adapted basis.
+
+    Raises
+    ------
+    InputError
+        If the basis has no residual flexibility, or the body is of another mesh.
+    """
+
+    def __init__(self, fem: FEModel, body: ReducedBody) -> None:
+        if body.basis.flexibility is None:
+            raise InputError(
+                f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
+            )
+        if body.fe_dofs != fem.n_dofs:
+            raise InputError(f"fem: expected the body's own mesh with {body.fe_dofs} dofs, got {fem.n_dofs}")
+        self._basis = body.basis
+        with one_blas_thread():
+            self._model = tie(fem, body.partition)
+            rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
+            self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
+
+    def __call__(self, forces: Array) -> Array:
+        """Displacements, (n, 3) [m], by forces on the nodes in the body's axes, (n, 3) [N]."""
+        basis, load = self._basis, forces.ravel()
+        elastic = basis.omega > 0
+        amplitude = np.zeros(len(elastic))
+        amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
+        with one_blas_thread():
+            expand = self._model.expand
+            answer = expand @ self._flexibility((expand.T @ load)[:, None])[:, 0]
+        return (answer - basis.shapes @ amplitude).reshape(-1, 3)
 
 
 def _elasticity(material: Material) -> Array:

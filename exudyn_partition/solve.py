@@ -8,8 +8,9 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,11 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ._checks import validate_choice, validate_positive
+from ._checks import validate_array, validate_choice, validate_positive
 from ._optional import require
 from ._progress import LONG
 from ._progress import progress as progress_bar
+from .central_differences import MultiplierStep
 from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
@@ -32,10 +34,12 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items
+from .items import PartitionBody, coordinate_slices, partition_items, start_of_step
+from .joints import Joints
 from .linalg import one_blas_thread
 from .markers import check_joints
-from .step_control import LONGEST, StepControl
+from .step_control import LONGEST, UNRESOLVED, StepControl
+from .summary import write_report
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -66,6 +70,10 @@ class Result:
         Run time of Exudyn's solver [s].
     sensors : dict of int to (n, k) array
         Samples of the model's internally stored sensors, by sensor number.
+    bodies : tuple of PartitionBody
+        The model's.
+    contacts : tuple of PartitionContact
+        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
     """
 
     t: Array
@@ -76,6 +84,8 @@ class Result:
     method: str
     time_s: float
     sensors: Mapping[int, Array] = field(repr=False)
+    bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
+    contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
         """Samples of a sensor, (n, k).
@@ -88,6 +98,58 @@ class Result:
         if int(number) not in self.sensors:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
+
+    def at(self, times: Sequence[float] | Array | int) -> Result:
+        """Return the samples nearest to some times, each once: for frames of a film.
+
+        Parameters
+        ----------
+        times : (k,) [s] or int
+            Times, or how many of them, equally spaced over the run.
+
+        Raises
+        ------
+        InputError
+            If a time is not within the run, or the run kept nothing.
+        """
+        if not len(self.t):
+            raise InputError(f"result: the run kept no samples ({self.message})")
+        if isinstance(times, int):
+            validate_positive("times", times)
+            wanted = np.linspace(self.t[0], self.t[-1], times)
+        else:
+            wanted = validate_array("times", times, (None,))
+            slack = 1e-9 * (self.t[-1] - self.t[0])
+            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
+            if outside.any():
+                raise InputError(
+                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
+                    f"{wanted[outside.argmax()]:.6g}"
+                )
+        middles = (self.t[1:] + self.t[:-1]) / 2
+        nearest = np.unique(np.searchsorted(middles, wanted))
+        return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
+
+    def report(self, path: str | Path, *, title: str = "") -> Path:
+        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the page, which needs no other file.
+        title : str
+            Default: the file's name.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or the run kept nothing.
+        """
+        return write_report(path, self, title=title)
 
     def history(
         self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None
@@ -135,7 +197,7 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        if not contact.explicit_only:
+        if not contact.multipliers:
             contact.law.reset()  # to the pairs at the start, which are all that can close
             items = [item for item, _ in contact.sides]
             to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
@@ -167,6 +229,7 @@ def solve_dynamic(
     adaptive: bool = False,
     free_step: float | None = None,
     gap_tolerance: float | None = None,
+    unresolved: float | None = None,
     settings: Any = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -184,7 +247,9 @@ def solve_dynamic(
     step : float, optional
         [s]. Default: 25 steps a period of the highest `f_cut`; explicit at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
-        Exudyn's VelocityVerlet or generalized-alpha.
+        Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
+        motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
+        that are means over the step before. Exudyn's rigid bodies that turn in space are of first order there.
     sample_period : float, optional
         Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
         are at most that long, and samples stand where they end.
@@ -199,6 +264,9 @@ def solve_dynamic(
     gap_tolerance : float, optional
         Depth to which a step of an adaptive run may close a gap that was open before [m]; it is halved until it does.
         Default: what the approach covers in one step in contact.
+    unresolved : float, optional
+        Share of the bodies' energy that vibration may have in free flight without an adaptive run resolving it; steps
+        then are longer, and damp it. Default: 1e-4.
     settings : exudyn.SimulationSettings, optional
         Everything else; end time, number of steps, spectral radius and the period of samples are set in it, and those
         of adaptive steps.
@@ -214,8 +282,9 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     InputError
-        If an option is out of range, or would have no effect, a joint is attached to a node that was reduced away, or
-        the initial velocities violate a joint or drive.
+        If an option is out of range, or would have no effect; if a joint is attached to a node that was reduced away,
+        or the initial velocities violate a joint or drive; if the model has constraints that explicit steps cannot
+        take: of velocities, or of Euler parameters.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
@@ -231,12 +300,13 @@ def solve_dynamic(
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
+    if not isinstance(mbs, exu.MainSystem):
+        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
+        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    if method == "implicit":
-        _refuse_multipliers(mbs)
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
-    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance)):
+    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
     step = _checked_step(mbs, step, method)
@@ -256,12 +326,13 @@ def solve_dynamic(
         raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
     integration.endTime, integration.numberOfSteps = end_time, steps
     integration.generalizedAlpha.spectralRadius = spectral_radius
+    integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
     if sample_period is not None:
         sample_period = validate_positive("sample_period", sample_period, "s")
     settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
     control = None
     if adaptive:
-        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance)
+        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance, unresolved)
         settings.solution.sensors.writePeriod = sample_period or 0.0
         integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
         # The control lengthens steps; Exudyn only shortens those that fail.
@@ -275,7 +346,9 @@ def solve_dynamic(
     with (
         one_blas_thread(),
         bar as report,
-        _watched(mbs, end_time, report) as watch,
+        _without_stabilised(mbs, method),
+        _multipliers(mbs, method) as steppers,
+        _watched(mbs, end_time, report, steppers) as watch,
         _controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
@@ -334,6 +407,7 @@ def _samples(mbs: Any) -> Result:
         raise RunError("mbs: no sensor stored anything; run the model first")
     samples = min(len(data) for data in sensors.values())
     first = next(iter(sensors.values()))
+    bodies, contacts = partition_items(mbs)
     return Result(
         t=first[:samples, 0].copy(),
         status="finished",
@@ -343,6 +417,8 @@ def _samples(mbs: Any) -> Result:
         method="",
         time_s=float("nan"),
         sensors={number: data[:samples, 1:] for number, data in sensors.items()},
+        bodies=tuple(bodies),
+        contacts=tuple(contacts),
     )
 
 
@@ -369,6 +445,7 @@ def _step_control(
     free_step: float | None,
     sample_period: float | None,
     gap_tolerance: float | None,
+    unresolved: float | None,
 ) -> StepControl:
     bodies, contacts = partition_items(mbs)
     longest = LONGEST * step if free_step is None else validate_positive("free_step", free_step, "s")
@@ -376,6 +453,7 @@ def _step_control(
         raise InputError(f"free_step: expected at least the step in contact, {step:.4g} s, got {longest:.4g} s")
     if gap_tolerance is not None:
         gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
+    unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
     if method == "explicit":
         longest = min(longest, SAFETY * _stability_limit(bodies, []))
     longest = max(step, min(longest, sample_period or math.inf))
@@ -388,16 +466,15 @@ def _step_control(
         q, q_t, q_tt = (np.concatenate([view[s] for s in slices]) for view in views)
         return q, q_t, q_tt
 
-    return StepControl(contacts, bodies, state, step=step, longest=longest, gap_tolerance=gap_tolerance)
-
-
-def _refuse_multipliers(mbs: Any) -> None:
-    for contact in partition_items(mbs)[1]:
-        if contact.explicit_only:
-            raise InputError(
-                f"method: the contact {contact.name or '(no name)'!r} has formulation 'lagrange', which runs in "
-                "explicit central differences; use method='explicit', or formulation='compliance' with its bases"
-            )
+    return StepControl(
+        contacts,
+        bodies,
+        state,
+        step=step,
+        longest=longest,
+        gap_tolerance=gap_tolerance,
+        unresolved=unresolved,
+    )
 
 
 class _Watch:
@@ -409,26 +486,79 @@ class _Watch:
 
 
 @contextlib.contextmanager
-def _watched(mbs: Any, end_time: float, progress: Progress) -> Iterator[_Watch]:
-    """Progress and Ctrl-C through Exudyn's PreStep function, in front of the model's own, which is put back after."""
-    exu, watch, start_of_step = require("exudyn"), _Watch(), None
+def _multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
+    """Multipliers to apply before steps: of contacts, in explicit runs together with those of the model's joints.
+
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected for joints
+    through its PostStep function, in front of the model's own, which is put back after.
+    """
+    exu = require("exudyn")
+    contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
+    own_steppers = [contact.stepper for contact in contacts]
+    if method == "implicit" or not mbs.systemData.AEsize():
+        yield own_steppers
+        return
+    stepper = MultiplierStep(contacts, Joints(mbs))
+    own_function = _function(mbs.GetPostStepUserFunction())
+
+    def after_step(mbs: Any, t: float) -> bool:
+        stepper.after_step(mbs, t)
+        return own_function is None or own_function(mbs, t)
+
+    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
+    mbs.SetPostStepUserFunction(after_step)
+    for contact in contacts:
+        contact.stepper = stepper
+    try:
+        yield [stepper]
+    finally:
+        exu.config.suppressWarnings = warnings_off
+        mbs.SetPostStepUserFunction(own_function or 0)
+        for contact, own in zip(contacts, own_steppers, strict=True):
+            contact.stepper = own
+
+
+@contextlib.contextmanager
+def _without_stabilised(mbs: Any, method: str) -> Iterator[None]:
+    """Switch off the force elements that multipliers have for implicit runs: explicit ones only pay for their calls."""
+    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if contact.multipliers]
+    if method == "implicit":
+        elements = []
+    functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
+    for element in elements:
+        mbs.SetObjectParameter(element, "forceUserFunction", 0)
+    try:
+        yield
+    finally:
+        for element, function in zip(elements, functions, strict=True):
+            mbs.SetObjectParameter(element, "forceUserFunction", function)
+
+
+@contextlib.contextmanager
+def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[MultiplierStep]) -> Iterator[_Watch]:
+    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
+    watch, last_start = _Watch(), None
     own_function = _function(mbs.GetPreStepUserFunction())
-    multipliers = [contact for contact in partition_items(mbs)[1] if contact.explicit_only]
+    contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
+    with_joints = [stepper for stepper in steppers if stepper.joints is not None]
     next_report = 0.0
 
     def before_step(mbs: Any, t: float) -> bool:
-        nonlocal next_report, start_of_step
+        nonlocal next_report, last_start
         if t >= next_report:
             next_report = t + end_time / 100
             progress(min(t / end_time, 1.0))
         if watch.interrupted:
             return False
-        start, previous = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep), start_of_step
+        for stepper in contacts_alone:  # also where the model's own function was set after them
+            stepper.before_step(mbs, t)
+        go_on = own_function is None or own_function(mbs, t)
+        for stepper in with_joints:  # which the function may have moved
+            stepper.before_step(mbs, t)
+        start, previous = start_of_step(mbs), last_start
         watch.steps += start != previous  # not those that are taken again, shorter
-        start_of_step = start
-        for contact in multipliers:  # also where the model's own function was set after them
-            contact.before_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
+        last_start = start
+        return go_on
 
     def interrupt(number: int, frame: Any) -> None:
         watch.interrupted = True

@@ -50,27 +50,19 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
         If the times are not equally spaced, the signal does not change, does not end at rest without a window, or holds
         so high frequencies that 2 f_h lies above half the sampling rate: the record then does not show its end.
     """
-    t = validate_array("t", t, (None,))
-    x = validate_array("x", x, (len(t),))
     tolerance = validate_positive("tolerance", tolerance)
     if tolerance >= 1:
         raise InputError(f"tolerance: expected a relative error in (0, 1), got {tolerance!r}")
-    step = np.diff(t)
-    if len(t) < 3 or step.min() <= 0 or np.ptp(step) > 1e-3 * step.mean():
-        raise InputError("t: expected at least three times, ascending and equally spaced; resample, as by numpy.interp")
+    t, x = _validate_signal(t, x)
     if np.ptp(x) == 0:
         raise InputError(f"x: expected a signal that changes, got {x[0]:.4g} throughout")
-    if validate_choice("window", window, _WINDOWS) == "hann":
-        weight = np.hanning(len(x))
-        x = weight * (x - np.average(x, weights=weight))
-    elif max(abs(x[0]), abs(x[-1])) > tolerance * abs(x).max():
+    if validate_choice("window", window, _WINDOWS) == "none" and max(abs(x[0]), abs(x[-1])) > tolerance * abs(x).max():
         raise InputError(
             f"x: expected a pulse that begins and ends at rest, got {x[0]:.4g} and {x[-1]:.4g} at the ends beside "
             f'{abs(x).max():.4g} at most; record it wholly, or use window="hann" for a vibration that goes on'
         )
-    padded = max(8 << len(x).bit_length(), _FINE)
-    f = np.fft.rfftfreq(padded, step.mean())
-    energy = np.abs(np.fft.rfft(x, padded)) ** 2
+    f, amplitude = amplitude_spectrum(t, x, window=window)
+    energy = amplitude**2
     bins = (energy[1:] + energy[:-1]) / 2
     above = np.append(np.cumsum(bins[::-1])[::-1], 0)
     highest = np.interp(tolerance**2 * above[0], above[::-1], f[::-1])
@@ -80,3 +72,45 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
             "where its content ends; sample finer, filter its noise, or set a larger tolerance"
         )
     return float(2 * highest)
+
+
+def amplitude_spectrum(t: Array, x: Array, *, window: str = "none") -> tuple[Array, Array]:
+    """Magnitude of the Fourier integral of a signal, |X(f)| = |int x(t) exp(-2 pi i f t) dt|.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times, equally spaced [s].
+    x : (n,) array
+        Signal.
+    window : {"none", "hann"}
+        As for `truncation_frequency`.
+
+    Returns
+    -------
+    (m,) array
+        Frequencies, from 0 to half the sampling rate [Hz].
+    (m,) array
+        |X| in the signal's unit times seconds: at f = 0 of a force, its impulse.
+
+    Raises
+    ------
+    InputError
+        If the times are not equally spaced.
+    """
+    t, x = _validate_signal(t, x)
+    if validate_choice("window", window, _WINDOWS) == "hann":
+        weight = np.hanning(len(x))
+        x = weight * (x - np.average(x, weights=weight))
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    padded = max(8 << len(x).bit_length(), _FINE)
+    return np.fft.rfftfreq(padded, step), step * np.abs(np.fft.rfft(x, padded))
+
+
+def _validate_signal(t: Array, x: Array) -> tuple[Array, Array]:
+    t = validate_array("t", t, (None,))
+    x = validate_array("x", x, (len(t),))
+    step = np.diff(t)
+    if len(t) < 3 or step.min() <= 0 or np.ptp(step) > 1e-3 * step.mean():
+        raise InputError("t: expected at least three times, ascending and equally spaced; resample, as by numpy.interp")
+    return t, x

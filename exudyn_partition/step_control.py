@@ -18,7 +18,7 @@ State = Callable[[PartitionBody], tuple[Array, Array, Array]]
 LONGEST = 100  # contact steps: default of the longest step, as nothing is known of a model's other items
 GROWTH = 1.25  # of the step, from one to the next: twice as fast, generalized-alpha amplifies modes far above its step
 _WORTHWHILE = 1.1  # growth below which a step is kept, and the factors of its Jacobian with it
-_UNRESOLVED = 1e-4  # of the bodies' largest energy so far: what steps need not resolve, 1 % of a velocity
+UNRESOLVED = 1e-4  # of the bodies' largest energy so far: what steps need not resolve, 1 % of a velocity
 _CAUTION = 0.9  # of the time to contact: what is left out grows with the square of the step
 _LANDING = 0.5  # of the touching step: how long before contact the last long step ends
 
@@ -79,8 +79,8 @@ class StepControl:
     """Step sizes of a run, asked for at the end of each step.
 
     In contact it is the contact's own step. In free flight it grows, as far as `longest` and the bodies' vibration let
-    it: 25 steps a period of the highest mode above which more than 1e-4 of the energy is found, and of the fastest
-    rotation. It ends before the next impact, so that a row closes within a step that is short enough.
+    it: 25 steps a period of the highest mode above which more than `unresolved` of the energy is found, and of the
+    fastest rotation. It ends before the next impact, so that a row closes within a step that is short enough.
 
     Parameters
     ----------
@@ -94,6 +94,8 @@ class StepControl:
         In free flight [s].
     gap_tolerance : float, optional
         Depth to which a step may close a gap that was open before [m]. Default: what a contact's own step covers.
+    unresolved : float
+        Share of the bodies' largest kinetic energy so far that vibration may have and not be resolved.
     """
 
     def __init__(
@@ -105,9 +107,11 @@ class StepControl:
         step: float,
         longest: float,
         gap_tolerance: float | None = None,
+        unresolved: float = UNRESOLVED,
     ) -> None:
         self.contacts, self.bodies, self._state = contacts, bodies, state
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
+        self.unresolved = unresolved
         self._was_open = [False] * len(contacts)
         self._largest_energy = 0.0
 
@@ -126,10 +130,10 @@ class StepControl:
     def shorter_step(self, taken: float) -> float | None:
         """Return the step to take instead of one that overshot a gap [s], None if the one taken will do.
 
-        Multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
+        Explicit multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
         """
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
-            if was_open and contact.law.index.size and not contact.explicit_only:
+            if was_open and contact.law.index.size and not contact.ahead:
                 depth, tolerance = -contact.law.least_gap, self.gap_tolerance
                 if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
                     return 0.5 * taken
@@ -165,7 +169,7 @@ class StepControl:
         f, energy = np.concatenate(frequencies), np.concatenate(energies)
         self._largest_energy = max(self._largest_energy, total)
         order = np.argsort(f)[::-1]
-        resolved = np.flatnonzero(np.cumsum(energy[order]) > _UNRESOLVED * self._largest_energy)
+        resolved = np.flatnonzero(np.cumsum(energy[order]) > self.unresolved * self._largest_energy)
         if resolved.size:
             fastest = max(fastest, f[order][resolved[0]])
         return 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf

@@ -18,6 +18,7 @@ import exudyn_partition as ep
 from exudyn_partition import archive, cache
 from exudyn_partition import body as body_module
 from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.forward_increment import ForwardIncrement
 from exudyn_partition.contact.gaps import PatchGaps, Side
 from exudyn_partition.contact.lagrange import LagrangeContact
 from exudyn_partition.errors import CacheWarning, InputError
@@ -102,7 +103,8 @@ def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
         if striker.basis.name == "free":
             inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in (striker, target)])
             q_t = np.r_[striker.rigid @ down, np.zeros(target.n_dofs)]
-            return LagrangeContact(gaps, inverse_mass).increment(q, q_t, np.zeros(len(q)), 1e-8)
+            law = LagrangeContact(gaps, inverse_mass)
+            return ForwardIncrement([law], [np.arange(len(q))]).increment([(q, q_t, np.zeros(len(q)))], 1e-8)[0]
         return ComplianceContact(gaps).force(q)
 
     expected = answer(*pair)

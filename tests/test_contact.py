@@ -15,6 +15,7 @@ import exudyn_partition as ep
 from exudyn_partition.contact import complementarity
 from exudyn_partition.contact.complementarity import Complementarity
 from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.forward_increment import ForwardIncrement
 from exudyn_partition.contact.gaps import PatchGaps, Side
 from exudyn_partition.contact.lagrange import LagrangeContact
 from exudyn_partition.contact.rows import pair_surfaces
@@ -278,13 +279,13 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
     law = LagrangeContact(gaps, 1 / np.concatenate([body.mass.diagonal() for body in nodal]))
     q = np.zeros(sum(body.n_dofs for body in nodal))
     v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
-    h = 1e-9
-    c = law.increment(q, v, 0 * q, h)
+    h, together = 1e-9, ForwardIncrement([law], [np.arange(len(q))])
+    (c,) = together.increment([(q, v, 0 * q)], h)
     gap = gaps.held.gap + law.G @ (q + h * (v + h * c))
     assert gap.min() > -1e-18
-    law.increment(q + h * (v + h * c), v, 0 * q, h)  # the step that central differences take
+    together.increment([(q + h * (v + h * c), v, 0 * q)], h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):
-        law.increment(q + h * v, v, 0 * q, h)
+        together.increment([(q + h * v, v, 0 * q)], h)
 
 
 class FlatRows:
@@ -307,7 +308,8 @@ class FlatRows:
 def test_redundant_rows_have_a_unique_total_force():
     """The plate falls flat: the impulse of all multipliers together stops it in a step."""
     law, h, mass = LagrangeContact(FlatRows(), np.array([1 / 2.0, 1 / 0.5])), 1e-3, 2.0
-    push = law.increment(np.zeros(2), np.array([-1.0, 0.0]), np.zeros(2), h)
+    falling = np.zeros(2), np.array([-1.0, 0.0]), np.zeros(2)
+    (push,) = ForwardIncrement([law], [np.arange(2)]).increment([falling], h)
     assert law.lam.sum() == pytest.approx(mass * 1.0 / h, rel=1e-8)
     np.testing.assert_allclose(push, [1.0 / h, 0.0], atol=1e-6 / h)
     assert (law.lam >= 0).all()

@@ -3,6 +3,7 @@
 import math
 
 import exudyn as exu
+import meshio
 import numpy as np
 import pytest
 from conftest import SPHERE_MATERIAL, SPHERE_RADIUS
@@ -64,3 +65,22 @@ def test_full_fe_model_with_the_same_rows_agrees(run, sphere, other_sphere):
     assert ep.compare(history, reference).error["force"] < 0.01
     assert reference.info["contact_nodes"] == contact.n_rows
     assert abs(reference.info["energy_error"]) < 1e-3
+
+
+def test_stress_beneath_the_contact(run, sphere, other_sphere, expected, tmp_path):
+    """Hertz's field of stress (Johnson, section 3.4) from the files for ParaView: von Mises 0.62 p0 at 0.48 a."""
+    striker, target, contact, result = run
+    pairs = [(striker, sphere[0]), (target, other_sphere[0])]
+    peak = float(result.t[contact.force(result).argmax()])
+    ep.output.write_paraview(tmp_path, result, pairs, fields=("stress", "von_mises"), times=[peak], surface=False)
+    p0, a = 1.5 * expected.peak_force / (math.pi * expected.contact_radius**2), expected.contact_radius
+    for name, (_, fem) in zip(("upper", "lower"), pairs, strict=True):
+        data = meshio.read(tmp_path / f"{name}_0000.vtu").point_data
+        depth, off_axis = abs(fem.points[:, 2]) / a, np.linalg.norm(fem.points[:, :2], axis=1) / a
+        deepest = data["von_mises"].argmax()
+        assert data["von_mises"][deepest] / p0 == pytest.approx(0.62, rel=0.08)
+        assert 0.3 < depth[deepest] < 0.7
+        on_axis = (off_axis < 0.2) & (0.2 < depth) & (depth < 1.5)
+        assert on_axis.sum() > 20
+        axial = data["stress"][on_axis, 2] / p0
+        np.testing.assert_allclose(axial, -1 / (1 + depth[on_axis] ** 2), rtol=0.04)

@@ -392,9 +392,30 @@ def test_misuse(mbs, link, body):
     region = ep.Partition.ball(link[0], (0.005, 0, 0.03), 5e-3)
     nodal = ep.CreatePartitionBody(mbs, ep.reduce(link[0], region | link[1], basis="free", f_cut=F_CUT))
     with pytest.raises(InputError, match=r"basis 'free' keeps nodes as coordinates, .* Reduce the body with basis="):
-        nodal.CreateInterfaceMarker(mbs, "foot")
+        nodal.CreateNodeMarker(mbs, (0, 0, 0))
     with pytest.raises(InputError, match=r"gravity: expected shape \(3,\)"):
         ep.CreatePartitionBody(mbs, body, gravity=-9.81)
+
+
+def test_an_interface_of_a_basis_that_keeps_nodes(mbs, link):
+    """Its marker goes where the interface goes: a free body that turns slowly, and a joint that stops it."""
+    region = ep.Partition.ball(link[0], (0.005, 0, 0.03), 5e-3)
+    body = ep.reduce(link[0], region | link[1], basis="free", f_cut=F_CUT)
+    item = ep.CreatePartitionBody(
+        mbs, body, name="bar", referencePosition=[1, 2, 3], initialVelocity=[1, 2, 3], initialAngularVelocity=[1, 2, 3]
+    )
+    marker = item.CreateInterfaceMarker(mbs, "head")
+    assert item.CreateInterfaceMarker(mbs, "head") == marker
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6, method="implicit")
+    rows = body.interface_rows("head")
+    place = np.add(body.partition.find_interface("head").position, [1, 2, 3])
+    position, velocity = (
+        mbs.GetMarkerOutput(marker, getattr(exu.OutputVariableType, kind)) for kind in ("Position", "Velocity")
+    )
+    np.testing.assert_allclose(position, place + (rows @ item.coordinates(result)[-1])[:3], atol=1e-12)
+    np.testing.assert_allclose(velocity, (rows @ item.coordinates_t(result)[-1])[:3], rtol=1e-6)
+    assert item.momentum(result)[-1] == pytest.approx(body.total_mass * np.array([1, 2, 3]), rel=1e-5)
 
 
 def test_joints_on_nodes_that_were_reduced_away(mbs, body, frame):

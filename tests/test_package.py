@@ -1,6 +1,7 @@
 """Architecture, README, and the examples as a user runs them."""
 
 import ast
+import importlib
 import json
 import re
 import subprocess
@@ -11,6 +12,7 @@ import matplotlib.image
 import pytest
 
 import exudyn_partition as ep
+from exudyn_partition import cli
 from exudyn_partition._optional import require
 from exudyn_partition.errors import MissingPackageError
 
@@ -21,9 +23,16 @@ ORDER = [  # data flows this way; imports point back along it
     "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "basis", "contact.surface",
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
     "recovery", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
-    "contact.lagrange", "contact.penalty", "contact.two_pass", "history", "markers", "items", "contact_results",
-    "contact_items", "step_control", "solve", "reference", "report", "plot", "__init__", "contact.__init__",
+    "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty", "contact.two_pass",
+    "history", "markers", "items", "joints", "central_differences", "contact_results", "contact_items",
+    "step_control", "output", "view", "report", "plot", "summary", "solve", "reference", "cli", "__main__",
+    "__init__", "contact.__init__",
 ]  # fmt: skip
+
+TYPES_ONLY = {  # imported for type checking
+    "items": {"contact_items", "solve"}, "contact_results": {"solve"}, "central_differences": {"contact_items"},
+    "output": {"solve"}, "view": {"solve"}, "plot": {"solve"}, "summary": {"solve"},
+}  # fmt: skip
 
 
 def imports(path):
@@ -49,7 +58,7 @@ def test_imports_point_back_along_the_data_flow():
     assert {module for module, *_ in modules} == set(ORDER)
     for module, inside, _ in modules:
         late = {name for name in inside if ORDER.index(name) >= ORDER.index(module)}
-        late -= {"items": {"contact_items", "solve"}, "contact_results": {"solve"}}.get(module, set())  # type checking
+        late -= TYPES_ONLY.get(module, set())
         assert not late, f"{module} imports {late}"
 
 
@@ -61,9 +70,9 @@ def test_outer_packages_have_one_door_each():
             users[package].add(module)
     assert users == {
         "ngsolve": {"ngsolve_fem"},
-        "netgen": {"ngsolve_fem"},
+        "netgen": {"ngsolve_fem", "cli"},  # the doctor tries them
         "meshio": {"mesh_files"},
-        "exudyn": {"markers", "items", "contact_items", "solve"},
+        "exudyn": {"markers", "items", "joints", "contact_items", "view", "solve", "cli"},
     }
 
 
@@ -98,6 +107,26 @@ def test_the_program_in_the_readme_runs(tmp_path):
     assert blocks
     for block in blocks:
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, timeout=120)
+
+
+def test_calls_in_the_readme_s_table_of_commands_parse():
+    calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", (ROOT / "README.md").read_text(), re.M)
+    assert len(calls) == 4
+    for call in calls:
+        cli._parser().parse_args(call.split())
+
+
+def test_what_is_published_names_this_version_and_runs_the_same_checks():
+    citation = (ROOT / ".github" / "CITATION.cff").read_text()
+    assert re.search(r"^version: (.+)$", citation, re.M)[1] == ep.__version__
+    assert f"**{ep.__version__}**" in (ROOT / "README.md").read_text()
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    assert workflow.rstrip().endswith("- run: .ci/run")
+    project = (ROOT / "pyproject.toml").read_text()
+    module, function = re.search(r'^exudyn-partition = "(.+):(.+)"$', project, re.M).groups()
+    assert callable(getattr(importlib.import_module(module), function))
+    assert 'exudyn_partition = ["py.typed"]' in project
+    assert (PACKAGE / "py.typed").is_file()
 
 
 def test_rod_on_plate_in_quick_mode(tmp_path):

@@ -203,12 +203,6 @@ def test_multipliers_keep_gaps_closed(mbs, nodal_bodies):
     assert contact.force(result).max() > 100
 
 
-def test_multipliers_are_refused_in_implicit_runs(mbs, nodal_bodies):
-    nodal_impact(mbs, nodal_bodies)
-    with pytest.raises(InputError, match="contact 'tip' has formulation 'lagrange'"):
-        ep.solve_dynamic(mbs, end_time=END, method="implicit")
-
-
 def test_ctrl_c_keeps_what_was_computed(impact):
     mbs, _, _, contact = impact
     before = signal.getsignal(signal.SIGINT)

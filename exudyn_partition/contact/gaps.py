@@ -178,19 +178,24 @@ class Gaps:
             parts.append(G if self._mean is None else self._mean[index] @ G)
         return _joined(parts)
 
+    def nodal_forces(self, lam: Array) -> list[Array]:
+        """Forces on the patches' nodes, (np, 3) of each side [N], of forces on the present rows, (nr,) [N]."""
+        at_points = lam if self._mean is None else lam @ self._mean
+        active = np.flatnonzero(at_points)
+        forces = at_points[active, None] * self.normals[active]
+        result = []
+        for (nodes, weights), side in zip(self._shares, self.sides, strict=True):
+            on_nodes = np.zeros((len(side.surface.points), 3))
+            np.add.at(on_nodes, nodes[active], weights[active, :, None] * forces[:, None, :])
+            result.append(on_nodes)
+        return result
+
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), of forces on the present rows, (nr,) [N]."""
         if not self.moving:
             return lam @ self.H
-        at_points = lam if self._mean is None else lam @ self._mean
-        active = np.flatnonzero(at_points)
-        forces = at_points[active, None] * self.normals[active]
-        parts = []
-        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
-            on_nodes = np.zeros((len(side.surface.points), 3))
-            np.add.at(on_nodes, nodes[active], weights[active, :, None] * forces[:, None, :])
-            parts.append(side.kinematics.generalised(q, on_nodes))
-        return np.concatenate(parts)
+        parts = zip(self.sides, self.split(self._q), self.nodal_forces(lam), strict=True)
+        return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
     def resultant(self, lam: Array) -> Array:
         """Force on the slave, (3,) [N], of forces on the present rows, (nr,) [N]."""

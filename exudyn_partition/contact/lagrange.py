@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import RunError
-from .complementarity import Complementarity, regularised
+from .complementarity import regularised
 from .gaps import Gaps
 from .law import ContactLaw
 
@@ -21,7 +21,7 @@ _CLOSED = 1e-6  # of a facet's size: central differences close gaps to round-off
 def _not_central_differences(reason: str) -> RunError:
     return RunError(
         f"{reason}: contact with formulation 'lagrange' needs Exudyn's explicit solver VelocityVerlet with a constant "
-        "step (solve_dynamic(..., method='explicit'))"
+        "step (solve_dynamic(..., method='explicit')), or its generalized-alpha (method='implicit')"
     )
 
 
@@ -31,12 +31,20 @@ class LagrangeContact(ContactLaw):
     Eq. 24 alone, relative acceleration zero, keeps the approach velocity of a node that has just touched, which then
     drifts into penetration. Here lambda_n >= 0 makes g(q_{n+1}) >= 0, complementary: the forward-increment form
     (Carpenter, Taylor, Katona 1991) of the same central differences. Pairs are those at the predicted q_{n+1}.
+    `forward_increment.ForwardIncrement` finds lambda, of one contact or several.
 
     Parameters
     ----------
     gaps : Gaps
     inverse_mass : (n,) array
         Inverse of the diagonal mass of both bodies' coordinates.
+
+    Attributes
+    ----------
+    G, push : (nr, n), (n, nr) arrays or csr matrices
+        Present rows, and the accelerations M^-1 G' that unit forces on them make.
+    F : (nr, nr) array
+        G M^-1 G', with a trace on the diagonal for rows that are redundant.
     """
 
     def __init__(self, gaps: Gaps, inverse_mass: Array) -> None:
@@ -48,14 +56,13 @@ class LagrangeContact(ContactLaw):
         super().reset()
         self._expected: Array | None = None
         self._held: Any = None
-        self.problem: Any = None
-        self._take_rows()
+        self.take_rows()
 
-    def _take_rows(self) -> None:
-        """G, M^-1 G' and G M^-1 G' of the present rows, if they are others than before."""
+    def take_rows(self) -> bool:
+        """Take G, `push` and F of the present rows; whether they are others than before."""
         gaps = self.gaps
-        if not gaps.moving and self._held is gaps.held and self.problem:
-            return
+        if not gaps.moving and self._held is gaps.held:
+            return False
         self.G = gaps.jacobian(np.arange(len(gaps.row_nodes)))
         if sp.issparse(self.G):
             self.push = sp.csr_matrix(self.G.multiply(self._inverse_mass)).T.tocsr()
@@ -63,15 +70,17 @@ class LagrangeContact(ContactLaw):
         else:
             self.push = (self.G * self._inverse_mass).T
             F = self.G @ self.push
-        F = regularised(F)  # flat on flat, there are more rows than coordinates
-        if self.problem is None or not gaps.moving:
-            self.problem = Complementarity(F)
-        else:
-            self.problem.replace(F, self._closed_nodes[gaps.row_nodes])
+        self.F = regularised(F)  # flat on flat, there are more rows than coordinates
         self._held = gaps.held
+        return True
 
-    def increment(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array | None:
-        """Acceleration M^-1 G' lambda, (n,), that keeps all gaps open over the coming step; None without contact.
+    @property
+    def guess(self) -> Array:
+        """Present rows that were closed in the last step, (nr,) bool."""
+        return self._closed_nodes[self.gaps.row_nodes]
+
+    def predict(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array:
+        """Gaps, (nr,) [m], at the end of the coming step, if nothing pushed.
 
         Parameters
         ----------
@@ -83,16 +92,20 @@ class LagrangeContact(ContactLaw):
         self._check_last_step(q)
         gap = self.gaps.at(q + step * q_t + 0.5 * step**2 * q_tt)
         self._expected, self.least_gap = None, gap.min(initial=np.inf)
-        if self.least_gap >= 0.0:
-            self._open()
-            return None
-        self._take_rows()
-        lam = self.problem.solve(gap / step**2)
-        self._close(lam, self.problem.index)
+        return gap
+
+    def open(self) -> None:
+        """Leave all rows open in the coming step."""
+        self._open()
+
+    def close(self, lam: Array, index: Array, gap: Array, scale: float) -> None:
+        """Push with lam, (nr,) [N], on the rows `index` in the coming step.
+
+        Its gaps are then `gap`, (nr,) [m]; `scale` [m] is the most that one multiplier closes.
+        """
+        self._close(lam, index)
         if not self.gaps.moving:
-            closing = step**2 * (self.problem.F @ self.lam)
-            self._expected, self._scale = gap + closing, abs(closing).max()
-        return self.push @ self.lam
+            self._expected, self._scale = gap, scale
 
     def _check_last_step(self, q: Array) -> None:
         """Refuse to go on if the last step did not do with the multipliers what central differences do."""
@@ -101,7 +114,8 @@ class LagrangeContact(ContactLaw):
         gap = self.gaps.at(q)
         if self.gaps.moving:  # with other pairs, gaps of other rows
             return
-        if abs(gap - self._expected).max() > 1e-3 * self._scale + 1e-12 * abs(q).max():
+        round_off = 1e-12 * (abs(q).max() + abs(gap).max())
+        if abs(gap - self._expected).max() > 1e-3 * self._scale + round_off:
             raise _not_central_differences("the last step did not close the gaps as predicted")
 
     def check_gaps(self, q: Array) -> None:

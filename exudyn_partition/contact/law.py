@@ -73,6 +73,10 @@ class ContactLaw:
         """Force on the slave, (3,) [N]."""
         return self.gaps.resultant(self.lam)
 
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the patches' nodes in space, (np, 3) of each side [N]."""
+        return self.gaps.nodal_forces(self.lam)
+
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""
         return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)

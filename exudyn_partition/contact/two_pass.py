@@ -98,6 +98,11 @@ class TwoPass:
         there, back = self.passes
         return 0.5 * (there.resultant() - back.resultant())
 
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the patches' nodes in space, (np, 3) of each side of the first pass [N]."""
+        there, back = (law.nodal_forces() for law in self.passes)
+        return [0.5 * (one + other) for one, other in zip(there, back[::-1], strict=True)]
+
     def moment(self, point: Array) -> Array:
         """Moment on it about a point in space, (3,) [N m]."""
         there, back = self.passes

@@ -1,0 +1,370 @@
+"""Command line: reduce a mesh to a body file, look into one, estimate an impact, check the installation.
+
+The only module that prints. Exit codes: 0 done, 1 an error with its message on stderr, 2 a wrong call, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import json
+import math
+import sys
+import time
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._optional import require
+from ._version import __version__
+from .body import BASES, ReducedBody, load_body, reduce
+from .errors import InputError, PartitionError, PartitionWarning
+from .estimate import STEPS_A_PERIOD
+from .hertz import effective, impact
+from .material import ALUMINIUM, STEEL, Material
+from .ngsolve_fem import Refine, fe_model
+from .partition import Partition
+
+MATERIALS = {"steel": STEEL, "aluminium": ALUMINIUM}
+_PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "threadpoolctl")
+_EXAMPLES = {
+    "": """examples:
+  exudyn-partition reduce rod.step --scale 1e-3 --material steel --at 0 0 0 --radius 1e-3 --h 2e-4 --maxh 6e-3 \\
+      --f-cut 40e3 -o rod.npz
+  exudyn-partition info rod.npz
+  exudyn-partition estimate --first 0.0327 0.010 steel --second inf inf aluminium --speed 0.5
+  exudyn-partition doctor""",
+    "reduce": """examples:
+  exudyn-partition reduce rod.step --scale 1e-3 --material steel --at 0 0 0 --radius 1e-3 --h 2e-4 --maxh 6e-3 \\
+      --f-cut 40e3 -o rod.npz
+  exudyn-partition reduce plate.inp --material 70e9,0.33,2700 --at 0 0 0 --radius 1e-3 --tolerance 0.01 --speed 0.6 \\
+      -o plate.npz
+The file is then read by exudyn_partition.load_body("rod.npz").""",
+    "info": """examples:
+  exudyn-partition info rod.npz
+  exudyn-partition info rod.npz --json""",
+    "estimate": """examples:
+  a steel ball of 20 mm on a thick aluminium block:
+    exudyn-partition estimate --first 0.0327 0.010 steel --second inf inf aluminium --speed 0.5
+  a reduced body with a tip of 10 mm radius on something rigid and flat:
+    exudyn-partition estimate --first rod.npz 0.010 steel --speed 0.596""",
+    "doctor": """examples:
+  exudyn-partition doctor
+  exudyn-partition doctor --json""",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Default: those of the process.
+
+    Returns
+    -------
+    int
+    """
+    options = _parser().parse_args(argv)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PartitionWarning)
+        warnings.showwarning = _warn
+        try:
+            with contextlib.redirect_stdout(sys.stderr):  # Exudyn prints its own warnings there
+                code, found = options.run(options)
+        except PartitionError as error:
+            print(f"error: {error}", file=sys.stderr)
+            code, found = 1, {"error": type(error).__name__, "message": str(error)}
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            return 130
+    if options.json:
+        print(json.dumps(found, indent=2))
+    elif "error" not in found:
+        _show(found)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    def command(name: str, run: Any, said: str) -> argparse.ArgumentParser:
+        one = commands.add_parser(
+            name,
+            help=said,
+            description=said,
+            epilog=_EXAMPLES[name],
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        one.add_argument("--json", action="store_true", help="print one JSON object to stdout")
+        one.set_defaults(run=run)
+        return one
+
+    parser = argparse.ArgumentParser(
+        prog="exudyn-partition",
+        description="Partitioned flexible bodies with contact for Exudyn. All lengths in metres, all units SI.",
+        epilog=_EXAMPLES[""],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    one = command("reduce", _reduce, "Reduce a mesh or STEP file to a body file.")
+    one.add_argument("source", help="STEP file, or a mesh of tetrahedra or hexahedra: VTU, Gmsh, Abaqus, Nastran")
+    one.add_argument("-o", "--out", required=True, type=Path, metavar="BODY.npz")
+    one.add_argument("--material", required=True, type=_material, help="steel, aluminium, or E,nu,rho [Pa, 1, kg/m3]")
+    xyz = ("X", "Y", "Z")
+    one.add_argument("--at", required=True, action="append", type=float, nargs=3, metavar=xyz, help="contact point [m]")
+    one.add_argument("--radius", required=True, action="append", type=float, help="of the impact region there [m]")
+    one.add_argument("--name", action="append", help="of the patch")
+    cut = one.add_mutually_exclusive_group(required=True)
+    cut.add_argument("--f-cut", type=float, metavar="HZ", help="keep what moves below this frequency")
+    cut.add_argument(
+        "--tolerance", type=float, help="or grow the body until its estimated error is below, such as 0.01"
+    )
+    one.add_argument("--speed", type=float, default=1.0, help="of the impact that --tolerance judges [m/s]")
+    one.add_argument("--basis", default="contact-adapted", choices=BASES)
+    one.add_argument("--scale", type=float, default=1.0, help="factor on the file's lengths: 1e-3 for millimetres")
+    one.add_argument("--order", type=int, choices=(1, 2), help="of the elements")
+    one.add_argument("--maxh", type=float, metavar="M", help="largest element, for STEP files [m]")
+    one.add_argument("--h", type=float, metavar="M", help="elements within the impact region, for STEP files [m]")
+
+    one = command("info", _info, "Say what a body file holds.")
+    one.add_argument("body", type=Path, metavar="BODY.npz")
+    one.add_argument("--table", action="store_true", help="with what each coordinate is")
+
+    one = command("estimate", _estimate, "Estimate an impact by Hertz, and what it asks of a model.")
+    three, said = ("MASS", "RADIUS", "MATERIAL"), "mass [kg], or a body file; radius of the surface [m]; material"
+    one.add_argument("--first", required=True, nargs=3, metavar=three, help=said)
+    said = "the same; inf for a mass that is held or a flat surface (default: a rigid wall)"
+    one.add_argument("--second", default=("inf", "inf", "rigid"), nargs=3, metavar=three, help=said)
+    one.add_argument("--speed", required=True, type=float, help="of approach [m/s]")
+    one.add_argument(
+        "--impedance", type=float, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
+    )
+
+    command("doctor", _doctor, "Check the installation by versions and by a small impact.")
+    return parser
+
+
+def _material(text: str) -> Material:
+    """Material by its name or its three numbers."""
+    if text in MATERIALS:
+        return MATERIALS[text]
+    try:
+        E, nu, rho = map(float, text.split(","))
+        return Material(E=E, nu=nu, rho=rho)
+    except ValueError as error:
+        known = ", ".join(MATERIALS)
+        raise argparse.ArgumentTypeError(
+            f"expected {known} or E,nu,rho such as 210e9,0.3,7800, got {text!r}"
+        ) from error
+
+
+def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    if len(options.radius) not in (1, len(options.at)):
+        raise InputError(
+            f"--radius: expected one, or one for each of {len(options.at)} --at, got {len(options.radius)}"
+        )
+    radii = options.radius * (len(options.at) if len(options.radius) == 1 else 1)
+    names = options.name or [""] * len(options.at)
+    if len(names) != len(options.at):
+        raise InputError(f"--name: expected one for each of {len(options.at)} --at, got {len(names)}")
+    if not options.out.parent.is_dir():
+        raise InputError(f"--out: there is no folder {options.out.parent}; make it first")
+    places = [(np.array(at), radius) for at, radius in zip(options.at, radii, strict=True)]
+    refine = [Refine(at, radius, options.h) for at, radius in places] if options.h else []
+    begin = time.perf_counter()
+    fem = fe_model(
+        options.source, options.material, order=options.order, maxh=options.maxh, refine=refine, scale=options.scale
+    )
+    fem_s = time.perf_counter() - begin
+    patches = [Partition.ball(fem, *place, name=name) for place, name in zip(places, names, strict=True)]
+    partition = patches[0]
+    for patch in patches[1:]:
+        partition |= patch
+    limit = {"f_cut": options.f_cut} if options.tolerance is None else {"tolerance": options.tolerance}
+    body = reduce(fem, partition, basis=options.basis, speed=options.speed, **limit)
+    body.save(options.out)
+    return 0, {"file": str(options.out), **_described(body), "time": {"fem_s": fem_s, "reduce_s": body.reduce_s}}
+
+
+def _info(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    body = load_body(options.body)
+    found = {"file": str(options.body), **_described(body)}
+    return 0, found | {"coordinates": list(body.labels)} if options.table else found
+
+
+def _described(body: ReducedBody) -> dict[str, Any]:
+    """What a body is, in JSON types."""
+    found: dict[str, Any] = {
+        "basis": body.basis.name,
+        "f_cut_Hz": body.f_cut,
+        "dofs": body.n_dofs,
+        "fe_dofs": body.fe_dofs,
+        "kept": dict(_kinds(body)),
+        "highest_frequency_Hz": float(body.basis.omega.max(initial=0.0) / (2 * np.pi)),
+        "mass_kg": body.total_mass,
+        "centre_of_mass_m": body.centre_of_mass.tolist(),
+        "size_m": np.ptp(body.points, axis=0).tolist(),
+        "patches": [
+            {
+                "name": patch.name,
+                "nodes": len(patch.nodes),
+                "centre_m": body.points[patch.nodes].mean(axis=0).tolist(),
+                "outward_normal": patch.direction.tolist(),
+            }
+            for patch in body.partition.patches
+        ],
+        "interfaces": [i.name for i in body.partition.interfaces],
+        "left_out": list(body.left_out),
+    }
+    if body.estimate is not None:
+        found["estimated_error"] = {"force": body.estimate.force, "velocity": body.estimate.velocity}
+    return found
+
+
+def _kinds(body: ReducedBody) -> Counter[str]:
+    """How many coordinates there are of each kind."""
+    kinds: Counter[str] = Counter()
+    for label in body.basis.labels:
+        kinds["rigid" if label.startswith("rigid") else label.rsplit(" ", 2)[0]] += 1
+    if len(body.basis.nodal):
+        kinds["nodal"] = 3 * len(body.basis.nodal)
+    return kinds
+
+
+def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    (mass_1, radius_1, material_1), (mass_2, radius_2, material_2) = (
+        _hertz_body(f"--{name}", getattr(options, name)) for name in ("first", "second")
+    )
+    if material_1 is None:
+        raise InputError("--first: expected a material, only the second body may be rigid")
+    mass = effective(mass_1, mass_2)
+    found = impact(mass, options.speed, radius_1, radius_2, material_1, material_2, impedance=options.impedance)
+    result = {
+        "effective_mass_kg": mass,
+        "peak_force_N": found.peak_force,
+        "contact_radius_m": found.contact_radius,
+        "approach_m": found.approach,
+        "duration_s": found.duration,
+        "rise_time_s": found.rise_time,
+    }
+    if math.isfinite(found.duration):
+        f_cut = found.truncation_frequency()
+        result |= {"f_cut_Hz": f_cut, "step_s": 1 / (STEPS_A_PERIOD * f_cut)}
+    return 0, {key: value if math.isfinite(value) else None for key, value in result.items()}
+
+
+def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Material | None]:
+    mass, radius, material = values
+    try:
+        number = load_body(mass).total_mass if mass.endswith(".npz") else float(mass)
+        return number, float(radius), None if material == "rigid" else _material(material)
+    except (ValueError, argparse.ArgumentTypeError) as error:
+        if isinstance(error, PartitionError):
+            raise
+        raise InputError(f"{option}: expected MASS RADIUS MATERIAL, such as 0.03 0.01 steel: {error}") from error
+
+
+def _doctor(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    wanted = {}
+    for line in _requirements():
+        name = line.split(">")[0].strip()
+        wanted[name] = line
+    versions, missing = {"python": sys.version.split()[0], "exudyn-partition": __version__}, {}
+    for package in _PACKAGES:
+        try:
+            importlib.import_module(package)
+            versions[package] = metadata.version(package)
+        except ImportError as error:  # also PackageNotFoundError
+            missing[wanted.get(package, package)] = str(error)  # it may be there and lack a library of its own
+    found: dict[str, Any] = {"versions": versions}
+    if missing:
+        line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
+        return 1, found | {"missing": missing, "install": line}
+    found["self_test"] = test = _self_test()
+    return int(not test["passed"]), found
+
+
+def _requirements() -> list[str]:
+    try:
+        return [line for line in metadata.requires("exudyn-partition") or [] if "extra" not in line]
+    except metadata.PackageNotFoundError:
+        return []
+
+
+def _self_test() -> dict[str, Any]:
+    """Impact of a small steel ball on a rigid plane: against Hertz, momentum and energy."""
+    from .contact.rigid import RigidPlane
+    from .contact_items import CreatePartitionContact
+    from .items import CreatePartitionBody
+    from .solve import solve_dynamic
+
+    begin, R, speed, pole = time.perf_counter(), 0.010, 0.5, np.zeros(3)
+    occ = require("netgen.occ")
+    ball = occ.Sphere(occ.Pnt(0, 0, R), R)
+    fem = fe_model(ball, STEEL, maxh=4e-3, refine=[Refine(pole, 0.5e-3, 0.15e-3)], grading=0.7)
+    body = reduce(fem, Partition.ball(fem, pole, 0.6e-3), f_cut=150e3)
+    mbs = require("exudyn").SystemContainer().AddSystem()
+    item = CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -speed])
+    contact = CreatePartitionContact(mbs, item, RigidPlane(pole, np.array([0.0, 0.0, 1.0])))
+    mbs.Assemble()
+    result = solve_dynamic(mbs, end_time=100e-6, progress=lambda share: None)
+    hertz = impact(body.total_mass, speed, R, math.inf, STEEL)
+    energy = item.energy(result) + contact.energy(result)
+    momentum, impulse = item.momentum(result)[:, 2], result.history(contact).impulse
+    errors = {
+        "peak_force_to_hertz": float(contact.force(result).max() / hertz.peak_force - 1),
+        "momentum": float((momentum[-1] - momentum[0]) / impulse - 1),
+        "energy": float(abs(energy / energy[0] - 1).max()),
+    }
+    limits = {"peak_force_to_hertz": 0.1, "momentum": 1e-6, "energy": 1e-2}
+    return {
+        "passed": all(abs(errors[key]) < limit for key, limit in limits.items()),
+        "errors": errors,
+        "limits": limits,
+        "time_s": time.perf_counter() - begin,
+    }
+
+
+def _warn(message: Any, category: Any, *unused: Any, **also: Any) -> None:
+    if issubclass(category, PartitionWarning):
+        print(f"warning: {message}", file=sys.stderr)
+
+
+def _show(found: dict[str, Any]) -> None:
+    """Print what a command found as a table."""
+    table = require("rich.table").Table(show_header=False, box=None, pad_edge=False)
+    for key, value in _flat(found):
+        table.add_row(*map(require("rich.markup").escape, (key, value)))
+    require("rich.console").Console(soft_wrap=False).print(table)
+
+
+def _flat(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Rows of a table: names in words, one for each entry of what is nested."""
+    for key, value in found.items():
+        name, _, unit = key.rpartition("_")
+        known = unit in ("Hz", "kg", "m", "s", "N")
+        label = f"{name} [{unit}]".replace("_", " ") if known else key.replace("_", " ")
+        if isinstance(value, dict):
+            yield from ((f"{label}: {inner}", text) for inner, text in _flat(value))
+        elif isinstance(value, list) and value and not isinstance(value[0], float):
+            for i, entry in enumerate(value):
+                said = ", ".join(f"{k} {v}" for k, v in _flat(entry)) if isinstance(entry, dict) else str(entry)
+                yield (label if i == 0 else "", said)
+        else:
+            yield label, _text(value)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return "(" + ", ".join(_text(x) for x in value) + ")" if value else "none"
+    if value is None:
+        return "without end"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

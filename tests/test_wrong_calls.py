@@ -1,0 +1,189 @@
+"""The likeliest wrong calls: each message leads to the fix. Those tested beside what they call are not repeated here.
+
+Elsewhere: forgot Assemble, body used twice, unknown frame and formulation (test_solve), rotation in an inertial frame
+(test_solve), patches that do not face each other (test_contact), old body files (test_body_files), mesh files
+(test_mesh_files), a missing display (test_view).
+"""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import exudyn as exu
+import meshio
+import netgen.occ as occ
+import numpy as np
+import pytest
+from conftest import TOP, box
+
+import exudyn_partition as ep
+from exudyn_partition import _progress
+from exudyn_partition.errors import EmptyRegionError, FrequencyRangeError, InputError, RunError, UnitsWarning
+
+
+@pytest.fixture
+def step_file(tmp_path):
+    """A block of 10 x 20 x 30 mm, in millimetres."""
+    path = tmp_path / "block.step"
+    occ.Box(occ.Pnt(-5, -10, 0), occ.Pnt(5, 10, 30)).WriteStep(str(path))
+    return path
+
+
+def test_millimetres_for_metres_and_what_the_warning_proposes(step_file):
+    with pytest.warns(UnitsWarning, match=r"the body is 30 long .* if it is in millimetres, .*scale=1e-3 of fe_model"):
+        ep.fe_model(step_file, ep.STEEL, maxh=10)
+    fem = ep.fe_model(step_file, ep.STEEL, maxh=5e-3, scale=1e-3)
+    assert fem.total_mass == pytest.approx(7800 * 6e-6, rel=1e-9)
+    with pytest.raises(
+        EmptyRegionError, match=r"no node lies within 6 m of \(0, 0, 30\): .* the body spans .* 0.03\) m"
+    ):
+        ep.Partition.ball(fem, (0, 0, 30), 6)
+
+
+def test_scale_of_shapes_meshes_and_files(step_file, tmp_path, block):
+    shape = occ.Box(occ.Pnt(-5, -10, 0), occ.Pnt(5, 10, 30))
+    fine = ep.Refine((0, 0, 0.03), 3e-3, 1.5e-3)  # in the lengths after scaling
+    fem = ep.fe_model(shape, ep.STEEL, maxh=5e-3, scale=1e-3, refine=fine)
+    np.testing.assert_allclose(np.ptp(fem.points, axis=0), [0.01, 0.02, 0.03])
+    near = np.linalg.norm(fem.points - [0, 0, 0.03], axis=1) < 3e-3
+    assert near.sum() > 2 * (np.linalg.norm(block.points - [0, 0, 0.03], axis=1) < 3e-3).sum()
+    meshio.Mesh(1e3 * block.points, [("tetra10", block.cells)]).write(tmp_path / "block.vtu")
+    read = ep.fe_model(tmp_path / "block.vtu", ep.STEEL, scale=1e-3)
+    np.testing.assert_allclose(read.points, block.points, atol=1e-15)
+    assert abs(read.stiffness - block.stiffness).max() < 1e-9 * abs(block.stiffness).max()
+    with pytest.raises(
+        InputError, match=r"scale: a mesh is taken as it is, got 0\.001; scale its shape before meshing"
+    ):
+        ep.fe_model(ep.generate_mesh(shape, maxh=10), ep.STEEL, scale=1e-3)
+    with pytest.raises(InputError, match="scale: expected a finite number above zero"):
+        ep.fe_model(step_file, ep.STEEL, maxh=5, scale=0)
+
+
+def test_lists_are_arrays(block):
+    partition = ep.Partition.ball(block, center=[0, 0, 0.03], radius=6e-3, direction=[0, 0, 2])
+    np.testing.assert_array_equal(partition.patches[0].direction, [0, 0, 1])
+    with pytest.raises(InputError, match=r"center: expected shape \(3,\), got \(2,\)"):
+        ep.Partition.ball(block, center=[0, 0.03], radius=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"nu": "0.3"}, r"nu: expected a Poisson's ratio in \(-1, 0.5\), got '0.3'"),
+        ({"nu": None}, r"nu: expected a Poisson's ratio in \(-1, 0.5\), got None"),
+        ({"nu": float("nan")}, "nu: expected .* got nan"),
+        ({"nu": 30}, "nu: expected .* got 30.0"),
+        ({"E": "210e9"}, "E: expected a finite number above zero in Pa, got '210e9'"),
+        ({"rho": [7800]}, r"rho: expected a finite number above zero in kg/m3, got \[7800\]"),
+    ],
+)
+def test_a_material_is_three_numbers(change, message):
+    with pytest.raises(InputError, match=message):
+        ep.Material(**({"E": 210e9, "nu": 0.3, "rho": 7800.0} | change))
+    with pytest.raises(InputError, match=r"material: expected an ep\.Material, such as ep\.STEEL, got str"):
+        ep.fe_model(box(1, 1, 1), "steel", maxh=1)
+
+
+def test_what_belongs_where(mbs, block, top, bodies):
+    for call, message in (
+        (
+            lambda: ep.reduce(block, None, f_cut=8e4),
+            r"partition: expected what Partition.ball\(\) returns, .* NoneType",
+        ),
+        (
+            lambda: ep.reduce(top, block, f_cut=8e4),
+            r"fem: expected what fe_model\(\) returns, a FEModel, got Partition",
+        ),
+        (lambda: ep.reduce_pair((block, None), (block, top), tolerance=0.1, speed=1), "partition: expected what Part"),
+        (
+            lambda: ep.Partition.ball(bodies[0], (0, 0, 0), 1e-3),
+            r"fem: expected what fe_model\(\) returns, .*ReducedBody",
+        ),
+        (lambda: ep.CreatePartitionBody(mbs, block), r"body: expected what reduce\(\) returns, got FEModel"),
+        (lambda: ep.CreatePartitionContact(mbs, *bodies), "expected what CreatePartitionBody returns, .*ReducedBody"),
+        (
+            lambda: ep.reduce(block, top, f_cut=8e4, basis="Craig-Bampton"),
+            "one of 'free', 'craig-bampton', .* 'Craig-B",
+        ),
+        (lambda: ep.generate_mesh(box(1, 1, 1), maxh=1, refine=[((0, 0, 0), 1, 1)]), r"refine: expected ep.Refine\("),
+        (lambda: ep.solve_dynamic(None, end_time=1.0), "mbs: expected a model of Exudyn, a MainSystem, got NoneType"),
+        (lambda: ep.solve_dynamic(exu.SystemContainer(), end_time=1.0), r"SystemContainer; .*AddSystem\(\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+
+
+def test_kilohertz_for_hertz(block, top):
+    with pytest.raises(
+        FrequencyRangeError, match=r"f_cut: no elastic mode lies below 80 Hz\. .* take f_cut well above"
+    ):
+        ep.reduce(block, top, f_cut=80)
+
+
+def test_a_point_of_space_for_one_of_the_body(impact):
+    mbs, striker, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=1e-6)
+    in_space = np.add(TOP, (0, 0, 0.02))
+    with pytest.raises(InputError, match="given in the body's own coordinates, without referencePosition"):
+        striker.velocity(result, in_space)
+
+
+def test_results_before_a_run(impact):
+    with pytest.raises(RunError, match="no sensor stored anything; run the model first"):
+        ep.collect(impact[0])
+
+
+def test_missing_files_name_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for call in (
+        lambda: ep.fe_model("rod.step", ep.STEEL, maxh=1e-3),
+        lambda: ep.fe_model("rod.vtu", ep.STEEL),
+        lambda: ep.load_body("rod.npz"),
+    ):
+        with pytest.raises(InputError, match=rf"there is no(ne| file).*rod\..*\(working directory {tmp_path}\)"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("package", "call"),
+    [
+        ("ngsolve", "ep.generate_mesh(None, maxh=1.0)"),
+        ("ngsolve", "ep.fe_model('rod.step', ep.STEEL, maxh=1e-3)"),
+        ("exudyn", "ep.solve_dynamic(None, end_time=1.0)"),
+    ],
+)
+def test_without_a_package(package, call):
+    """In an interpreter that cannot import it, the error has the line that installs it, and the rest works."""
+    code = f"import sys; sys.modules[{package!r}] = None; import exudyn_partition as ep; ep.hertz; {call}"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr.strip().splitlines()[-1].startswith("exudyn_partition.errors.MissingPackageError")
+    assert f"pip install {package}" in run.stderr
+
+
+class Terminal:
+    """Takes the place of rich's bar on a terminal; tells what happens to it."""
+
+    disable = False
+
+    def __init__(self):
+        self.calls, self.live = [], SimpleNamespace(is_started=False)
+
+    def add_task(self, title, total):
+        self.calls.append((title, total))
+
+    def start(self):
+        self.live.is_started = True
+        self.calls.append("start")
+
+    def stop(self):
+        self.calls.append("stop")
+
+
+@pytest.mark.parametrize(("long", "expected"), [(0.0, ["start", "stop"]), (60.0, [])])
+def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
+    bar = Terminal()
+    monkeypatch.setattr(_progress, "_bar", lambda: bar)
+    monkeypatch.setattr(_progress, "LONG", long)
+    ep.generate_mesh(box(1, 1, 1), maxh=0.5)
+    assert bar.calls == [("mesh", None), *expected]
