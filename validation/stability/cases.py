@@ -38,6 +38,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
+from exudyn_partition.contact.penalty import bed_stiffness
 
 BOTH = ("explicit", "implicit")
 QUIET = {"progress": lambda share: None}
@@ -525,7 +526,7 @@ def row_of_balls(method):
     }
 
 
-@case("ten contacts on one body", "their sum is the weight of the deceleration: momentum, energy")
+@case("ten contacts on one body", "momentum, energy, all ten push")
 def ten_patches(method):
     shape = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.1, 0.04, 0.01))
     centres = [(0.01 + 0.02 * i, y, 0.0) for i in range(5) for y in (0.01, 0.03)]
@@ -610,7 +611,7 @@ def at_limit(method, share, **options):
     return strike(method, ball(), step=lambda mbs: share * ep.stability_limit(mbs), end_time=80e-6, **options)
 
 
-@case("step at 0.5 of the limit", "energy 1 %, Hertz 5 %", quick=True)
+@case("step at 0.5 of the limit", "energy 3 %, Hertz 5 %", quick=True)
 def half_limit(method):
     run = at_limit(method, 0.5)
     return kept(run, energy=0.03) | hertz(run, 1.0)
@@ -658,24 +659,18 @@ def around_the_check(method):
     return {"looks finished": (float(result.status == "finished"), 0.0), "not finite": (finite(run), 0.0)}
 
 
-@case("1e6 steps", "momentum 1e-6, energy 1e-3 between two planes", methods=("explicit",))
+@case("1e6 steps", "energy 1e-3, momentum, and the flight after the impact 1e-9", methods=("explicit",))
 def million_steps(method):
     fem, part = bar_model((0.0, 1.0, 2.0), UNIT, across=1)
-    both = part | ep.Partition.ball(fem, (0, 0, 2.0), 1.5, name="high")
-    body = ep.reduce(fem, both, f_cut=0.19)
-    mbs = exu.SystemContainer().AddSystem()
-    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -1e-3])
-    low = ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, -1e-3)), slavePatch=0)
-    high = ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 2.001), (0, 0, -1)), slavePatch="high")
-    mbs.Assemble()
-    step = ep.stability_limit(mbs) / 8
-    result = ep.solve_dynamic(mbs, end_time=1e6 * step, step=step, sample_period=1e3 * step, **QUIET)
-    energy = item.energy(result) + low.energy(result) + high.energy(result)
-    return {
-        "unfinished": (float(result.status != "finished"), 0.0),
-        "steps missing": (float(1e6 - result.steps), 0.0),
-        "not finite": (float(np.count_nonzero(~np.isfinite(item.coordinates(result)))), 0.0),
-        "energy": (float(abs(energy / energy[0] - 1).max()), 5e-3),
+    run = strike(method, ep.reduce(fem, part, f_cut=0.19), speed=1e-3, gap=1e-3, end_time=1e4, step=1e-2,
+                 sample_period=1.0)  # fmt: skip
+    result, item = run.result, run.bodies[0]
+    height, speed = item.rigid_motion(item.coordinates(result))[:, 2], run.velocity()[:, 2]
+    flown = (height[-1] - height[100]) / (speed[100] * (result.t[-1] - result.t[100]))
+    return kept(run, energy=1e-3, momentum=10.0) | {
+        "steps missing": (float(abs(1e6 - result.steps)), 0.0),
+        "flight": (float(abs(flown - 1)), 1e-9),
+        "speed after": error(speed[-1], 1e-3, 0.1),
     }
 
 
@@ -753,21 +748,22 @@ def not_a_number(method):
 # Other formulations, surfaces, frames and joints
 
 
-@case("multipliers, nodes with mass", "Hertz 5 %, no penetration")
+@case("multipliers, nodes with mass", "Hertz 10 %, bounce 5 %, no penetration")
 def multipliers(method):
-    body = ball(h=0.03, basis="free")
+    body = ball(h=0.03, basis="craig-bampton")
     run = strike(method, body, contact={"formulation": "lagrange"}, end_time=80e-6, sample_period=0.2e-6,
                  step=0.1e-6 if method == "implicit" else None)  # fmt: skip
-    return kept(run, energy=0.03) | hertz(run, 1.0, force=0.1, bounce=0.03) | {
-        "penetration over dent": (penetration(run) / 18e-6, 1e-2)
-    }  # fmt: skip
+    checks = kept(run, energy=0.05) | hertz(run, 1.0, force=0.1, bounce=0.05)
+    return checks | {"penetration over dent": (penetration(run) / 18e-6, 1e-2)}
 
 
-@case("penalty 1e4 times as stiff", "Hertz 5 %; the step follows")
+@case("penalty 1e4 times as stiff", "energy, momentum, bounce 5 %; the explicit step follows by itself")
 def stiff_penalty(method):
-    base = strike(method, ball(), contact={"formulation": "penalty"}, end_time=1e-6)
-    stiff = 1e4 * float(np.median(base.contacts[0].law.stiffness / base.contacts[0].law.node_areas))
-    return {"stiffness": (float(not np.isfinite(stiff)), 0.0)}
+    layer = {"formulation": "penalty"}
+    gaps = strike(method, ball(), contact=layer, end_time=1e-6).contacts[0].law.gaps
+    layer["stiffness"] = 1e4 * bed_stiffness(gaps)
+    run = strike(method, ball(), contact=layer, end_time=80e-6, step=0.1e-6 if method == "implicit" else None)
+    return kept(run, energy=0.02, momentum=0.02) | {"speed after": error(run.velocity()[-1, 2], 1.0, 0.05)}
 
 
 @case("rigid sphere in a conforming hollow", "momentum, energy, complementarity")
@@ -823,13 +819,23 @@ def slides_off(method):
     return {"not finite": (finite(run), 0.0), "unfinished": (float(run.result.status != "finished"), 0.0)}
 
 
-@case("thin sheet, 1:1000", "momentum, energy; the ball stays above")
+def ball_on_sheet(method, thickness):
+    shape = occ.Box(occ.Pnt(-0.05, -0.05, -thickness), occ.Pnt(0.05, 0.05, 0))
+    fine = ep.Refine((0, 0, 0), 0.6e-3, 0.3e-3)
+    fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=10e-3, refine=[fine], grading=0.9)
+    target = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.2e-3, direction=(0, 0, 1)), f_cut=20e3)
+    return kept(strike(method, ball(), target, speed=0.1, end_time=200e-6))
+
+
+@case("thin sheet, 1:100", "momentum, energy, complementarity")
 def sheet(method):
-    shape = occ.Box(occ.Pnt(-0.05, -0.05, -1e-4), occ.Pnt(0.05, 0.05, 0))
-    fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=10e-3, refine=[ep.Refine((0, 0, 0), 0.6e-3, 0.3e-3)], grading=0.9)
-    target = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.2e-3), f_cut=20e3)
-    run = strike(method, ball(), target, speed=0.1, end_time=200e-6)
-    return kept(run)
+    return ball_on_sheet(method, 1e-3)
+
+
+@case("thin sheet, 1:1000", "IndefiniteMatrixError: dents have no digits beside the bending",
+      methods=("explicit",), raises="IndefiniteMatrixError")  # fmt: skip
+def thinner_sheet(method):
+    return ball_on_sheet(method, 1e-4)
 
 
 @case("one basis for two formulations", "InputError", methods=("explicit",), raises="InputError", quick=True)

@@ -4,7 +4,7 @@ Reference: what `cases.py` says of each case, from analytic answers, rigid bodie
 momentum, complementarity (forces and gaps evaluated anew from stored coordinates), and the reference's own. Limit: in
 the table; no result that is not finite, no warning that is not stated, no silent wrong answer.
 
-    python validation/stability/stability.py [--only PART OF A NAME] [--limit SECONDS]
+    python validation/stability/stability.py [--quick] [--only PART OF A NAME] [--out FILE]
 """
 
 import argparse
@@ -24,8 +24,6 @@ from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.errors import PartitionError, PartitionWarning
-
-RESULTS = Path(__file__).with_suffix(".json")
 
 
 def evaluate(case, method):
@@ -121,9 +119,12 @@ def share(value, limit):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="cases whose name holds this; the JSON is not written then")
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds a case")
+    parser.add_argument("--quick", action="store_true", help="the fast cases, those of tests/test_stability.py")
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".json"), help="file of the results")
+    parser.add_argument("--limit", type=float, default=300.0, help="seconds a case")
     options = parser.parse_args()
-    chosen = [(c, m) for c in cases.CASES if options.only in c.name for m in c.methods]
+    wanted = [c for c in cases.CASES if options.only in c.name and (c.quick or not options.quick)]
+    chosen = [(c, m) for c in wanted for m in c.methods]
     rows, console, worker = [], Console(width=170), Worker(options.limit)
     with ep.progress("cases") as report:
         for i, (case, method) in enumerate(chosen):
@@ -138,7 +139,7 @@ def main():
     if not options.only:
         machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
         data = {"cases": len({c.name for c, _ in chosen}), "rows": rows, "beyond_limits": failed, "machine": machine}
-        RESULTS.write_text(json.dumps(data, indent=1) + "\n")
+        options.out.write_text(json.dumps(data, indent=1) + "\n")
     console.print(f"{len(rows) - len(failed)} of {len(rows)} hold, of {len({c.name for c, _ in chosen})} cases")
     sys.exit(f"{len(failed)} do not hold: {', '.join(failed)}" if failed else 0)
 
