@@ -143,7 +143,8 @@ def draw(t, strain, f, amplitude, contact, result):
     axes[1].legend()
     inside = (f > 0) & (f <= 40e3)
     axes[2].plot(1e-3 * f[inside], amplitude[inside], lw=0.9)
-    axes[2].set(title="Fig. 10: velocity of P1", xlabel="frequency [kHz]", ylabel="magnitude of the Fourier integral [m]")
+    axes[2].set(title="Fig. 10: velocity of P1", xlabel="frequency [kHz]")
+    axes[2].set_ylabel("magnitude of the Fourier integral [m]")
     FIGURE.parent.mkdir(exist_ok=True)
     figure.savefig(FIGURE, dpi=120)
 
