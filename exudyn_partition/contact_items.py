@@ -34,6 +34,7 @@ FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
 
 _COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
+_DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
 
@@ -236,6 +237,8 @@ def CreatePartitionContact(
     if other is not None:
         sides.append((other, other.body.partition.patch(masterPatch)))
     placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    for side in placed:
+        _check_digits(side)
     if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
         sides, placed = sides[::-1], placed[::-1]
     contact = PartitionContact(name, sides, rigid)
@@ -272,6 +275,17 @@ def CreatePartitionContact(
     )
     mbs.sys[REGISTRY][1][int(contact["sForce"])] = contact
     return contact
+
+
+def _check_digits(side: Side) -> None:
+    """Gaps are differences of places: far from the origin they have no digits left."""
+    reach, size = float(abs(side.surface.points).max()), side.surface.facet_size
+    if np.finfo(float).eps * reach > _DIGITS * size:
+        raise InputError(
+            f"referencePosition: the patch is {reach:.3g} m from the origin, where numbers stand "
+            f"{np.finfo(float).eps * reach:.2g} m apart, expected at most {_DIGITS:g} of its facets' size, {size:.3g} "
+            "m. Move the origin near to the contact"
+        )
 
 
 def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:
