@@ -34,7 +34,7 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items, start_of_step
+from .items import PartitionBody, coordinate_slices, partition_items, start_of_step, validate_model
 from .joints import Joints
 from .linalg import one_blas_thread
 from .markers import check_joints
@@ -300,9 +300,7 @@ def solve_dynamic(
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
-    if not isinstance(mbs, exu.MainSystem):
-        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
-        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
+    validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
@@ -392,6 +390,7 @@ def collect(mbs: Any) -> Result:
     StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
         As `solve_dynamic`.
     """
+    validate_model(mbs)
     return _reviewed(mbs, _samples(mbs))
 
 
