@@ -1,6 +1,7 @@
 """The examples as a user runs them; rod_on_plate and existing_model are in test_package."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -74,6 +75,22 @@ def test_crank_slider(tmp_path):
     result = run_quick("crank_slider", tmp_path)
     assert result["impacts"] >= 1
     assert result["energy_error"] < 1e-3  # work of the drive against what is stored and dissipated
+
+
+def test_the_tutorial_runs_from_first_to_last_cell(tmp_path):
+    notebook = json.loads((EXAMPLES / "tutorial.ipynb").read_text())
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert not any(cell["outputs"] or cell["execution_count"] for cell in cells)  # stored as it is written
+    try:
+        import nbclient
+        import nbformat
+    except ImportError:  # the extra `tutorial` is not installed: the same cells as a script, without a kernel
+        script = "\n\n".join("".join(cell["source"]) for cell in cells)
+        environment = os.environ | {"MPLBACKEND": "agg"}
+        subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True, timeout=300)
+    else:
+        resources = {"metadata": {"path": str(tmp_path)}}
+        nbclient.NotebookClient(nbformat.from_dict(notebook), timeout=300, resources=resources).execute()
 
 
 def test_the_list_of_examples_is_complete():
