@@ -213,7 +213,13 @@ class PartitionBody(dict):
         return self.kinematics.momentum(self.coordinates_t(result))
 
     def angular_momentum(self, result: Result, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s]."""
+        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
+
+        Raises
+        ------
+        InputError
+            If the point is no vector of three numbers.
+        """
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
 

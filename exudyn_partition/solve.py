@@ -88,7 +88,7 @@ class Result:
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
-        """Samples of a sensor, (n, k).
+        """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
 
         Raises
         ------
@@ -382,6 +382,8 @@ def collect(mbs: Any) -> Result:
 
     Raises
     ------
+    InputError
+        If `mbs` is no model of Exudyn.
     RunError
         If no sensor stored anything.
 
