@@ -168,7 +168,7 @@ class BodyFields:
     def frames(
         self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Fields at each time of `result`, (nodes,) or (nodes, 3), with pressures of `contacts`, static answer to `loads`."""
+        """Fields at each time of `result`, (n,) or (n, 3), with pressures of `contacts` and answers to `loads`."""
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
         for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
             data = self.fields(q, q_t, self.forces(loads, i))
