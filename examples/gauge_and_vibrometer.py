@@ -101,7 +101,7 @@ def main(argv=None):
     axes[0, 0].legend()
     axes[0, 0].set(xlabel="time at the contact [µs]", ylabel="force [N]")
     axes[0, 1].plot(1e3 * t, 1e6 * strain, label=[gauge.name for gauge in gauges])
-    axes[0, 1].legend()
+    axes[0, 1].legend(loc="lower right")
     axes[0, 1].set(xlabel="time [ms]", ylabel="strain in the middle [µm/m]", xlim=(0, 0.5))
     axes[1, 0].plot(1e3 * t, velocity)
     axes[1, 0].set(xlabel="time [ms]", ylabel="velocity along the beam [m/s]", xlim=(0, 0.5))
