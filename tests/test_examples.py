@@ -90,7 +90,8 @@ def test_the_tutorial_runs_from_first_to_last_cell(tmp_path):
         subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True, timeout=300)
     else:
         resources = {"metadata": {"path": str(tmp_path)}}
-        nbclient.NotebookClient(nbformat.from_dict(notebook), timeout=300, resources=resources).execute()
+        read = nbformat.read(EXAMPLES / "tutorial.ipynb", as_version=4)
+        nbclient.NotebookClient(read, timeout=300, resources=resources).execute()
 
 
 def test_the_list_of_examples_is_complete():
