@@ -58,7 +58,7 @@ class PartitionContact(ContactResults):
         self.stepper: Any = None  # MultiplierStep of multipliers
 
     def restart(self, t: float = 0.0) -> None:
-        """Forget the last run."""
+        """Forget the last run; the next one begins at time t [s]."""
         if self.stepper is not None:
             self.stepper.reset()
             self.laws["implicit"].reset()
@@ -130,13 +130,13 @@ class PartitionContact(ContactResults):
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
     def force_in_group(self, mbs: Any) -> Array:
-        """Generalised force of this contact, solved together with those that move its patches."""
+        """Generalised force of this contact, (n,), solved together with those that move its patches."""
         data = mbs.systemData.GetODE2Coordinates(copy=False)
         coordinates = [np.concatenate([data[s] for s in contact.slices(mbs)]) for contact in self.group]
         return self.together.forces(coordinates)[self.group.index(self)]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
-        """Gap rows of multipliers on the coordinates of one of the bodies, (nr, n_dofs)."""
+        """Gap rows of multipliers on the coordinates of `item`, one of the bodies, (nr, n_dofs)."""
         G, n = self.laws["explicit"].G, self.slave.body.n_dofs
         return sp.csr_matrix(G[:, :n] if item is self.slave else G[:, n:])
 
@@ -149,6 +149,11 @@ class PartitionContact(ContactResults):
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
         Extra, for it costs the places of the patch's nodes in every sample.
+
+        Raises
+        ------
+        InputError
+            If the point is no vector of three numbers.
         """
         place = validate_vector("point", point)
         self["sMoment"] = mbs.AddSensor(

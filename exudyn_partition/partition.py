@@ -160,7 +160,7 @@ class Partition:
         return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(patch.nodes for patch in self.patches)]))
 
     def patch(self, key: int | str | None = None) -> int:
-        """Number of a patch by its number or name; of the only one by None.
+        """Number of a patch by `key`, its number or name; of the only one by None.
 
         Raises
         ------

@@ -35,7 +35,7 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items, start_of_step
+from .items import PartitionBody, coordinate_slices, partition_items, start_of_step, validate_model
 from .joints import Joints
 from .linalg import one_blas_thread
 from .markers import check_joints
@@ -93,7 +93,7 @@ class Result:
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
-        """Samples of a sensor, (n, k).
+        """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
 
         Raises
         ------
@@ -306,9 +306,7 @@ def solve_dynamic(
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
-    if not isinstance(mbs, exu.MainSystem):
-        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
-        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
+    validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
@@ -397,6 +395,8 @@ def collect(mbs: Any) -> Result:
 
     Raises
     ------
+    InputError
+        If `mbs` is no model of Exudyn.
     RunError
         If no sensor stored anything.
 
@@ -405,6 +405,7 @@ def collect(mbs: Any) -> Result:
     StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
         As `solve_dynamic`.
     """
+    validate_model(mbs)
     return _reviewed(mbs, _samples(mbs))
 
 

@@ -109,6 +109,16 @@ def test_the_program_in_the_readme_runs(tmp_path):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, timeout=120)
 
 
+@pytest.mark.parametrize("page", ["README.md", "examples/README.md"])
+def test_links_lead_somewhere(page):
+    text = (ROOT / page).read_text()
+    anchors = {title.lower().replace(" ", "-") for title in re.findall(r"^#+ ([\w ]+)$", text, re.M)}
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if not link.startswith("http")]
+    assert links
+    for link in links:
+        assert link[1:] in anchors if link.startswith("#") else ((ROOT / page).parent / link).exists(), link
+
+
 def test_calls_in_the_readme_s_table_of_commands_parse():
     calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", (ROOT / "README.md").read_text(), re.M)
     assert len(calls) == 4
