@@ -1,5 +1,20 @@
 """Partitioned flexible bodies with trustworthy contact for Exudyn.
 
+The way of a model, each step with what it takes from the one before::
+
+    fem = ep.fe_model(shape_or_file, ep.STEEL, maxh=6e-3, refine=[ep.Refine(point, radius, h)])
+    part = ep.Partition.ball(fem, point, radius)  # | ep.Partition.interface(fem, "pin", nodes="bore")
+    body = ep.reduce(fem, part, f_cut=40e3)  # or tolerance=1e-2; ep.reduce_pair for two
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -1])
+    contact = ep.CreatePartitionContact(mbs, item, other)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-3)
+    force, velocity = contact.force(result), item.velocity(result, point)
+    result.report("run.html")
+
+Around it: `hertz` (estimates before any mesh), `recovery` (strain, stress), `plot`, `output` (ParaView), `view`
+(Exudyn's renderer), `reference` (the full FE model), `compare`, `errors`. Units are SI: m, kg, s, N, Pa, Hz, rad.
+
 Names are imported on first use, so that importing the package is instant and needs neither Exudyn nor NGSolve.
 """
 
@@ -18,9 +33,9 @@ _HOMES = {
     "body": ("ReducedBody", "load_body", "reduce", "reduce_pair"),
     "estimate": ("Estimate",),
     "recovery": ("StrainGauge",),
-    "items": ("CreatePartitionBody",),
+    "items": ("CreatePartitionBody", "PartitionBody"),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
-    "contact_items": ("CreatePartitionContact",),
+    "contact_items": ("CreatePartitionContact", "PartitionContact"),
     "step_control": ("time_to_contact",),
     "solve": ("Result", "collect", "solve_dynamic", "stability_limit"),
     "history": ("History",),

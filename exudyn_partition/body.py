@@ -143,6 +143,11 @@ class ReducedBody:
         ----------
         rows : (k, 3n) csr matrix
             As `recovery` makes them; rows @ u of the recovered displacements u is the result times q.
+
+        Raises
+        ------
+        InputError
+            If they are of another mesh.
         """
         if rows.shape[1] != self.fe_dofs:
             raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
@@ -151,7 +156,13 @@ class ReducedBody:
         return np.hstack([rows @ self.basis.shapes, rows[:, dofs].toarray()])
 
     def displacement(self, q: Array) -> Array:
-        """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise."""
+        """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise.
+
+        Raises
+        ------
+        InputError
+            If q has another shape.
+        """
         q = np.asarray(q, dtype=float)
         if q.shape != (self.n_dofs,):
             raise InputError(f"q: expected shape ({self.n_dofs},), got {q.shape}")
@@ -164,11 +175,13 @@ class ReducedBody:
         return nearest_node(self.points, point)
 
     def surface(self, position: Array, patch: int = 0) -> Surface:
-        """One of the contact patches with the body shifted by `position`, (3,) [m]."""
+        """Contact patch number `patch` with the body shifted by `position`, (3,) [m]."""
         return Surface.of(self.points, self.partition.patches[patch], position)
 
     def flexibility(self, patch: int = 0, other: int | None = None) -> Array:
-        """Residual flexibility of a patch's rows, or between those of one and another patch [m/N].
+        """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
+
+        Both are numbers of patches.
 
         Raises
         ------

@@ -15,8 +15,9 @@ from ._optional import require
 from .central_differences import MultiplierStep
 from .contact.compliance import ComplianceContact
 from .contact.coupled import CoupledContacts
-from .contact.gaps import PatchGaps, Side
+from .contact.gaps import Side
 from .contact.lagrange import LagrangeContact
+from .contact.patch_gaps import PatchGaps
 from .contact.penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
@@ -33,6 +34,7 @@ FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
 
 _COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
+_DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
 
@@ -56,7 +58,7 @@ class PartitionContact(ContactResults):
         self.stepper: Any = None  # MultiplierStep of multipliers
 
     def restart(self, t: float = 0.0) -> None:
-        """Forget the last run."""
+        """Forget the last run; the next one begins at time t [s]."""
         if self.stepper is not None:
             self.stepper.reset()
             self.laws["implicit"].reset()
@@ -128,13 +130,13 @@ class PartitionContact(ContactResults):
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
     def force_in_group(self, mbs: Any) -> Array:
-        """Generalised force of this contact, solved together with those that move its patches."""
+        """Generalised force of this contact, (n,), solved together with those that move its patches."""
         data = mbs.systemData.GetODE2Coordinates(copy=False)
         coordinates = [np.concatenate([data[s] for s in contact.slices(mbs)]) for contact in self.group]
         return self.together.forces(coordinates)[self.group.index(self)]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
-        """Gap rows of multipliers on the coordinates of one of the bodies, (nr, n_dofs)."""
+        """Gap rows of multipliers on the coordinates of `item`, one of the bodies, (nr, n_dofs)."""
         G, n = self.laws["explicit"].G, self.slave.body.n_dofs
         return sp.csr_matrix(G[:, :n] if item is self.slave else G[:, n:])
 
@@ -147,6 +149,11 @@ class PartitionContact(ContactResults):
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
         Extra, for it costs the places of the patch's nodes in every sample.
+
+        Raises
+        ------
+        InputError
+            If the point is no vector of three numbers.
         """
         place = validate_vector("point", point)
         self["sMoment"] = mbs.AddSensor(
@@ -163,7 +170,7 @@ def CreatePartitionContact(
     master: PartitionBody | RigidSurface,
     *,
     formulation: str = "compliance",
-    rows: str = "node-to-segment",
+    rows: str | None = None,
     passes: str = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
@@ -173,8 +180,8 @@ def CreatePartitionContact(
 ) -> PartitionContact:
     """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
 
-    Points of the slave's patch are kept out of the master. Pairs stay as they are found at the start, along the line of
-    contact, until the patches slide along each other; then they follow (`contact.gaps`).
+    The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
+    contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
 
     Parameters
     ----------
@@ -186,9 +193,11 @@ def CreatePartitionContact(
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
         paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
         (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch.
-    rows : {"node-to-segment", "integrated"}
-        What is kept out: each node of the slave's patch (paper, section 3), or the mean gap around each corner of its
-        facets; see `contact.points`.
+    rows : {"integrated", "node-to-segment"}, optional
+        What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
+        meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
+        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius. Default:
+        "integrated", but with "lagrange" the paper's "node-to-segment", whose implicit steps converge better.
     passes : {"finer", "given", "two"}
         Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
         the contact each.
@@ -225,7 +234,7 @@ def CreatePartitionContact(
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_choice("formulation", formulation, FORMULATIONS)
-    validate_choice("rows", rows, ROWS)
+    rows = validate_choice("rows", rows or ("node-to-segment" if formulation == "lagrange" else "integrated"), ROWS)
     validate_choice("passes", passes, PASSES)
     if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
@@ -233,6 +242,8 @@ def CreatePartitionContact(
     if other is not None:
         sides.append((other, other.body.partition.patch(masterPatch)))
     placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    for side in placed:
+        _check_digits(side)
     if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
         sides, placed = sides[::-1], placed[::-1]
     contact = PartitionContact(name, sides, rigid)
@@ -269,6 +280,17 @@ def CreatePartitionContact(
     )
     mbs.sys[REGISTRY][1][int(contact["sForce"])] = contact
     return contact
+
+
+def _check_digits(side: Side) -> None:
+    """Gaps are differences of places: far from the origin they have no digits left."""
+    reach, size = float(abs(side.surface.points).max()), side.surface.facet_size
+    if np.finfo(float).eps * reach > _DIGITS * size:
+        raise InputError(
+            f"referencePosition: the patch is {reach:.3g} m from the origin, where numbers stand "
+            f"{np.finfo(float).eps * reach:.2g} m apart, expected at most {_DIGITS:g} of its facets' size, {size:.3g} "
+            "m. Move the origin near to the contact"
+        )
 
 
 def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:

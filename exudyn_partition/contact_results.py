@@ -105,7 +105,11 @@ class ContactResults(dict):
         return result.sensor(self["sForce"])[:, 1].astype(int)
 
     def gap(self, result: Result) -> Array:
-        """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it."""
+        """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it.
+
+        Integrated rows have mean gaps around nodes: a convex tip touches when the first mean closes, after its lowest
+        point by the order of a facet's size squared over the radius.
+        """
         return result.sensor(self["sForce"])[:, 5]
 
     def row_forces(self, result: Result) -> sp.csr_matrix:
@@ -121,9 +125,10 @@ class ContactResults(dict):
         return sp.csr_matrix((forces, (at, nodes)), shape=(len(result.t), len(self._areas)))
 
     def pressure(self, result: Result) -> sp.csr_matrix:
-        """Contact pressure around the corners of the slave's facets, (n, np) [Pa], columns as those of `row_forces`.
+        """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
 
-        Means weighted with the corners' hat functions; columns of mid-side nodes are empty.
+        Means over hat functions: with integrated rows over that of each node, with node-to-segment rows over those of
+        the facets' corners; columns of mid-side nodes are empty then.
         """
         return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
 
@@ -210,5 +215,6 @@ class ContactResults(dict):
         unpaired = self.law.gaps.unpaired
         said = ["tangential rows: the contact is frictionless"]
         if unpaired:
-            said.append(f"{unpaired} nodes of {self.slave.name or 'the slave'} that face no facet of the master patch")
+            slave = self.slave.name or "the slave"
+            said.append(f"{unpaired} contact points of {slave} that face no facet of the master patch")
         return said

@@ -117,6 +117,11 @@ def contact_radius(
     -------
     float
         [m]
+
+    Raises
+    ------
+    InputError
+        If a number is not above zero, or both radii are infinite.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
     return (3 * validate_positive("force", force, "N") * R / (4 * E)) ** (1 / 3)
@@ -152,6 +157,11 @@ def rod_impedance(material: Material, area: float) -> float:
     -------
     float
         Force over velocity [N s/m] until the first wave returns from the other end.
+
+    Raises
+    ------
+    InputError
+        If the area is not above zero.
     """
     return material.rho * material.bar_wave_speed * validate_positive("area", area, "m2")
 
@@ -172,6 +182,11 @@ def plate_impedance(material: Material, thickness: float) -> float:
     -------
     float
         Force over velocity [N s/m].
+
+    Raises
+    ------
+    InputError
+        If the thickness is not above zero.
     """
     h = validate_positive("thickness", thickness, "m")
     stiffness = material.plane_strain_modulus * h**3 / 12

@@ -97,7 +97,7 @@ class History:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write to an npz file, in single precision but for the times."""
+        """Write to an npz file at `path`, in single precision but for the times."""
         arrays: dict[str, Any] = {f"velocity_{k}": v.astype(np.float32) for k, v in self.velocity.items()}
         np.savez_compressed(
             path,
@@ -110,7 +110,7 @@ class History:
 
     @classmethod
     def load(cls, path: str | Path) -> History:
-        """Read what `save` wrote.
+        """Read what `save` wrote to `path`.
 
         Raises
         ------

@@ -213,7 +213,13 @@ class PartitionBody(dict):
         return self.kinematics.momentum(self.coordinates_t(result))
 
     def angular_momentum(self, result: Result, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s]."""
+        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
+
+        Raises
+        ------
+        InputError
+            If the point is no vector of three numbers.
+        """
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
 
@@ -238,8 +244,17 @@ class PartitionBody(dict):
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))
 
 
+def validate_model(mbs: Any) -> None:
+    """Raise unless `mbs` is a model of Exudyn."""
+    exu = require("exudyn")
+    if not isinstance(mbs, exu.MainSystem):
+        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
+        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
+
+
 def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
     """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
+    validate_model(mbs)
     bodies, contacts = mbs.sys.setdefault(REGISTRY, ({}, {}))
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
     for number, item in list(bodies.items()):
@@ -313,9 +328,10 @@ def CreatePartitionBody(
     Raises
     ------
     InputError
-        If an argument is out of range, or the body cannot have a floating frame: its basis has nodal columns ("free"),
-        or it has no inertia about some axis.
+        If `mbs` is no model, an argument is out of range, or the body cannot have a floating frame: its basis has nodal
+        columns ("free"), or it has no inertia about some axis.
     """
+    validate_model(mbs)
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() returns, got {type(body).__name__}")
     validate_choice("frame", frame, ("inertial", "floating", "auto"))

@@ -168,7 +168,7 @@ class BodyFields:
     def frames(
         self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Fields at each time of `result`."""
+        """Fields at each time of `result`, (n,) or (n, 3), with pressures of `contacts` and answers to `loads`."""
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
         for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
             data = self.fields(q, q_t, self.forces(loads, i))
@@ -182,7 +182,7 @@ class BodyFields:
             yield data
 
     def forces(self, loads: Iterable[Load], i: int) -> Array:
-        """Forces of contacts on all nodes at sample i, (all nodes, 3) in space [N]."""
+        """Forces of contacts, `loads`, on all n nodes at sample i, (n, 3) in space [N]."""
         forces = np.zeros((len(self.body.points), 3))
         for contact, on_sides in loads:
             for (item, patch), on_side in zip(contact.sides, on_sides, strict=True):

@@ -160,7 +160,7 @@ class Partition:
         return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(patch.nodes for patch in self.patches)]))
 
     def patch(self, key: int | str | None = None) -> int:
-        """Number of a patch by its number or name; of the only one by None.
+        """Number of a patch by `key`, its number or name; of the only one by None.
 
         Raises
         ------
@@ -255,7 +255,7 @@ class Partition:
             )
         normals = area_vectors(fem.points, fem.facets)
         # The normal at the center leads; the mean of all would be lost on a patch that goes around an edge.
-        surface = np.unique(fem.facets)
+        surface = np.unique(fem.facets[_facing(normals, within, direction)])
         foot = surface[distance[surface].argmin()]
         line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
         # Side walls beyond an edge cannot touch along the line of contact.
@@ -321,6 +321,19 @@ class Partition:
         motion = np.linalg.solve(motions.T @ weighted, weighted.T)
         joint = Interface(name, nodes, kind, position, weights, motion)
         return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes)
+
+
+def _facing(normals: Array, within: Array, direction: Array | None) -> Array:
+    """Facets within reach that face a given direction, (nf,) bool, if there are any, else all.
+
+    Of a thin sheet, nodes on the other side may be nearer to a center on this one.
+    """
+    everywhere = np.ones(len(normals), dtype=bool)
+    if direction is None:
+        return everywhere
+    given = validate_vector("direction", direction)
+    facing = within & (normals @ given > 0.5 * np.linalg.norm(normals, axis=1) * np.linalg.norm(given))
+    return facing if facing.any() else everywhere
 
 
 def _direction(normals: Array, direction: Array | None) -> Array:

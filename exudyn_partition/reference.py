@@ -123,7 +123,7 @@ def simulate(
     step: float = 1e-6,
     points: Mapping[str, tuple[int, Array]] | None = None,
     alpha: float = 0.1,
-    rows: str | ContactRows = "node-to-segment",
+    rows: str | ContactRows = "integrated",
     progress: Progress | None = None,
 ) -> History:
     """Integrate two full FE bodies in contact by HHT: one factorisation a body, exact complementarity each step.
@@ -138,7 +138,7 @@ def simulate(
         Where velocities are recorded: at the node nearest to the point in the body's own coordinates [m].
     alpha : float
         Numerical damping, 0 to 1/3.
-    rows : {"node-to-segment", "integrated"} or ContactRows
+    rows : {"integrated", "node-to-segment"} or ContactRows
         The same rows as a partition contact has, with the first body as slave (`contact.rows.pair_surfaces`).
     progress : callable, optional
         Called with the share done, 0 to 1.

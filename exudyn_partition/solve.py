@@ -23,6 +23,7 @@ from ._optional import require
 from ._progress import LONG
 from ._progress import progress as progress_bar
 from .central_differences import MultiplierStep
+from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
 from .errors import (
     ContactPatchWarning,
@@ -34,7 +35,7 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items, start_of_step
+from .items import PartitionBody, coordinate_slices, partition_items, start_of_step, validate_model
 from .joints import Joints
 from .linalg import one_blas_thread
 from .markers import check_joints
@@ -46,7 +47,11 @@ Progress = Callable[[float], None]
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
+_OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
+_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
+_EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
 
 
@@ -88,7 +93,7 @@ class Result:
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
-        """Samples of a sensor, (n, k).
+        """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
 
         Raises
         ------
@@ -293,16 +298,15 @@ def solve_dynamic(
     StoppedRunWarning
         If the run ended early; the result holds what was computed.
     ModelLimitWarning
-        If a body rotated further than its frame allows.
+        If a body rotated further than its frame allows, or turned by more than a radian in a step; if bodies overlapped
+        at the start by so much that it drives them apart.
     ContactPatchWarning
         If a contact reached the edge of its patch.
     """
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
-    if not isinstance(mbs, exu.MainSystem):
-        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
-        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
+    validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
@@ -324,7 +328,9 @@ def solve_dynamic(
     integration = settings.timeIntegration
     if integration.startTime != 0.0:
         raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
-    integration.endTime, integration.numberOfSteps = end_time, steps
+    # Steps that are so short need more of them to get there; the hook before each step ends the run.
+    beyond = math.ceil(_EARLY / step) if step < _EARLY else 0
+    integration.endTime, integration.numberOfSteps = end_time + beyond * step, steps + beyond
     integration.generalizedAlpha.spectralRadius = spectral_radius
     integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
     if sample_period is not None:
@@ -348,7 +354,7 @@ def solve_dynamic(
         bar as report,
         _without_stabilised(mbs, method),
         _multipliers(mbs, method) as steppers,
-        _watched(mbs, end_time, report, steppers) as watch,
+        _watched(mbs, end_time, step, report, steppers) as watch,
         _controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
@@ -360,6 +366,8 @@ def solve_dynamic(
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
     result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
+    if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
+        result = _cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
     if watch.interrupted:
         status, message = "interrupted", "interrupted by the user"
     elif status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
@@ -367,7 +375,10 @@ def solve_dynamic(
         message = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
     elif status == "finished" and progress is not None:
         progress(1.0)
-    return _reviewed(mbs, replace(result, status=status, message=message))
+    result = _reviewed(mbs, replace(result, status=status, message=message))
+    if not adaptive:
+        _warn_of_turns(result)
+    return result
 
 
 def collect(mbs: Any) -> Result:
@@ -384,6 +395,8 @@ def collect(mbs: Any) -> Result:
 
     Raises
     ------
+    InputError
+        If `mbs` is no model of Exudyn.
     RunError
         If no sensor stored anything.
 
@@ -392,6 +405,7 @@ def collect(mbs: Any) -> Result:
     StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
         As `solve_dynamic`.
     """
+    validate_model(mbs)
     return _reviewed(mbs, _samples(mbs))
 
 
@@ -535,7 +549,9 @@ def _without_stabilised(mbs: Any, method: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[MultiplierStep]) -> Iterator[_Watch]:
+def _watched(
+    mbs: Any, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
+) -> Iterator[_Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
     watch, last_start = _Watch(), None
     own_function = _function(mbs.GetPreStepUserFunction())
@@ -548,14 +564,14 @@ def _watched(mbs: Any, end_time: float, progress: Progress, steppers: Sequence[M
         if t >= next_report:
             next_report = t + end_time / 100
             progress(min(t / end_time, 1.0))
-        if watch.interrupted:
+        start, previous = start_of_step(mbs), last_start
+        if watch.interrupted or start > end_time - 1e-6 * step:
             return False
         for stepper in contacts_alone:  # also where the model's own function was set after them
             stepper.before_step(mbs, t)
         go_on = own_function is None or own_function(mbs, t)
         for stepper in with_joints:  # which the function may have moved
             stepper.before_step(mbs, t)
-        start, previous = start_of_step(mbs), last_start
         watch.steps += start != previous  # not those that are taken again, shorter
         last_start = start
         return go_on
@@ -647,6 +663,7 @@ def _reviewed(mbs: Any, result: Result) -> Result:
                 _warn_of_rotation(item, result)
         for contact in contacts:
             _warn_of_patch(contact, result)
+            _warn_of_overlap(contact, result)
     return result
 
 
@@ -666,6 +683,38 @@ def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
             ModelLimitWarning,
             stacklevel=5,
         )
+
+
+def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
+    """What placing tolerates as round-off of meshes is much energy for slow bodies."""
+    placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
+    carried = isinstance(contact.law.gaps, RigidGaps) and contact.law.gaps.carried
+    if contact.multipliers or carried or not placed or not contact.closed_rows(result)[0]:
+        return
+    stored, depth = contact.energy(result.at(result.t[:1]))[0], -contact.law.least_gap
+    largest = max(item.energy(result).max() for item, _ in contact.sides)
+    if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
+        warnings.warn(
+            f"contact {contact.name!r} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
+            f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
+            "them apart. Move one by that much (referencePosition)",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_turns(result: Result) -> None:
+    for item in result.bodies:
+        if item.frame == "floating" and len(result.t):
+            turn = result.step * np.linalg.norm(item.coordinates_t(result)[:, 3:6], axis=1).max()
+            if turn > _LARGEST_TURN:
+                warnings.warn(
+                    f"body {item.name!r} turns by {turn:.3g} rad in a step of {result.step:.4g} s: no integrator "
+                    f"follows that. Take steps of at most {0.25 * result.step / turn:.2g} s, 25 a turn, or "
+                    "adaptive=True",
+                    ModelLimitWarning,
+                    stacklevel=3,
+                )
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ._checks import validate_array, validate_choice, validate_positive
 from ._optional import require
@@ -34,6 +35,7 @@ _COLOURS = "viridis"
 _ACROSS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a quadratic triangle, in four flat ones
 _SPLIT = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [0, 2, 3]]), 6: _ACROSS}
 _WINDOW = (1024, 768)
+_AMBIENT = 0.8  # brightness of what no light falls on: shadows must not pass for small values
 _MARGIN = 0.6  # half of a picture's height, in diagonals of what it shows
 
 
@@ -132,11 +134,15 @@ def picture(
     view.window.renderWindowSize = [int(validate_positive("size", pixels)) for pixels in size]
     general.renderWindowString = f"t = {frame.t[0]:.6g} s"
     general.showSolverInformation = general.showSolverTime = view.window.showComputationInfo = False
+    light = SC.visualizationSettings.openGL
+    light.lightModelAmbient = [_AMBIENT] * 3 + [1.0]
+    light.light0.useCameraFrame = True
     SC.renderer.ZoomAll()  # or the first drawing sets the view anew
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     height = _MARGIN * float(np.linalg.norm(high - low))
-    SC.renderer.SetModelView(height, turn, ((low + high) / 2).tolist())
+    centre = Rotation.from_rotvec(turn).apply((low + high) / 2)  # the renderer moves after it has turned
+    SC.renderer.SetModelView(height, turn, centre.tolist())
     return np.array(SC.renderer.RedrawAndGetImage(useRaytracer=True))
 
 

@@ -19,8 +19,9 @@ from exudyn_partition import archive, cache
 from exudyn_partition import body as body_module
 from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.forward_increment import ForwardIncrement
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.lagrange import LagrangeContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.errors import CacheWarning, InputError
 from exudyn_partition.kinematics import InertialKinematics
 from exudyn_partition.partition import Interface, Patch

@@ -9,10 +9,13 @@ from conftest import SPHERE_RADIUS, box, relative
 
 import exudyn_partition as ep
 from exudyn_partition.contact.compliance import ComplianceContact
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.pairs import MovingPairs
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.penalty import PenaltyContact, bed_stiffness
 from exudyn_partition.contact.points import ROWS, contact_points
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
+from exudyn_partition.contact.surface import closest_points
 from exudyn_partition.contact.two_pass import TwoPass
 from exudyn_partition.errors import InputError, MeshError, PenetrationError
 from exudyn_partition.kinematics import FloatingKinematics, InertialKinematics
@@ -141,6 +144,63 @@ def test_gaps_change_as_their_jacobian_says(ball, plate, kind, frame):
         np.testing.assert_allclose(slope[near], (H @ d)[near], atol=2e-11)
 
 
+def paths(ball, slave):
+    """Coordinates of the ball on its way: it comes down, slides over facets, tilts, jumps and leaves."""
+    rng = np.random.default_rng(0)
+    for k, u in enumerate(np.linspace(0, 1, 120)):
+        depth = 5e-6 * np.sin(2 * np.pi * u) + 2e-6
+        jump = 0.2e-3 * rng.standard_normal() if k % 40 == 39 else 0.0
+        tilt = [2e-4 * np.sin(9 * u), 1e-4 * u, 0.0]
+        yield moved(slave, [0.5e-3 * u + jump, 0.1e-3 * u, -depth], tilt)
+
+
+@pytest.mark.parametrize("ball_is_slave", [True, False])
+@pytest.mark.parametrize("kind", ROWS)
+def test_rows_that_are_not_followed_are_open(ball, plate, kind, ball_is_slave):
+    """Against a search of all points at every place; and those that are have the gaps that it finds."""
+    sides = [inertial(ball), inertial(plate)] if ball_is_slave else [inertial(plate), inertial(ball)]
+    gaps = PatchGaps(*sides, kind)
+    gaps.moving, fewest = True, np.inf
+    for own in paths(ball, inertial(ball)):
+        q = np.r_[own, np.zeros(plate.n_dofs)] if ball_is_slave else np.r_[np.zeros(plate.n_dofs), own]
+        found = gaps.at(q)
+        gaps._since = 0  # never frozen again
+        every = gaps._project(*gaps.places(q))[0]
+        expected = dict(zip(every.points.row_nodes, every.gap, strict=True))
+        least = every.gap.min()
+        assert found.min() == pytest.approx(least, abs=1e-10)
+        followed = set(gaps.row_nodes)
+        fewest = min(fewest, len(followed) / len(expected))
+        assert all(gap > max(least, -0.25 * least) for node, gap in expected.items() if node not in followed)
+        inner = [node in expected and not edge for node, edge in zip(gaps.row_nodes, gaps.at_edge, strict=True)]
+        np.testing.assert_allclose(found[inner], [expected[node] for node in gaps.row_nodes[inner]], atol=2e-10)
+    assert fewest < 0.5
+
+
+@pytest.mark.parametrize("quadratic", [True, False])
+def test_points_that_are_followed_over_facets_are_on_the_closest(ball, plate, quadratic):
+    surface = ball.surface(np.zeros(3))
+    facets = surface.facets if quadratic else surface.facets[:, :3]
+    surface = replace(surface, facets=facets)
+    neighbour, edge = surface.neighbours
+    inner = neighbour >= 0
+    mine = np.nonzero(inner)
+    np.testing.assert_array_equal(neighbour[neighbour[inner], edge[inner]], mine[0])
+    np.testing.assert_array_equal(edge[neighbour[inner], edge[inner]], mine[1])
+    rng = np.random.default_rng(1)
+    x = np.c_[rng.uniform(-0.3e-3, 0.3e-3, (40, 2)), np.full(40, -5e-6)]
+    found = closest_points(x, surface.points[facets])
+    pairs = MovingPairs(surface, found.facet, found.local)
+    start = pairs.facet.copy()
+    for _ in range(50):
+        x = x + np.array([4e-6, 2e-6, 0.0])
+        followed, gone = pairs.follow(np.arange(40), x, surface.points)
+        assert not gone.any()
+        found = closest_points(x, surface.points[facets])
+        np.testing.assert_allclose(followed.gap, found.gap, rtol=1e-4)
+    assert (pairs.facet != start).mean() > 0.5
+
+
 def test_forces_are_the_same_wherever_both_bodies_are(ball, plate):
     """Both turned by 70 degrees about an oblique axis and carried away."""
     turn = np.array([0.7, -0.5, 0.9])
@@ -203,7 +263,7 @@ def test_points_past_the_master_s_edge_carry_nothing(ball, plate):
     RigidCylinder((0, 0, -0.02), (3.0, 0, 0), 0.02),
 ])  # fmt: skip
 def test_gap_to_rigid_surfaces(ball, surface):
-    gaps = RigidGaps(inertial(ball), surface)
+    gaps = RigidGaps(inertial(ball), surface, "node-to-segment")
     x = ball.points[ball.partition.patches[0].nodes] + [0, 0, 5e-6]
     expected = {
         RigidPlane: x[:, 2],

@@ -11,7 +11,8 @@ from conftest import TOP, box, relative
 from test_mesh_files import hexahedra, write
 
 import exudyn_partition as ep
-from exudyn_partition.contact.gaps import PatchGaps, Side
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.stabilised import StabilisedContact
 from exudyn_partition.kinematics import InertialKinematics
 
@@ -192,7 +193,7 @@ def test_plain_solve_dynamic_and_both_solvers_in_turn(nodal):
 def law(nodal):
     """The stabilised law of ball and block, two steps in a closed state old."""
     sides = [Side.of(InertialKinematics(body, np.array(p))) for body, p in zip(nodal, (TOP, (0, 0, 0)), strict=True)]
-    return StabilisedContact(PatchGaps(*sides))
+    return StabilisedContact(PatchGaps(*sides, "node-to-segment"))
 
 
 def test_tangent_against_finite_differences(law, nodal):

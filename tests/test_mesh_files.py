@@ -151,7 +151,7 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
         Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP)),
     )
     slave, master = (plate, tip) if hexahedra_are_slave else (tip, plate)
-    rows = pair_surfaces(slave, master)
+    rows = pair_surfaces(slave, master, "node-to-segment")
     r = np.linalg.norm(slave.points[rows.points.row_nodes, :2], axis=1)
     feet = np.einsum("ck,ckd->cd", rows.weights, master.points[rows.master])
     np.testing.assert_allclose(feet, slave.points[rows.points.row_nodes] - rows.gap[:, None] * rows.normal, atol=2e-6)

@@ -22,11 +22,11 @@ ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_progress", "archive", "cache", "material", "fem", "mesh_files",
     "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "basis", "contact.surface",
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
-    "recovery", "contact.gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
-    "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty", "contact.two_pass",
-    "history", "markers", "items", "joints", "central_differences", "contact_results", "contact_items",
-    "step_control", "output", "view", "report", "plot", "summary", "solve", "reference", "cli", "__main__",
-    "__init__", "contact.__init__",
+    "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
+    "contact.compliance", "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised",
+    "contact.penalty", "contact.two_pass", "history", "markers", "items", "joints", "central_differences",
+    "contact_results", "contact_items", "step_control", "output", "view", "report", "plot", "summary", "solve",
+    "reference", "cli", "__main__", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking
@@ -107,6 +107,16 @@ def test_the_program_in_the_readme_runs(tmp_path):
     assert blocks
     for block in blocks:
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, timeout=120)
+
+
+@pytest.mark.parametrize("page", ["README.md", "examples/README.md"])
+def test_links_lead_somewhere(page):
+    text = (ROOT / page).read_text()
+    anchors = {title.lower().replace(" ", "-") for title in re.findall(r"^#+ ([\w ]+)$", text, re.M)}
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if not link.startswith("http")]
+    assert links
+    for link in links:
+        assert link[1:] in anchors if link.startswith("#") else ((ROOT / page).parent / link).exists(), link
 
 
 def test_calls_in_the_readme_s_table_of_commands_parse():

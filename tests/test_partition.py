@@ -1,5 +1,6 @@
 """Impact regions and contact patches."""
 
+import netgen.occ as occ
 import numpy as np
 import pytest
 
@@ -52,3 +53,14 @@ def test_bad_arguments(block, center, radius, message):
 def test_contact_radius_above_the_region(block):
     with pytest.raises(InputError, match="contact_radius: expected at most radius"):
         ep.Partition.ball(block, (0, 0, 0.03), 8e-3, contact_radius=9e-3)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_given_direction_finds_its_side_of_a_thin_sheet(side):
+    """The nearest node may be on the other side; it used to lead, and the direction was refused."""
+    sheet = occ.Box(occ.Pnt(-0.01, -0.01, -5e-5), occ.Pnt(0.01, 0.01, 5e-5))
+    fem = ep.fe_model(sheet, ep.STEEL, maxh=4e-3, grading=0.9)
+    other = fem.points[np.isclose(fem.points[:, 2], -side * 5e-5)]
+    center = other[np.linalg.norm(other, axis=1).argmin()] * [1, 1, -0.9]
+    patch = ep.Partition.ball(fem, center, 3e-3, direction=(0, 0, side)).patches[0]
+    np.testing.assert_allclose(fem.points[patch.facets][:, :, 2], side * 5e-5)

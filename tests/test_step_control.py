@@ -92,7 +92,7 @@ def test_first_root(gap, rate, acceleration):
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
 def test_time_to_contact_of_a_fall_is_exact(body, frame):
     height, speed = 1e-3, 0.3
-    *_, contact = fall(body, height, frame=frame)
+    *_, contact = fall(body, height, frame=frame, rows="node-to-segment")
     up = body.rigid[:, 2] if frame == "inertial" else np.eye(body.n_dofs)[2]
     start = np.zeros(body.n_dofs)
     assert ep.time_to_contact(contact, start, -speed * up) == pytest.approx(height / speed, rel=1e-9)
@@ -126,7 +126,7 @@ def test_time_to_contact_of_moving_pairs(body, bodies, height, passes):
     mbs = exu.SystemContainer().AddSystem()
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, height]), frame="floating")
     target = ep.CreatePartitionBody(mbs, bodies[1], frame="floating")
-    contact = ep.CreatePartitionContact(mbs, striker, target, passes=passes)
+    contact = ep.CreatePartitionContact(mbs, striker, target, passes=passes, rows="node-to-segment")
     mbs.Assemble()
     q_t = np.zeros(contact.law.gaps.n)
     contact.law.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
@@ -282,7 +282,7 @@ def test_two_bodies_in_floating_frames_as_in_inertial_ones(bodies):
             mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, 0.5e-3]), initialVelocity=[0, 0, -1.0], frame=frame
         )
         target = ep.CreatePartitionBody(mbs, bodies[1], frame=frame)
-        contact = ep.CreatePartitionContact(mbs, striker, target)
+        contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=0.56e-3, method="implicit", adaptive=True)
         flight = result.t < contact.impacts(result)[0].start
@@ -399,7 +399,7 @@ def dense_limit(contact):
     [
         (None, {}),
         (None, {"passes": "two"}),
-        (None, {"rows": "integrated"}),
+        (None, {"rows": "node-to-segment"}),
         (None, {"formulation": "penalty"}),
         (ep.RigidPlane(TOP), {}),
         (ep.RigidSphere([0, 0, 0.02], SPHERE_RADIUS), {}),
@@ -426,3 +426,19 @@ def test_stability_limit(adapted, surface, options, frame, monkeypatch):
         with pytest.warns(StoppedRunWarning):
             result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
         assert result.status == "unstable"
+
+
+def test_vibration_that_need_not_be_resolved(body):
+    """After the impact the sphere rings with a small share of its energy."""
+    steps = []
+    for unresolved in (1e-9, 1e-2):
+        mbs, item, contact = fall(body, 2e-6, velocity=(0, 0, -0.3))
+        result = ep.solve_dynamic(
+            mbs, end_time=0.4e-3, step=0.5e-6, method="implicit", adaptive=True, unresolved=unresolved
+        )
+        assert len(contact.impacts(result)) == 1
+        steps.append(result.steps)
+        assert speeds(item, contact, result)[0] == pytest.approx(0.3, rel=0.02)
+    assert steps[1] < 0.5 * steps[0]
+    with pytest.raises(InputError, match="unresolved: equal steps have none"):
+        ep.solve_dynamic(mbs, end_time=1e-6, unresolved=1e-2)

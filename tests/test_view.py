@@ -70,6 +70,8 @@ def test_a_picture_shows_the_bodies_and_their_colours(impact, ball, block):
     assert (image.shape, image.dtype) == ((240, 320, 3), np.uint8)
     coloured = np.ptp(image.astype(int), axis=2) > 30
     assert 0.05 < coloured.mean() < 0.6
+    coloured[180:, :80] = False  # the axes of space
+    assert np.flatnonzero(coloured.any(axis=1))[[0, -1]].mean() == pytest.approx(120, abs=12)  # in the middle
     other = ep.view.picture(result, 15e-6, pairs, field="von_mises", limits=(0, 5e9), size=(320, 240))
     assert abs(image.astype(int) - other).mean() > 0.3  # the colours follow their limits
 

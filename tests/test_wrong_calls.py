@@ -108,6 +108,9 @@ def test_what_belongs_where(mbs, block, top, bodies):
         (lambda: ep.generate_mesh(box(1, 1, 1), maxh=1, refine=[((0, 0, 0), 1, 1)]), r"refine: expected ep.Refine\("),
         (lambda: ep.solve_dynamic(None, end_time=1.0), "mbs: expected a model of Exudyn, a MainSystem, got NoneType"),
         (lambda: ep.solve_dynamic(exu.SystemContainer(), end_time=1.0), r"SystemContainer; .*AddSystem\(\)"),
+        (lambda: ep.CreatePartitionBody(exu.SystemContainer(), bodies[0]), r"SystemContainer; .*AddSystem\(\)"),
+        (lambda: ep.CreatePartitionContact(None, *bodies), "mbs: expected a model of Exudyn, .*got NoneType"),
+        (lambda: ep.collect(exu.SystemContainer()), r"SystemContainer; .*AddSystem\(\)"),
     ):
         with pytest.raises(InputError, match=message):
             call()

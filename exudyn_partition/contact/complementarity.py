@@ -20,7 +20,9 @@ def regularised(F: Array) -> Array:
 
     Sums of the forces, and what the bodies feel of them, change by as little; without it they are not defined.
     """
-    return F + _REGULARISATION * np.trace(F) / max(len(F), 1) * np.eye(len(F))
+    result = F.copy()
+    result.flat[:: len(F) + 1] += _REGULARISATION * np.trace(F) / max(len(F), 1)
+    return result
 
 
 class Complementarity:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import ComplementarityError
-from .complementarity import Complementarity
+from .complementarity import Complementarity, regularised
+from .gaps import BULGE
 from .law import ContactLaw
 
 Array = np.ndarray
-
-_BULGE = 0.25
 
 
 class ComplianceContact(ContactLaw):
@@ -24,8 +23,9 @@ class ComplianceContact(ContactLaw):
     are a continuous, piecewise linear function of q and the gradient of the potential 1/2 lambda' F lambda, so that
     contact stores and returns energy but makes none.
 
-    While pairs move, F is projected on the present normals and facets, for the rows that can close: those inside, and
-    those no further off than a quarter of the deepest one's depth, for the bulge around a contact.
+    While pairs move, F is projected on the normals and facets, anew when they have slid by 0.3 % of a facet, for the
+    rows that can close: those inside, and those no further off than a quarter of the deepest one's depth, for the bulge
+    around a contact. What F changes by makes no force, in steps or without: rows are frictionless.
 
     Parameters
     ----------
@@ -51,7 +51,11 @@ class ComplianceContact(ContactLaw):
             self.problem.reset()
             return
         self._held = self.gaps.held
-        self.problem = Complementarity(self.gaps.flexibility(np.arange(len(self.gaps.row_nodes))))
+        self.problem = Complementarity(self._flexibility(np.arange(len(self.gaps.row_nodes))))
+
+    def _flexibility(self, index: Array) -> Array:
+        """Flexibility of some present rows, (na, na) [m/N]; of those on a few points some are redundant."""
+        return regularised(self.gaps.flexibility(index))
 
     def force(self, q: Array) -> Array:
         """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
@@ -81,8 +85,8 @@ class ComplianceContact(ContactLaw):
         if self.least_gap >= 0.0:
             self._open()
             return
-        near = np.flatnonzero(h < -_BULGE * self.least_gap)
-        self.problem.replace(self.gaps.flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
+        near = np.flatnonzero(h < -BULGE * self.least_gap)
+        self.problem.replace(self._flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
         self._held = None  # the frozen problem is no more
         lam = np.zeros(len(h))
         lam[near] = self.problem.solve(h[near])
@@ -99,7 +103,7 @@ class ComplianceContact(ContactLaw):
         """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
         everything = np.arange(len(self.gaps.row_nodes))
         H = self.gaps.jacobian(everything)
-        return H.T @ np.linalg.solve(self.gaps.flexibility(everything), H)
+        return H.T @ np.linalg.solve(self._flexibility(everything), H)
 
     def potential(self, q: Array) -> float:
         """Energy stored in the contact's flexibility, 1/2 lambda' F lambda [J]."""

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..errors import ComplementarityError
 from .compliance import ComplianceContact
 
 Array = np.ndarray
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
+_UNSETTLED = 1e-6  # change in the last sweep from which forces are no answer
 
 
 class CoupledContacts:
@@ -71,4 +73,10 @@ class CoupledContacts:
                 change += abs(law.lam - before).sum()
                 size += law.lam.sum()
             if change <= _SETTLED * size:
-                break
+                return
+        if change > _UNSETTLED * size:
+            raise ComplementarityError(
+                f"the forces of {len(self.laws)} contacts on common bodies did not settle in {_SWEEPS} sweeps, the "
+                f"last changed them by {change / size:.2g}. Patches that overlap or touch move each other too much: "
+                "keep them apart, or make one of them"
+            )

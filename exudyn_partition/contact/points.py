@@ -2,9 +2,10 @@
 
 Node-to-segment (paper, section 3) takes the patch's nodes, a row each. On quadratic facets that is poor: a vertex
 carries no share of a uniform pressure, so nodal forces are ragged.
-Integrated rows take the gap's mean over the patch, weighted by the hat functions of the facets' corners, and its
-Kuhn-Tucker conditions hold for each hat: linear multipliers on linear or quadratic displacements (Puso, Laursen and
-Solberg 2008), integrated on the slave's facets.
+Integrated rows take the gap's mean over the patch, weighted by a hat function for each node, and its Kuhn-Tucker
+conditions hold for each hat: piecewise linear multipliers on linear or quadratic displacements, integrated on the
+slave's facets. Quadratic triangles are split into the four between their nodes, so that all hats are positive (Puso,
+Laursen and Solberg 2008).
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ import scipy.sparse as sp
 
 from .._checks import validate_choice
 from ..errors import MeshError
+from ..fem import facet_corners
 from .surface import Array, Surface, shape_functions
 
-ROWS = ("node-to-segment", "integrated")
+ROWS = ("integrated", "node-to-segment")
 
-# Symmetric rule of degree 4 on the triangle (Dunavant 1985): barycentric coordinate of two points' orbit, weight.
-_ORBITS = ((0.445948490915965, 0.223381589678011), (0.091576213509771, 0.109951743655322))
+Rule = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +42,9 @@ class ContactPoints:
     area : (nr,) array
         Area that each row stands for [m2]; their sum is the patch's.
     pressures : (np, np) csr matrix
-        Pressure around each of the facets' corners, by the forces of the rows of all patch nodes [1/m2]: means weighted
-        with the corners' hat functions, for single nodal forces of quadratic facets are ragged.
+        Pressure around the patch's nodes, by the forces of the rows of all of them [1/m2]. Integrated rows: the mean
+        over each node's hat function. Node-to-segment: that over the hats of the facets' corners, for single nodal
+        forces of quadratic facets are ragged.
     facets : (nf, p) csr matrix
         Which points belong to which facet.
     """
@@ -58,13 +60,18 @@ class ContactPoints:
     @property
     def nodal(self) -> bool:
         """Whether each row is one point."""
-        return self.mean.shape[0] == self.mean.shape[1]
+        return self.nodes.shape[1] == 1
+
+    @property
+    def dense_mean(self) -> Array | None:
+        """`mean` as an array, (nr, p); None if each row is one point."""
+        return None if self.nodal else self.mean.toarray()
 
     def at(self, points: Array) -> Array:
         """Positions, (p, 3), by those of the patch's nodes, (np, 3) [m]."""
         if self.nodes.shape[1] == 1:
             return points[self.nodes[:, 0]]
-        return np.einsum("pk,pkd->pd", self.weights, points[self.nodes])
+        return (self.weights[:, None] @ points.take(self.nodes, axis=0))[:, 0]
 
     def restricted(self, points: Array) -> ContactPoints:
         """Take a mask of points; rows are the means of those, and end where none is left."""
@@ -82,6 +89,21 @@ class ContactPoints:
             facets=self.facets[:, points],
         )
 
+    def of_rows(self, rows: Array) -> tuple[ContactPoints, Array]:
+        """Take some rows, an index, with their points, whose numbers come second."""
+        mean = self.mean[rows]
+        points = np.unique(mean.indices)
+        kept = replace(
+            self,
+            nodes=self.nodes[points],
+            weights=self.weights[points],
+            mean=mean[:, points],
+            row_nodes=self.row_nodes[rows],
+            area=self.area[rows],
+            facets=self.facets[:, points],
+        )
+        return kept, points
+
 
 _NO_AREA = 1e-9  # of a mean edge's square
 _LEAST_SHARE = 1e-3  # of a row's area: what a row needs at least
@@ -93,7 +115,7 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
     Parameters
     ----------
     surface : Surface
-    rows : {"node-to-segment", "integrated"}
+    rows : {"integrated", "node-to-segment"}
 
     Raises
     ------
@@ -101,68 +123,57 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         If a facet has no area.
     """
     validate_choice("rows", rows, ROWS)
-    n_corners = 4 if surface.facets.shape[1] == 4 else 3
-    local, weight = _square_rule() if n_corners == 4 else _triangle_rule()
-    shape = shape_functions(local, surface.facets.shape[1])
-    hats = shape_functions(local, n_corners)[:, 0]
-    tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], surface.points[surface.facets])
+    facets, n = surface.facets, len(surface.points)
+    nf, k = facets.shape
+    local, weight, hats = _RULES[k]
+    shape = shape_functions(local, k)
+    tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], surface.points[facets])
     area = weight * np.linalg.norm(np.cross(*tangents), axis=2)  # (nf, nq)
-    nf, nq = area.shape
     flat = np.flatnonzero(area.sum(axis=1) <= _NO_AREA * surface.facet_size**2)
     if len(flat):
-        where = surface.points[surface.facets[flat[0], :n_corners]].mean(axis=0)
+        where = surface.points[facet_corners(facets[flat[:1]])].mean(axis=(0, 1))
         raise MeshError(
             f"{len(flat)} of {nf} facets of the contact patch have no area, such as the one at {where} m: their nodes "
             "lie on a line or in a point. Repair or refine the mesh there"
         )
-    corners = surface.facets[:, :n_corners]
-    share = area[:, :, None] * hats  # (nf, nq, n_corners)
-    n = len(surface.points)
-    hat_area = np.bincount(corners.ravel(), share.sum(axis=1).ravel(), minlength=n)
-    inverse = sp.diags(np.divide(1.0, hat_area, out=np.zeros(n), where=hat_area > 0))
+    share = area[:, :, None] * hats  # (nf, nq, k)
+    hat_area = np.bincount(facets.ravel(), share.sum(axis=1).ravel(), minlength=n)
     if rows == "integrated":
-        row_nodes, row = np.unique(corners, return_inverse=True)
-        row = row.reshape(corners.shape)
-        point = np.arange(nf * nq).reshape(nf, nq)
-        where = np.broadcast_arrays(row[:, None, :], point[:, :, None])
-        mean = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(len(row_nodes), nf * nq))
-        row_area = np.asarray(mean.sum(axis=1)).ravel()
+        points = np.arange(area.size).reshape(area.shape)
+        where = np.broadcast_arrays(facets[:, None, :], points[:, :, None])
+        weighted = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(n, area.size))
+        weighted.eliminate_zeros()
+        # Forces make a pressure at the points, whose mean over each hat is asked for.
+        inverse = sp.diags(1 / hat_area, format="csr")
+        pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
         return ContactPoints(
-            nodes=np.repeat(surface.facets, nq, axis=0),
+            nodes=np.repeat(facets, len(weight), axis=0),
             weights=np.tile(shape[:, 0], (nf, 1)),
-            mean=sp.csr_matrix(sp.diags(1 / row_area) @ mean),
-            row_nodes=row_nodes,
-            area=row_area,
-            pressures=sp.csr_matrix(inverse),
-            facets=sp.kron(sp.identity(nf), np.ones((1, nq)), format="csr"),
+            mean=sp.csr_matrix(inverse @ weighted),
+            row_nodes=np.arange(n),
+            area=hat_area,
+            pressures=sp.csr_matrix(pressures),
+            facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csr"),
         )
-    facet_area = area.sum(axis=1)
-    where = np.repeat(np.arange(nf), surface.facets.shape[1]), surface.facets.ravel()
+    of_corners = corner_hats(surface)
+    corner_area = of_corners @ hat_area
+    inverse = sp.diags(np.divide(1.0, corner_area, out=np.zeros(n), where=corner_area > 0))
     return ContactPoints(
         nodes=np.arange(n)[:, None],
         weights=np.ones((n, 1)),
         mean=sp.identity(n, format="csr"),
         row_nodes=np.arange(n),
-        area=np.bincount(surface.facets.ravel(), np.outer(facet_area, _nodal_shares(surface)).ravel(), minlength=n),
-        pressures=sp.csr_matrix(inverse @ _corner_hats(surface)),
-        facets=sp.csr_matrix((np.ones(surface.facets.size), where), shape=(nf, n)),
+        area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), _NODAL_SHARES[k]).ravel(), minlength=n),
+        pressures=sp.csr_matrix(inverse @ of_corners),
+        facets=sp.csr_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
     )
 
 
-def _nodal_shares(surface: Surface) -> Array:
-    """Share of each node in a uniform pressure on a facet: on a quadratic one, corners have none."""
-    return {
-        3: np.full(3, 1 / 3),
-        4: np.full(4, 1 / 4),
-        6: np.r_[np.zeros(3), np.full(3, 1 / 3)],
-    }[surface.facets.shape[1]]
-
-
-def _corner_hats(surface: Surface) -> sp.csr_matrix:
+def corner_hats(surface: Surface) -> sp.csr_matrix:
     """Values of the corners' hat functions at all nodes, (np, np): one at the corner, a half at its mid-side nodes."""
     n, facets = len(surface.points), surface.facets
     hats = sp.lil_matrix((n, n))
-    corners = np.unique(facets[:, :4] if facets.shape[1] == 4 else facets[:, :3])
+    corners = np.unique(facet_corners(facets))
     hats[corners, corners] = 1.0
     for ends, middle in zip(((0, 1), (1, 2), (2, 0)), facets[:, 3:].T if facets.shape[1] == 6 else (), strict=False):
         for end in ends:
@@ -170,15 +181,31 @@ def _corner_hats(surface: Surface) -> sp.csr_matrix:
     return sp.csr_matrix(hats)
 
 
-def _triangle_rule() -> tuple[Array, Array]:
-    local, weight = [], []
-    for a, w in _ORBITS:
-        local += [(a, a), (1 - 2 * a, a), (a, 1 - 2 * a)]
-        weight += [w / 2] * 3
-    return np.array(local), np.array(weight)
+def _triangle_rule() -> Rule:
+    """Three points in the triangle, of degree 2."""
+    barycentric = np.full((3, 3), 1 / 6) + np.eye(3) / 2
+    return barycentric[:, 1:], np.full(3, 1 / 6), barycentric
 
 
-def _square_rule() -> tuple[Array, Array]:
+def _split_triangle_rule() -> Rule:
+    """Three points in each of the four triangles between the nodes of a quadratic one."""
+    nodes = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)])
+    triangles = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])
+    _, weight, barycentric = _triangle_rule()
+    local = (barycentric @ nodes[triangles]).reshape(-1, 2)
+    hats = (barycentric @ np.eye(6)[triangles]).reshape(-1, 6)
+    return local, np.tile(weight / 4, 4), hats
+
+
+def _square_rule() -> Rule:
+    """Gauss' three points each way."""
     x, w = np.polynomial.legendre.leggauss(3)
     x, w = (x + 1) / 2, w / 2
-    return np.stack(np.meshgrid(x, x), axis=2).reshape(-1, 2), np.outer(w, w).ravel()
+    local = np.stack(np.meshgrid(x, x), axis=2).reshape(-1, 2)
+    return local, np.outer(w, w).ravel(), shape_functions(local, 4)[:, 0]
+
+
+# By the number of a facet's nodes: points, their weights, and the nodes' hat functions there, (nq, k).
+_RULES = {3: _triangle_rule(), 4: _square_rule(), 6: _split_triangle_rule()}
+# Share of each node in a uniform pressure on a facet: on a quadratic one, corners have none.
+_NODAL_SHARES = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: np.r_[np.zeros(3), np.full(3, 1 / 3)]}

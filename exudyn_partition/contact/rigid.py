@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._checks import validate_positive, validate_vector
 from ..errors import InputError, PenetrationError
@@ -123,7 +124,7 @@ class RigidGaps(Gaps):
     slave : Side
     surface : RigidSurface
         In the frame of what carries it.
-    kind : {"node-to-segment", "integrated"}
+    kind : {"integrated", "node-to-segment"}
     pose : callable, optional
         () -> place of that frame, (3,) [m], and its rotation matrix, (3, 3); default: the frame of space.
     motion : callable, optional
@@ -141,7 +142,7 @@ class RigidGaps(Gaps):
         self,
         slave: Side,
         surface: RigidSurface,
-        kind: str = "node-to-segment",
+        kind: str = "integrated",
         pose: Callable[[], tuple[Array, Array]] | None = None,
         motion: Callable[[], tuple[Array, Array]] | None = None,
     ) -> None:
@@ -149,7 +150,7 @@ class RigidGaps(Gaps):
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
-        self._mean = None if self._all.nodal else self._all.mean.toarray()
+        self._mean, self._row_points = self._all.dense_mean, sp.find(self._all.mean)
         self._shares = ((self._all.nodes, self._all.weights),)
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
@@ -182,6 +183,9 @@ class RigidGaps(Gaps):
             carried = np.einsum("pd,pd->p", self.normals, velocity + np.cross(omega, arms))
             rate = rate - (carried if self._mean is None else self._mean @ carried)
         return gap, rate, acceleration
+
+    def _stance(self) -> Array:
+        return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
 
     def _evaluate(self, nodes: Array) -> Array:
         x = self._all.at(nodes)

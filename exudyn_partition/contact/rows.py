@@ -104,7 +104,7 @@ def facing(projection: Projection, direction: Array, size: float) -> Array:
     return (projection.offset <= EDGE_TOLERANCE * size) & (projection.normal @ direction < -_FACING)
 
 
-def pair_surfaces(slave: Surface, master: Surface, rows: str = "node-to-segment") -> ContactRows:
+def pair_surfaces(slave: Surface, master: Surface, rows: str = "integrated") -> ContactRows:
     """Pair every contact point of the slave with the point of the master's patch that it will meet.
 
     The slave is first moved along the line of contact, the flatter patch's, until it touches; there each point takes
@@ -114,7 +114,7 @@ def pair_surfaces(slave: Surface, master: Surface, rows: str = "node-to-segment"
     Parameters
     ----------
     slave, master : Surface
-    rows : {"node-to-segment", "integrated"}
+    rows : {"integrated", "node-to-segment"}
         See `contact.points`.
 
     Raises

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -15,8 +15,6 @@ Array = np.ndarray
 
 _NEWTON_STEPS = 30
 _CANDIDATES = 8  # facets tried a point, nearest centroids first
-_FOLLOWING_STEPS = 6
-_FOLLOWED = 1e-8  # last step in a facet's coordinates
 _TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # corners in the facet's coordinates
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -45,6 +43,11 @@ def _table(polynomials: list[list[int]]) -> Array:
 
 
 _TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _POLYNOMIALS.items()}
+
+
+def corners_of(facets: Array) -> Array:
+    """Coordinates of the corners in their facet, (3 or 4, 2)."""
+    return _SQUARE if facets.shape[1] == 4 else _TRIANGLE
 
 
 def shape_functions(local: Array, n_nodes: int) -> Array:
@@ -124,6 +127,18 @@ class Surface:
         corners = self.points[facet_corners(self.facets)]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
+    @cached_property
+    def neighbours(self) -> tuple[Array, Array]:
+        """Facets over each facet's edges 01, 12, ..., (nf, number of edges), and which edge it is there; or -1."""
+        corners = facet_corners(self.facets)
+        edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+        order = np.lexsort(edges.T)
+        same = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(axis=1))
+        other = np.full(len(edges), -1)
+        other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
+        facet, edge = np.divmod(other, corners.shape[1])
+        return facet.reshape(corners.shape), edge.reshape(corners.shape)
+
 
 @dataclass(frozen=True, eq=False)
 class Projection:
@@ -153,17 +168,32 @@ class Projection:
     gap: Array
     offset: Array
 
+    def put(self, index: Array, other: Projection) -> None:
+        """Replace the projections of some points, (k,) int array, by others."""
+        for field in fields(self):
+            getattr(self, field.name)[index] = getattr(other, field.name)
+
+    def part(self, index: Array) -> Projection:
+        """Projections of some of the points, an index."""
+        return Projection(*(getattr(self, field.name)[index] for field in fields(self)))
+
     @classmethod
     def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
         """Make it of `shape_functions` at the closest points, their frame, (k, 3, 3), and the way from there."""
         a, b = frame[:, 1], frame[:, 2]
-        normal = np.empty_like(a)
-        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # np.cross takes ten times as long for few points
-            normal[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+        normal = cross(a, b)
         normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
         gap = np.einsum("kd,kd->k", miss, normal)
         aside = miss - gap[:, None] * normal
         return cls(facet, local, shape[:, 0], normal, gap, np.sqrt(np.einsum("kd,kd->k", aside, aside)))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Vector products, (k, 3): np.cross takes ten times as long for few points."""
+    result = np.empty_like(a)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.subtract(a[:, j] * b[:, k], a[:, k] * b[:, j], out=result[:, i])
+    return result
 
 
 def closest_points(points: Array, facets: Array) -> Projection:
@@ -202,42 +232,6 @@ def closest_points(points: Array, facets: Array) -> Projection:
     best = (miss**2).sum(axis=1).reshape(k, candidates).argmin(axis=1) + candidates * np.arange(k)
     shape = shape_functions(local[best], n_nodes)
     return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
-
-
-def follow(points: Array, nodes: Array, facet: Array, local: Array) -> tuple[Projection, Array]:
-    """Project points again that have moved a little, from where they were, and say which have left their facet.
-
-    Parameters
-    ----------
-    points : (k, 3) array
-        [m]
-    nodes : (k, n, 3) array
-        Positions of the nodes of each point's facet [m].
-    facet : (k,) int array
-        Their numbers, which the projection keeps.
-    local : (k, 2) array
-        Last closest points in the facets' coordinates.
-
-    Returns
-    -------
-    Projection, (k,) bool array
-    """
-    n_nodes = nodes.shape[1]
-    for _ in range(_FOLLOWING_STEPS):
-        shape = shape_functions(local, n_nodes)
-        frame = shape @ nodes
-        miss = points - frame[:, 0]
-        a, b = frame[:, 1], frame[:, 2]
-        aa, ab, bb = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b)))
-        am, bm = np.einsum("kd,kd->k", a, miss), np.einsum("kd,kd->k", b, miss)
-        determinant = aa * bb - ab * ab
-        step = np.stack([(bb * am - ab * bm) / determinant, (aa * bm - ab * am) / determinant], axis=1)
-        if abs(step).max(initial=0.0) < _FOLLOWED:
-            break
-        local = local + np.clip(step, -1.0, 1.0)
-    r, s = local.T
-    outside = (np.minimum(r, s) < 0) | (np.maximum(r, s) > 1 if n_nodes == 4 else r + s > 1)
-    return Projection.at(facet, local, shape, frame, miss), outside
 
 
 def _tangent_step(tangents: Array, miss: Array) -> Array:

@@ -5,7 +5,7 @@ start over the whole run, its drift as the slope of a straight line through it, 
 what the process' memory grows by during the second half of the run, of which few samples are kept. Limits: 1e-3 for the
 energy, 5 MB, 10 000 impacts.
 
-The explicit step is a sixth of the stability limit: central differences keep a shadow of the energy, which differs from
+The explicit step is a tenth of the stability limit: central differences keep a shadow of the energy, which differs from
 it by (w h)^2, and over thousands of impacts the highest modes, for which that is most, take their share of it.
 
     python validation/contact/bouncing.py
@@ -75,7 +75,7 @@ def main():
             report(share)
 
         result = ep.solve_dynamic(
-            mbs, end_time=end_time, step=ep.stability_limit(mbs) / 6, sample_period=1e-4, progress=watch
+            mbs, end_time=end_time, step=ep.stability_limit(mbs) / 10, sample_period=1e-4, progress=watch
         )
     impacts = int(sum(count[0] for count in counts))
     energy = ball.energy(result) + low.energy(result) + high.energy(result)

@@ -2,12 +2,12 @@
 
 Reference: conservation of linear momentum, of angular momentum and of energy (kinetic, strain, and what the contact's
 flexibility stores). Quantity: largest deviation over the run, relative to the value at the start, against step and kind
-of rows. Both bodies have floating frames, so the pairs follow the rotation from the first step on. Limits: momentum and
-angular momentum 1e-9 at the smallest step, energy 1e-4 with integrated rows.
+of rows, on two meshes. Both bodies have floating frames, so the pairs follow the rotation from the first step on.
+Limits: momentum and angular momentum 1e-9 at the smallest step, energy 1e-4, with integrated rows on the finer mesh.
 
 Angular momentum deviates by the order of the integrator, not by the contact: forces and moments on both bodies cancel
 to round-off (tests/test_gaps.py). Energy deviates by the order of the rows: what a pair's residual flexibility changes
-when its point slides along a facet has no force in frictionless rows.
+when its point slides along a facet has no force in frictionless rows. It falls with the mesh.
 
     python validation/contact/oblique.py
 """
@@ -27,22 +27,24 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
+from exudyn_partition.contact.points import ROWS
 
 RESULTS = Path(__file__).with_suffix(".json")
 END_TIME = 200e-6
 STEPS = (0.4e-6, 0.1e-6, 0.025e-6)
 TIP = 6e-3  # radius of the rod's round tip [m]
 TILT = 5.0  # [degrees]
+MESHES = ((0.2e-3, 0.25e-3), (0.16e-3, 0.2e-3))  # element sizes asked for at the contact: rod, plate [m]
 LIMITS = {"momentum": 1e-9, "angular_momentum": 1e-9, "energy": 1e-4}
 
 
-def reduced_bodies():
+def reduced_bodies(h_rod, h_plate):
     """Rod with a round tip at the origin, and plate."""
     shape = occ.Sphere(occ.Pnt(0, 0, TIP), TIP) + occ.Cylinder(occ.Pnt(0, 0, TIP), occ.Z, r=TIP, h=0.03)
-    fine = ep.Refine((0, 0, 0), 0.8e-3, 0.2e-3)
+    fine = ep.Refine((0, 0, 0), 0.8e-3, h_rod)
     rod = ep.fe_model(shape, ep.STEEL, maxh=4e-3, refine=[fine], grading=0.45)
     shape = occ.Box(occ.Pnt(-0.03, -0.03, -0.005), occ.Pnt(0.03, 0.03, 0))
-    fine = ep.Refine((0, 0, 0), 1.2e-3, 0.25e-3)
+    fine = ep.Refine((0, 0, 0), 1.2e-3, h_plate)
     plate = ep.fe_model(shape, ep.ALUMINIUM, maxh=5e-3, refine=[fine], grading=0.45)
     return [
         ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius, axes="xyz"), f_cut=f_cut)
@@ -87,27 +89,26 @@ def strike(bodies, rows, step):
 
 
 def main():
-    begin = time.perf_counter()
-    bodies = reduced_bodies()
-    offline_s = time.perf_counter() - begin
-    runs = [strike(bodies, rows, step) for rows in ("node-to-segment", "integrated") for step in STEPS]
-    table = Table(
-        "rows",
-        "step",
-        "peak force",
-        *LIMITS,
-        "on-line",
-        title=f"oblique impact, off-line {offline_s:.0f} s",
-    )
+    runs, meshes = [], []
+    for sizes in MESHES:
+        begin = time.perf_counter()
+        bodies = reduced_bodies(*sizes)
+        meshes.append({
+            "h_m": sizes,
+            "dofs": [body.n_dofs for body in bodies],
+            "fe_dofs": [body.fe_dofs for body in bodies],
+            "offline_s": time.perf_counter() - begin,
+        })  # fmt: skip
+        runs += [{"h_m": sizes, **strike(bodies, rows, step)} for rows in ROWS[::-1] for step in STEPS]
+    table = Table("h", "rows", "step", "peak force", *LIMITS, "on-line", title="oblique impact")
     for run in runs:
         deviations = [f"{x:.1e}" for x in run["deviation"].values()]
         force, step = f"{run['peak_force_N']:.1f} N", f"{1e6 * run['step_s']:.3g} us"
-        table.add_row(run["rows"], step, force, *deviations, f"{run['online_s']:.1f} s")
+        sizes = "/".join(f"{1e3 * h:g}" for h in run["h_m"]) + " mm"
+        table.add_row(sizes, run["rows"], step, force, *deviations, f"{run['online_s']:.1f} s")
     Console(width=120).print(table)
     data = {
-        "dofs": [body.n_dofs for body in bodies],
-        "fe_dofs": [body.fe_dofs for body in bodies],
-        "offline_s": offline_s,
+        "meshes": meshes,
         "runs": runs,
         "limits": LIMITS,
         "machine": {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()},

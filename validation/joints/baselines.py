@@ -4,6 +4,7 @@ import math
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -73,6 +74,39 @@ def hertz_run(link_body, angle, window, step):
         "steps": len(F) - 1,
         "dofs": link_body.n_dofs + 12,
     }
+
+
+def cms_link(modes):
+    """The link by Exudyn's FEMinterface, fixed-interface modes between its pins; and the time of its reduction."""
+    begin = time.perf_counter()
+    mesh, fem, steel = ep.generate_mesh(example.link_shape(), maxh=example.LINK_SIZE), FEMinterface(), example.STEEL
+    fem.ImportMeshFromNGsolve(
+        mesh,
+        density=steel.rho,
+        youngsModulus=steel.E,
+        poissonsRatio=steel.nu,
+        meshOrder=2,
+        boundaryNamesList=["crank pin", "slider pin"],
+    )
+    nodes, weights = fem.GetBoundaryNodeSetsAsLists()
+    fem.ComputeHurtyCraigBamptonModes(nodes, modes, boundaryNodesWeights=weights, timerTreshold=1e9)
+    return fem, time.perf_counter() - begin
+
+
+def add_cms_link(mbs, fem, start):
+    """In place of `crank_slider.add_link`."""
+    body = mbs.CreateFFRFReducedOrderObject(
+        "link",
+        fem,
+        referencePosition=start.centre,
+        referenceRotationMatrix=start.axes,
+        initialVelocity=start.velocity,
+        initialAngularVelocity=start.turning,
+    )
+    unknown = SimpleNamespace(
+        energy=lambda result: np.zeros(len(result.t)), velocity=lambda result, point: np.zeros((len(result.t), 3))
+    )
+    return unknown, [body["link:crank pin"], body["link:slider pin"]]
 
 
 def cms_blocks(h, region, maxh, modes):

@@ -1,0 +1,272 @@
+"""Gaps between two patches wherever their bodies have moved: frozen pairs while they hold, followed ones after that.
+
+Pairs hold as long as the patches have not slid along each other: gaps are linear then, h = h0 + H q, and cost one
+product. When they have slid by 2 % of a facet, every evaluation takes positions from the bodies' coordinates and
+projects the contact points anew, starting from where they were (`contact.pairs`). A search of all points, with a tree,
+comes when the patches have moved by a quarter of a facet. When the sliding stops, pairs are frozen again. So the motion
+decides, and nobody has to know it beforehand.
+
+Between searches only rows that can close are followed: all are projected, those with small gaps are taken, and that
+again when the rigid motion of the patches since then, and twice what deformation has changed of the gaps that are
+followed, could close another.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import ComplementarityError
+from .gaps import BULGE, Gaps, Side, dense
+from .pairs import MovingPairs
+from .points import ContactPoints, contact_points
+from .rows import ContactRows, directed_matrix, facing, pair_surfaces, rows_of
+from .surface import Array, Projection, closest_points
+
+_HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
+_STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again
+_PATIENCE = 200
+_SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
+_NEAR = 1.0  # of a facet's size: gaps beyond which nothing is followed between searches
+_AHEAD = 0.006  # of a facet's size: gaps, beyond those that matter now, below which rows are followed
+
+
+class PatchGaps(Gaps):
+    """Gaps between two patches in motion.
+
+    Parameters
+    ----------
+    slave, master : Side
+    kind : {"integrated", "node-to-segment"}
+
+    Raises
+    ------
+    EmptyRegionError, PenetrationError
+        As `rows.pair_surfaces`.
+    """
+
+    def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
+        self.sides = (slave, master)
+        self._all = contact_points(slave.surface, kind)
+        self._start = pair_surfaces(slave.surface, master.surface, kind)
+        self.size, self.approach = self._start.facet_size, self._start.approach
+        self.n = sum(side.n for side in self.sides)
+        self._linear = slave.kinematics.linear and master.kinematics.linear
+        self._witnesses = [_spread(side.surface.points) for side in self.sides]
+        self._here = np.zeros((3, 3))
+        self.held, self.moving = None, True
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the pairs at the start, before a new run."""
+        self._since = 0
+        self._searched_at: Array | None = None
+        self._stood_at: Array | None = None
+        if self.moving or self.held is not self._start:
+            self._hold(self._start, np.zeros(self.n))
+            self.moving = not self._linear
+
+    # Frozen pairs.
+
+    def _hold(self, rows: ContactRows, q: Array) -> None:
+        """Freeze these pairs, whose gaps are those at q."""
+        self._take(rows.points, rows.at_edge)
+        self._meet(rows.master, rows.weights, rows.normals)
+        self.unpaired = rows.unpaired
+        self.moving, self.held, self._q = True, rows, q
+        if self._linear:
+            self.H = self.jacobian(np.arange(len(rows)))
+            self._gap = rows.gap - self.H @ q
+            self._drift = self._drift_rows(rows)
+            self._drift_start = self._drift @ q
+            self.moving = False
+
+    def _stance(self) -> Array:
+        return self._here / self.size
+
+    def _take(self, points: ContactPoints, at_edge: Array) -> None:
+        """Make these the present rows."""
+        self._points, self._mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
+        self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
+        self._flexibility = None
+
+    def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
+        """Make these what the present points face: nodes and weights, (p, k), and normals, (p, 3)."""
+        self._shares = (self._points.nodes, self._points.weights), (nodes, -weights)
+        self.normals = normals
+
+    def _drift_rows(self, rows: ContactRows) -> Array:
+        """Rows of the sliding of some pairs along two tangents, (6, n)."""
+        some = _spread(rows.points.at(self.slave.surface.points))
+        blocks = []
+        for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
+            along, block = np.tile(tangent, (len(some), 1)), []
+            for (nodes, weights), side in zip(self._shares, self.sides, strict=True):
+                G = directed_matrix(nodes[some], weights[some], along, len(side.surface.points))
+                block.append(dense(G @ side.kinematics.rows))
+            blocks.append(block)
+        return np.block(blocks)
+
+    # Pairs that follow.
+
+    def at(self, q: Array) -> Array:
+        """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
+        if not self.moving:
+            if abs(self._drift @ q - self._drift_start).max() <= _HELD * self.size:
+                self._q = q
+                return self._gap + self.H @ q
+            self.moving, self._since, self._searched_at = True, 0, None
+        self._q = q
+        x_s, x_m = self.places(q)
+        self._here = here = self._placed(x_s, x_m)
+        if self._searched_at is None or abs(here - self._searched_at).max() > self._reach:
+            self._search(x_s, x_m, here)
+        gap = self._follow(x_s, x_m) if self._narrowed else None
+        if gap is None or self._others_close(gap, here):
+            gap = self._narrow(x_s, x_m, here)
+        self._since += 1
+        if self._since >= _PATIENCE and self._linear:
+            self._since = 0
+            # Only where they touch: pairs of patches far apart are not those that will meet.
+            if self._stands_still(here) and gap.min(initial=np.inf) < _HELD * self.size:
+                rows = self._project(x_s, x_m)[0]
+                self._hold(rows, q)
+                return rows.gap
+        return gap
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """As `Gaps.closing`; with what is no row yet, as near as it can be and as fast as the patches are."""
+        self.at(q)
+        if not self.moving:
+            return super().closing(q, q_t, q_tt)
+        x_s, x_m = self.places(q)
+        gap = self._narrow(x_s, x_m, self._placed(x_s, x_m), _NEAR * self.size)
+        self._narrowed = False  # forces need fewer rows
+        H = self.jacobian(np.arange(len(gap)))
+        beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
+        of_slave, of_master = (
+            side.kinematics.velocities(*parts)
+            for side, *parts in zip(self.sides, self.split(q), self.split(q_t), strict=True)
+        )
+        mean = of_master.mean(axis=0)
+        speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in (of_slave, of_master))
+        return np.append(gap, beyond), np.append(H @ q_t, -speed), np.append(H @ q_tt, 0.0)
+
+    def _distance(self, x_s: Array, x_m: Array) -> float:
+        """Least gap, or less: that of balls around the patches while these are apart, which costs no projection [m]."""
+        centres = x_s.mean(axis=0), x_m.mean(axis=0)
+        radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
+        between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
+        return between if between > 0 else self._project(x_s, x_m)[1]
+
+    def _placed(self, x_s: Array, x_m: Array) -> Array:
+        """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
+        origin, axes = _triangle_frame(x_m[self._witnesses[1]])
+        here = (x_s[self._witnesses[0]] - origin) @ axes
+        if not math.isfinite(here.sum()):
+            raise ComplementarityError("the patches are nowhere: the run has become unstable")
+        return here
+
+    def _project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
+        """Rows of all points that face the master, and the least gap [m]."""
+        slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
+        found = closest_points(self._all.at(x_s), x_m[master.facets])
+        paired = facing(found, slave.normal_here, self.size)
+        least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
+        return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
+
+    def _search(self, x_s: Array, x_m: Array, here: Array) -> None:
+        """Find the pairs of all points."""
+        self._every, least = self._project(x_s, x_m)
+        self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
+        self.unpaired = self._every.unpaired
+        self._searched_at, self._narrowed = here, False
+        # Far apart, the next search comes when the patches may have come near.
+        self._reach = max(_SEARCHED * self.size, 0.25 * (least - _NEAR * self.size))
+        # As the slave's nodes are seen from its witnesses, to tell how a rigid motion changes gaps.
+        origin, axes = _triangle_frame(x_s[self._witnesses[0]])
+        self._arms = (x_s[self._every.points.row_nodes] - origin) @ axes
+
+    def _narrow(self, x_s: Array, x_m: Array, here: Array, near: float | None = None) -> Array:
+        """Take the rows that may close next, or those whose gaps are below `near` [m], as the present ones."""
+        every = self._every
+        self._pairs.rest()
+        found, gap = self._followed(every.points, np.arange(len(every.facet)), x_s, x_m)
+        row_gap = every.points.mean @ gap
+        if near is None:
+            near = min(_needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
+        chosen = row_gap < near
+        points, self._followed_points = every.points.of_rows(np.flatnonzero(chosen))
+        self._take(points, every.at_edge[chosen])
+        self._meet_followed(found.part(self._followed_points))
+        # What gaps will be, to first order in the slave's rigid motion as seen from the master.
+        normals = (every.points.mean @ found.normal) @ _triangle_frame(x_m[self._witnesses[1]])[1]
+        turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
+        order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
+        self._rigidly = np.hstack([normals, turning])[order]
+        self._from, self._pose = row_gap[order], _pose(here)
+        self._narrowed = True
+        return row_gap[chosen]
+
+    def _others_close(self, gap: Array, here: Array) -> bool:
+        """Whether rows that are not followed may close, or come nearer than those that are.
+
+        Deformation and curvature may have brought them twice as far from a rigid motion's gaps as any that is followed.
+        """
+        rigid = self._from + self._rigidly @ (_pose(here) - self._pose)
+        off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
+        nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
+        return bool(nearest < min(_needed(gap), _NEAR * self.size))
+
+    def _follow(self, x_s: Array, x_m: Array) -> Array:
+        """Gaps of the present rows, (nr,) [m]."""
+        found, gap = self._followed(self._points, self._followed_points, x_s, x_m)
+        self._meet_followed(found)
+        return gap if self._mean is None else self._mean @ gap
+
+    def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
+        """Projections of some of the pairs, and their gaps, (p,) [m]."""
+        found, gone = self._pairs.follow(index, points.at(x_s), x_m)
+        return found, np.where(gone, self.size, found.gap) if gone.any() else found.gap
+
+    def _meet_followed(self, found: Projection) -> None:
+        self._meet(self.sides[1].surface.facets.take(found.facet, axis=0), found.weights, found.normal)
+
+    def _stands_still(self, here: Array) -> bool:
+        """Whether the patches have hardly slid since this was asked last."""
+        last, self._stood_at = self._stood_at, here
+        return last is not None and bool(abs(here - last)[:, :2].max() < _STILL * _HELD * self.size)
+
+
+def _needed(gap: Array) -> float:
+    """Gap below which rows must be present [m]: the smallest while open, in contact what may bulge."""
+    least = float(gap.min(initial=np.inf))
+    return max(least, -BULGE * least)
+
+
+def _triangle_frame(points: Array) -> tuple[Array, Array]:
+    """First of three points, (3,), and axes, (3, 3) with a column each, of which two are in their plane."""
+    (a, b, c), (d, e, f) = (points[1:] - points[0]).tolist()
+    length = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / length, b / length, c / length
+    u, v, w = b * f - c * e, c * d - a * f, a * e - b * d
+    length = math.sqrt(u * u + v * v + w * w)
+    u, v, w = u / length, v / length, w / length
+    return points[0], np.array([[a, v * c - w * b, u], [b, w * a - u * c, v], [c, u * b - v * a, w]])
+
+
+def _pose(points: Array) -> Array:
+    """Place and axes of three points' frame as one vector, (12,)."""
+    origin, axes = _triangle_frame(points)
+    return np.concatenate([origin, axes.ravel()])
+
+
+def _spread(points: Array) -> Array:
+    """Three points far from each other."""
+    first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
+    second = int(np.linalg.norm(points - points[first], axis=1).argmax())
+    aside = np.linalg.norm(np.cross(points - points[first], points[second] - points[first]), axis=1)
+    return np.array([first, second, int(aside.argmax())])

@@ -1,0 +1,50 @@
+"""The fast ones of the stiff and extreme cases of validation/stability, and what they found in the library."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exudyn_partition.contact.coupled import CoupledContacts
+from exudyn_partition.errors import ComplementarityError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "validation" / "stability"))
+from cases import CASES
+from stability import evaluate
+
+QUICK = [(case, method) for case in CASES if case.quick for method in case.methods]
+
+
+@pytest.mark.parametrize(("case", "method"), QUICK, ids=[f"{case.name}, {method}" for case, method in QUICK])
+def test_extreme_case(case, method):
+    row = evaluate(case, method)
+    assert row["passed"], (row["beyond"], row["checks"], row["message"])
+
+
+class Runaway:
+    """A law whose force grows with what another pushes: patches that move each other more than themselves."""
+
+    def __init__(self):
+        self.gaps = self
+        self.reset()
+
+    def reset(self):
+        self.lam, self.index = np.ones(1), np.zeros(1, dtype=int)
+
+    def at(self, q):
+        return q
+
+    def side_rows(self, side):
+        return np.eye(1)
+
+    def answer(self, h, pushed=0.0):
+        self.lam = np.maximum(-(h + pushed), 0.0)
+
+
+def test_contacts_that_do_not_settle_are_an_error():
+    """The sweeps used to end after their hundredth with whatever forces there were."""
+    laws = [Runaway(), Runaway()]
+    links = [(0, 0, 1, 0, -1.5 * np.eye(1)), (1, 0, 0, 0, -1.5 * np.eye(1))]
+    with pytest.raises(ComplementarityError, match="2 contacts on common bodies did not settle in 100 sweeps"):
+        CoupledContacts(laws, links).forces([np.array([-1.0]), np.array([-2.0])])

@@ -1,0 +1,411 @@
+"""Run the validation: each case in a process of its own; results as JSON, figures, report.md and report.html.
+
+A case is a script of this folder, which states its reference, quantity and limits at its top and exits with an error if
+they are missed. One whose result for this commit is in the folder is not run again. The list below says how to run each
+and how to read its headline numbers.
+
+    python validation/run_all.py [--quick] [--only NAME ...] [--out DIR] [--jobs N] [--cluster ADDRESS] [--again]
+
+`--quick` takes the cases that are done within minutes. Run times mean something with one job on a quiet machine only.
+"""
+
+import argparse
+import base64
+import concurrent.futures
+import datetime
+import hashlib
+import html
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+HOUR, QUICK_LIMIT = 3600.0, 180.0  # time limits of a case [s]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A headline number: what it is, against what, its limit, what came; `at_most` tells how they compare."""
+
+    quantity: str
+    reference: str
+    limit: float
+    result: float
+    at_most: bool = True
+
+    @property
+    def agrees(self):
+        """Whether the result is within its limit."""
+        return abs(self.result) <= self.limit if self.at_most else self.result >= self.limit
+
+
+@dataclass(frozen=True)
+class Case:
+    """A script, how to read its headline numbers, its arguments in a quick run (None: not in it), figures it draws.
+
+    `{out}` in the arguments is the folder of the report: results of quick runs that hold less than the full go there.
+    """
+
+    script: str
+    rows: Callable
+    quick: tuple | None = None
+    figures: tuple = ()
+    limit_s: float = HOUR
+
+    def result(self, arguments):
+        """Path of the JSON that the script writes when called so."""
+        if "--out" in arguments:
+            return Path(arguments[arguments.index("--out") + 1])
+        return HERE / Path(self.script).with_suffix(".json")
+
+
+def stability(d):
+    return [Row(f"{d['cases']} stiff and extreme cases: rows that do not hold", "stated in each", 0,
+                len(d["beyond_limits"]))]  # fmt: skip
+
+
+def paper(d):
+    return [Row(r["what"], r["paper"], r["limit"], r["deviation"]) for r in d["rows"] if r["limit"] is not None]
+
+
+def rod_on_plate(d):
+    limits = {"force": 0.010, "velocity_p1": 0.008, "velocity_p2": 0.030}
+    error = d["cases"]["contact-adapted, explicit"]["error"]
+    return [Row(f"{k}, default basis", "full FE model", limit, error[k]) for k, limit in limits.items()]
+
+
+def hertz(d):
+    static = d["static"]["node-to-segment"]["pressure_L2"]
+    return [
+        Row("quantities beyond limits", "Hertz, series for whole spheres", 0, len(d["beyond_limits"])),
+        Row("static pressure (L2)", "Hertz", d["limits"]["static"], static),
+    ]
+
+
+def bars(d):
+    worst = {}
+    for name, c in d["cases"].items():
+        top = max(r["f_cut_Hz"] for r in c["runs"])
+        runs = [r for r in c["runs"] if r["f_cut_Hz"] == top and r["solver"] == "explicit"]
+        worst[name] = max(abs(e) for r in runs for e in r["error"].values())
+    return [Row(f"{name}: force, times, velocity", "Saint-Venant", d["limit"], x) for name, x in worst.items()]
+
+
+def patch_test(d):
+    way = d["cases"]["fine"]["ways"]["integrated, finer"]
+    pressures = {key: value for key, value in way.items() if key.endswith("L2")}
+    return [
+        Row("quantities beyond limits", "uniform pressure", 0, len(d["beyond_limits"])),
+        *(Row(key, "uniform pressure", d["limits"]["pressure"], value) for key, value in pressures.items()),
+    ]
+
+
+def oblique(d):
+    best = d["runs"][-1]["deviation"]
+    return [Row(f"change of {key}", "conservation", limit, best[key]) for key, limit in d["limits"].items()]
+
+
+def bouncing(d):
+    return [
+        Row("change of energy", "conservation", d["limits"]["energy"], d["energy"]),
+        Row("impacts", "asked for", d["limits"]["impacts"], d["impacts"], at_most=False),
+    ]
+
+
+def formulations(d):
+    own = [c for c in d["cases"] if c["formulation"] == "compliance" and c["passes"] == "given"]
+    worst = max(own, key=lambda c: abs(c["impulse"]))
+    return [Row("impulse, compliance", "full FE model", d["limits"]["compliance"][0], worst["impulse"])]
+
+
+def markers(d):
+    top = min(c["error"] for c in d["frequencies"]["cases"])
+    return [
+        Row("frequencies of the hinged body", "full FE model", d["limit"], top),
+        Row("tip of the pendulum", "Exudyn's FFRF", d["limit"], max(c["tip_error"] for c in d["pendulum"]["cases"])),
+        Row("force in a joint", "inertial frame", d["limit"], d["force_near_zero_rotation"]["error"]),
+    ]
+
+
+def limits(units):
+    """Headline numbers of scripts whose JSON has `found` and `limits` of the same names."""
+
+    def rows(d):
+        found = d.get("found", d)
+        return [Row(k, "stated limit", v, found[k], k in units) for k, v in d["limits"].items() if k in found]
+
+    return rows
+
+
+def evaluation(d):
+    found = d["results"]["node-to-segment"]
+    return [Row(f"one evaluation, {k}", "issue 4", limit, found[k]) for k, limit in d["limits"].items()]
+
+
+def tolerance(d):
+    return [Row(f"{name}: force", "full FE model", d["tolerance"], s["error"]["force"]) for name, s in
+            d["scenes"].items()]  # fmt: skip
+
+
+CASES = {
+    "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
+    "paper": Case("paper.py", paper, ("--quick", "--out", "{out}/paper_quick.json"), ("paper.png",)),
+    "pareto": Case("pareto.py", lambda d: [], quick=(), figures=("pareto.png",)),
+    "patch_test": Case("contact/patch_test.py", patch_test, quick=(), figures=("contact_patch_test.png",)),
+    "contact_evaluation": Case("benchmarks/contact_evaluation.py", evaluation, quick=()),
+    "hertz": Case("contact/hertz.py", hertz, figures=("contact_hertz.png",)),
+    "bars": Case("contact/bars.py", bars, figures=("contact_bars.png",)),
+    "sliding": Case("contact/sliding.py", lambda d: [Row("ways beyond the ripple's limit", "smooth force", 0,
+                    len(d["beyond_limits"]))], figures=("contact_sliding.png",)),
+    "oblique": Case("contact/oblique.py", oblique),
+    "bouncing": Case("contact/bouncing.py", bouncing),
+    "formulations": Case("contact/formulations.py", formulations),
+    "markers": Case("joints/markers.py", markers),
+    "crank_slider": Case("joints/crank_slider.py", lambda d: []),
+    "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
+    "size": Case("benchmarks/size.py", limits(("reduce_s", "memory_GB", "bases_s", "exponent", "spread")),
+                 limit_s=2 * HOUR),
+    "tolerance": Case("benchmarks/tolerance.py", tolerance, limit_s=2 * HOUR),
+    "bases": Case("benchmarks/bases.py", lambda d: [], limit_s=2 * HOUR),
+    "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
+}  # fmt: skip
+
+
+def commit():
+    """Commit of the sources, and a mark of what Python files differ from it."""
+
+    def git(*arguments):
+        run = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=False)
+        return run.stdout if run.returncode == 0 else b""
+
+    head = git("rev-parse", "--short=12", "HEAD").decode().strip() or "no commit"
+    changes = git("diff", "HEAD", "--", "*.py") + git("status", "--porcelain", "-uall", "--", "*.py")
+    return head + (f"+{hashlib.sha256(changes).hexdigest()[:8]}" if changes else "")
+
+
+def run_case(name, out, quick, version):
+    """Run one script and return its record; a function of plain values, so that any executor can take it elsewhere.
+
+    Workers on other machines need this folder and `out` under the same paths.
+    """
+    case, out = CASES[name], Path(out)
+    arguments = tuple(a.format(out=out) for a in case.quick) if quick else ()
+    result = case.result(arguments)
+    command = [sys.executable, str(HERE / case.script), *arguments]
+    started, limit, log = time.time(), QUICK_LIMIT if quick else case.limit_s, out / f"{name}.log"
+    with log.open("w") as stream:
+        process = subprocess.Popen(command, cwd=ROOT, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True)
+        try:
+            code = process.wait(timeout=limit)
+        except subprocess.TimeoutExpired:
+            code = None
+            _end(process)
+    record = {"name": name, "commit": version, "quick": quick, "time_s": time.time() - started, "code": code,
+              "command": " ".join(["python", f"validation/{case.script}", *arguments])}  # fmt: skip
+    tail = log.read_text(errors="replace").strip().splitlines()
+    record["message"] = f"not done after {limit:g} s" if code is None else (tail[-1][-300:] if code and tail else "")
+    fresh = result.exists() and result.stat().st_mtime >= started - 1
+    record["data"] = json.loads(result.read_text()) if fresh and code is not None else None
+    for figure in case.figures:
+        drawn = ROOT / "out" / figure
+        if drawn.exists() and drawn.stat().st_mtime >= started - 1:
+            shutil.copy(drawn, out / figure)
+    (out / f"{name}.json").write_text(json.dumps(record, indent=1) + "\n")
+    return record
+
+
+def _end(process):
+    """End a script and the processes that it started."""
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+    process.wait()
+
+
+def done(name, out, quick, version):
+    """Return the record of a case that ran to its end at this commit, else None."""
+    path = Path(out) / f"{name}.json"
+    if not path.exists():
+        return None
+    record = json.loads(path.read_text())
+    return record if (record["commit"], record["quick"]) == (version, quick) and record["code"] is not None else None
+
+
+def sweep(function, tasks, executor, retries=1):
+    """Yield (name, result or exception) as calls end; one whose worker died is called again, up to `retries` times.
+
+    Parameters
+    ----------
+    function : callable
+    tasks : dict of str to tuple
+        Name -> arguments of a call.
+    executor : concurrent.futures.Executor
+        Also a Dask cluster's, `Client.get_executor()`. One that a dead worker breaks, as a ProcessPoolExecutor, ends
+        all of its calls; a cluster's lives on.
+    """
+    left = {executor.submit(function, *arguments): (name, retries) for name, arguments in tasks.items()}
+    while left:
+        ended, _ = concurrent.futures.wait(left, return_when=concurrent.futures.FIRST_COMPLETED)
+        for future in ended:
+            name, again = left.pop(future)
+            error = future.exception()
+            if error is not None and again:
+                try:
+                    left[executor.submit(function, *tasks[name])] = name, again - 1
+                    continue
+                except RuntimeError as broken:  # the executor takes no more
+                    error = broken
+            yield name, future.result() if error is None else error
+
+
+def executor_of(options):
+    if options.cluster is None:
+        return concurrent.futures.ThreadPoolExecutor(options.jobs)  # each thread waits for a process
+    try:
+        from dask.distributed import Client
+    except ImportError as error:
+        raise SystemExit("--cluster needs Dask: pip install 'exudyn-partition[cluster]'") from error
+    return Client(options.cluster).get_executor()
+
+
+def headline(record):
+    """Rows of a record: (quantity, reference, limit, result, agrees)."""
+    name, rows = record["name"], []
+    if record["data"] is not None:
+        try:
+            rows = [(r.quantity, r.reference, r.limit, r.result, r.agrees) for r in CASES[name].rows(record["data"])]
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            rows = [("headline numbers", "the list in run_all.py", "", f"not readable: {error!r}", False)]
+    ending = "within its limits" if record["code"] == 0 else record["message"] or f"exit code {record['code']}"
+    return [*rows, ("the script's own limits", "stated at its top", "", ending, record["code"] == 0)]
+
+
+def figure_of(value):
+    return f"{value:.3g}" if isinstance(value, int | float) else str(value)
+
+
+def report(records, out, version):
+    """Write report.md and report.html, which needs no other file."""
+    when = datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    versions = ", ".join(f"{k} {v}" for k, v in ep.versions().items())
+    machine = f"{os.cpu_count()} CPUs, {platform.platform()}"
+    facts = [f"Commit {version}, {when}", f"Machine: {machine}", f"Versions: {versions}"]
+    head = ("case", "quantity", "reference", "limit", "result", "agrees")
+    rows = [
+        (r["name"], q, reference, figure_of(limit), figure_of(value), "yes" if agrees else "NO")
+        for r in records
+        for q, reference, limit, value, agrees in headline(r)
+    ]
+    runs = [(r["name"], f"`{r['command']}`", f"{r['time_s']:.0f} s") for r in records]
+    md = ["# Validation", "", *(f"{fact}  " for fact in facts), "", *_markdown(head, rows), ""]
+    page = ["<h1>Validation</h1>", *(f"<p>{html.escape(fact)}</p>" for fact in facts), _html(head, rows)]
+    for record in records:
+        tables = (record["data"] or {}).get("tables", {})
+        figures = [out / f for f in CASES[record["name"]].figures if (out / f).exists()]
+        if record["name"] == "stability" and record["data"]:
+            tables = {"Stiff and extreme cases": extreme(record["data"])}
+        if not tables and not figures:
+            continue
+        md += [f"## {record['name']}", ""]
+        page.append(f"<h2>{record['name']}</h2>")
+        for title, table in tables.items():
+            md += [title, "", *_markdown(*table), ""]
+            page += [f"<p>{html.escape(title)}</p>", _html(*table)]
+        for figure in figures:
+            md += [f"![{figure.stem}]({figure.name})", ""]
+            data = base64.b64encode(figure.read_bytes()).decode()
+            page.append(f'<img alt="{figure.stem}" src="data:image/png;base64,{data}">')
+    md += ["## Runs", "", *_markdown(("case", "command", "time"), runs)]
+    page += ["<h2>Runs</h2>", _html(("case", "command", "time"), runs)]
+    (out / "report.md").write_text("\n".join(md) + "\n")
+    style = "body{font:15px/1.4 sans-serif;max-width:75em;margin:2em auto}td,th{border-bottom:1px solid #ccc;" \
+            "padding:.2em .8em .2em 0;text-align:left;vertical-align:top}img{max-width:100%}"  # fmt: skip
+    (out / "report.html").write_text(
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Validation</title><style>{style}</style>'
+        "</head><body>\n" + "\n".join(page) + "\n</body></html>\n",
+        encoding="utf-8",
+    )
+    return rows
+
+
+def extreme(data):
+    """Head and rows of the table of stiff and extreme cases."""
+    rows = []
+    for r in data["rows"]:
+        worst = max(r["checks"].items(), key=lambda c: c[1]["value"] / (c[1]["limit"] or 1e-300), default=None)
+        found = r["error"] or ", ".join(r["warnings"])
+        if worst and not found:
+            found = f"{worst[0]} {worst[1]['value']:.2g} (limit {worst[1]['limit']:.2g})"
+        if not r["passed"]:
+            found = "; ".join(r["beyond"])
+        rows.append((r["case"], r["method"], r["must"], found, "yes" if r["passed"] else "NO"))
+    return ("case", "integrator", "must hold", "nearest to its limit, or how it stopped", "holds"), rows
+
+
+def _markdown(head, rows):
+    def line(cells):
+        return "| " + " | ".join(str(c).replace("|", "\\|") for c in cells) + " |"
+
+    return [line(head), line(["---"] * len(head)), *map(line, rows)]
+
+
+def _html(head, rows):
+    def line(cells, tag):
+        return "<tr>" + "".join(f"<{tag}>{html.escape(str(c).strip('`'))}</{tag}>" for c in cells) + "</tr>"
+
+    return "<table>" + line(head, "th") + "".join(line(row, "td") for row in rows) + "</table>"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="the cases that are done within minutes")
+    parser.add_argument("--only", nargs="+", choices=CASES, help="these cases")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "validation_report")
+    parser.add_argument("--jobs", type=int, default=1, help="scripts at a time; run times then mean little")
+    parser.add_argument("--cluster", help="address of a Dask scheduler to run the scripts on")
+    parser.add_argument("--again", action="store_true", help="run also what is done for this commit")
+    options = parser.parse_args()
+    out, version, console = options.out.resolve(), commit(), Console(width=150)
+    out.mkdir(parents=True, exist_ok=True)
+    names = [n for n, c in CASES.items() if (not options.quick or c.quick is not None)]
+    names = [n for n in options.only or names if n in names]
+    records = {} if options.again else {n: r for n in names if (r := done(n, out, options.quick, version))}
+    tasks = {n: (n, str(out), options.quick, version) for n in names if n not in records}
+    for name in records:
+        console.print(f"{name}: done for {version}")
+    with ep.progress("validation") as bar, executor_of(options) as executor:
+        for name, record in sweep(run_case, tasks, executor):
+            if isinstance(record, Exception):
+                record = {"name": name, "commit": version, "quick": options.quick, "time_s": float("nan"), "code": None,
+                          "command": CASES[name].script, "message": f"no result: {record!r}", "data": None}  # fmt: skip
+            records[name] = record
+            bar(len(records) / len(names))
+            end = "done" if record["code"] == 0 else record["message"] or f"exit code {record['code']}"
+            console.print(f"{name}: {end}, {record['time_s']:.0f} s", markup=False)
+    rows = report([records[n] for n in names], out, version)
+    table = Table("case", "quantity", "reference", "limit", "result", "agrees", title=f"validation, {version}")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    console.print(f"{out / 'report.md'}, {out / 'report.html'}", markup=False)
+    failed = [n for n in names if records[n]["code"] != 0]
+    sys.exit(f"failed: {', '.join(failed)}" if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

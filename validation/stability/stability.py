@@ -1,0 +1,148 @@
+"""Stiff and extreme cases, each with both integrators where it makes sense: right, or stopped by a named error.
+
+Reference: what `cases.py` says of each case, from analytic answers, rigid bodies and conservation. Quantity: energy,
+momentum, complementarity (forces and gaps evaluated anew from stored coordinates), and the reference's own. Limit: in
+the table; no result that is not finite, no warning that is not stated, no silent wrong answer.
+
+    python validation/stability/stability.py [--quick] [--only PART OF A NAME] [--out FILE]
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import sys
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import cases
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+from exudyn_partition.errors import PartitionError, PartitionWarning
+
+
+def evaluate(case, method):
+    """One line of the table: what was found, and whether it is what must be."""
+    begin, found, failure, raised = time.perf_counter(), {}, "", ""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PartitionWarning)
+        try:
+            found = case.function(method) or {}
+        except PartitionError as error:
+            raised, failure = type(error).__name__, str(error)
+        except Exception:
+            raised, failure = "not a named error", traceback.format_exc(limit=-3)
+    said = sorted({type(w.message).__name__ for w in caught if isinstance(w.message, PartitionWarning)})
+    checks = {name: {"value": value, "limit": limit} for name, (value, limit) in found.items()}
+    beyond = [name for name, (value, limit) in found.items() if not value <= limit]  # also if it is not a number
+    if raised != case.raises:
+        beyond.append(raised or f"no {case.raises}")
+    if said != sorted(case.warns):
+        beyond.append(f"warned {', '.join(said) or 'of nothing'}")
+    if not found and not case.raises and not raised:
+        beyond.append("nothing checked")
+    return {
+        "case": case.name, "method": method, "must": case.must, "passed": not beyond, "beyond": beyond,
+        "checks": checks, "error": raised, "message": failure, "warnings": said,
+        "time_s": time.perf_counter() - begin,
+    }  # fmt: skip
+
+
+class Worker:
+    """Runs cases in a process of its own; one that crashes or hangs loses only its case, the next gets a new process.
+
+    Bodies that cases share are kept in the process. It is spawned, for threads of the FE code do not survive a fork.
+    """
+
+    def __init__(self, limit):
+        self.limit, self.process = limit, None
+
+    def evaluate(self, case, method):
+        """Return the row of a case, also of one that crashed or hung."""
+        if self.process is None:
+            context = multiprocessing.get_context("spawn")
+            self.pipe, theirs = context.Pipe()
+            self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+            self.process.start()
+            theirs.close()
+        try:
+            self.pipe.send((case.name, method))
+            if self.pipe.poll(self.limit):
+                return self.pipe.recv()
+            end = f"not done after {self.limit:g} s"
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            self.process.join()
+            end = f"crashed, exit code {self.process.exitcode}"
+        self.close()
+        return {"case": case.name, "method": method, "must": case.must, "passed": False, "beyond": [end], "checks": {},
+                "error": "", "message": "", "warnings": [], "time_s": float("nan")}  # fmt: skip
+
+    def close(self):
+        """End the process."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.join()
+        self.process = None
+
+
+def _serve(pipe):
+    while True:
+        name, method = pipe.recv()
+        case = next(c for c in cases.CASES if c.name == name and method in c.methods)
+        pipe.send(evaluate(case, method))
+
+
+def show(rows, console):
+    table = Table("case", "integrator", "must hold", "found", "", title="stiff and extreme cases")
+    for row in rows:
+        worst = max(row["checks"].items(), key=lambda c: share(**c[1]), default=None)
+        found = row["error"] or ", ".join(row["warnings"])
+        if worst and not found:
+            found = f"{worst[0]} {worst[1]['value']:.2g} (limit {worst[1]['limit']:.2g})"
+        if not row["passed"]:
+            found = "; ".join(row["beyond"])
+        mark = "[green]holds" if row["passed"] else "[red]FAILS"
+        table.add_row(row["case"], row["method"], row["must"], found, mark)
+    console.print(table)
+
+
+def share(value, limit):
+    """Return how much of its limit a value takes."""
+    return value / limit if limit else float(value > 0)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="cases whose name holds this; the JSON is not written then")
+    parser.add_argument("--quick", action="store_true", help="the fast cases, those of tests/test_stability.py")
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".json"), help="file of the results")
+    parser.add_argument("--limit", type=float, default=300.0, help="seconds a case")
+    options = parser.parse_args()
+    wanted = [c for c in cases.CASES if options.only in c.name and (c.quick or not options.quick)]
+    chosen = [(c, m) for c in wanted for m in c.methods]
+    rows, console, worker = [], Console(width=170), Worker(options.limit)
+    with ep.progress("cases") as report:
+        for i, (case, method) in enumerate(chosen):
+            report(i / len(chosen))
+            rows.append(worker.evaluate(case, method))
+    worker.close()
+    show(rows, console)
+    failed = [f"{r['case']} ({r['method']}): {'; '.join(r['beyond'])}" for r in rows if not r["passed"]]
+    for row in rows:
+        if not row["passed"] and row["message"]:
+            console.print(f"{row['case']} ({row['method']}): {row['message']}", markup=False)
+    if not options.only:
+        machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
+        data = {"cases": len({c.name for c, _ in chosen}), "rows": rows, "beyond_limits": failed, "machine": machine}
+        options.out.write_text(json.dumps(data, indent=1) + "\n")
+    console.print(f"{len(rows) - len(failed)} of {len(rows)} hold, of {len({c.name for c, _ in chosen})} cases")
+    sys.exit(f"{len(failed)} do not hold: {', '.join(failed)}" if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
