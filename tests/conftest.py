@@ -74,7 +74,7 @@ def impact(mbs, bodies):
     """The ball about to hit the block at 1 m/s, assembled: model, striker, target, contact."""
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
     target = ep.CreatePartitionBody(mbs, bodies[1])
-    contact = ep.CreatePartitionContact(mbs, striker, target, name="tip")
+    contact = ep.CreatePartitionContact(mbs, striker, target, name="tip", rows="node-to-segment")
     mbs.Assemble()
     return mbs, striker, target, contact
 

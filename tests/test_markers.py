@@ -449,7 +449,7 @@ def test_a_mechanism_that_overlaps_at_the_start(mbs, bodies, frame):
     down = -1 if upside_down else 1
     place = PLACE + np.array([0, 0, down * (0.03 - 1e-4)])
     striker = ep.CreatePartitionBody(mbs, bodies[0], frame=frame, referencePosition=place, **upside_down)
-    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by 0\.0001 m"):
+    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by (0\.0001|9\.99\d*e-05) m"):
         ep.CreatePartitionContact(mbs, striker, target)
 
 

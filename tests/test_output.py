@@ -200,7 +200,7 @@ def test_frames_are_spread_over_the_run(run, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")  # the coarse block's own pass
-@pytest.mark.parametrize("options", [{}, {"rows": "integrated"}, {"formulation": "penalty"}, {"passes": "two"}])
+@pytest.mark.parametrize("options", [{}, {"rows": "node-to-segment"}, {"formulation": "penalty"}, {"passes": "two"}])
 def test_nodal_forces_are_those_of_the_run(mbs, bodies, options, tmp_path):
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
     target = ep.CreatePartitionBody(mbs, bodies[1])

@@ -26,7 +26,7 @@ def scene(bodies):
     mbs = SC.AddSystem()
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
     target = ep.CreatePartitionBody(mbs, bodies[1])
-    contact = ep.CreatePartitionContact(mbs, striker, target)
+    contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
     ep.CreatePartitionView(mbs, scale=100.0)
     mbs.Assemble()
     return SC, mbs, striker, target, contact

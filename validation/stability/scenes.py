@@ -152,7 +152,7 @@ def strike(method, slave, master=PLANE, *, speed=1.0, gap=0.0, place=(0, 0, 0), 
         resting = {"referencePosition": place} | (other or {})
         items.append(ep.CreatePartitionBody(mbs, master, name="lower", **resting))
         master = items[1]
-    made = ep.CreatePartitionContact(mbs, items[0], master, **(contact or {}))
+    made = ep.CreatePartitionContact(mbs, items[0], master, **{"rows": "node-to-segment", **(contact or {})})
     if add is not None:
         add(mbs, items, made)
     mbs.Assemble()
