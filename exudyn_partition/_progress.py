@@ -10,11 +10,13 @@ from typing import Any
 
 from ._optional import require
 
+Progress = Callable[[float], None]  # takes the share done, 0 to 1
+
 LONG = 2.0  # what takes longer shows its progress [s]
 
 
 @contextlib.contextmanager
-def progress(title: str, *, after: float = 0.0) -> Iterator[Callable[[float], None]]:
+def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     """Show a bar while something runs; yields the function to call with the share done, 0 to 1.
 
     Parameters

@@ -9,7 +9,7 @@ resultants of each interface is in the span of the shapes, by attachment modes w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -18,6 +18,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ._checks import read_only
+from ._progress import Progress
 from .errors import FrequencyRangeError, InputError
 from .fem import FEModel, nodal_area, node_dofs
 from .linalg import (
@@ -33,7 +34,6 @@ from .partition import Partition, Patch
 from .tied import tie
 
 Array = np.ndarray
-Progress = Callable[[float], None]
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility

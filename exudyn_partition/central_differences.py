@@ -9,8 +9,8 @@ import numpy as np
 
 from .contact.forward_increment import ForwardIncrement
 from .errors import RunError
-from .items import start_of_step
 from .joints import Joints
+from .partition_body import start_of_step
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact

@@ -23,13 +23,14 @@ import numpy as np
 
 from ._optional import require
 from ._version import __version__
-from .body import BASES, ReducedBody, load_body, reduce
+from .body import ReducedBody, load_body
 from .errors import InputError, PartitionError, PartitionWarning
 from .estimate import STEPS_A_PERIOD
 from .hertz import effective, impact
 from .material import ALUMINIUM, STEEL, Material
 from .ngsolve_fem import Refine, fe_model
 from .partition import Partition
+from .reduction import BASES, reduce
 
 MATERIALS = {"steel": STEEL, "aluminium": ALUMINIUM}
 _PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "threadpoolctl")

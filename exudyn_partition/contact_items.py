@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,9 +11,9 @@ import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive, validate_vector
 from ._optional import require
+from .carriers import load_carrier, motion, pose
 from .central_differences import MultiplierStep
 from .contact.compliance import ComplianceContact
-from .contact.coupled import CoupledContacts
 from .contact.gaps import Side
 from .contact.lagrange import LagrangeContact
 from .contact.patch_gaps import PatchGaps
@@ -24,16 +23,16 @@ from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, Ri
 from .contact.stabilised import StabilisedContact
 from .contact.two_pass import TwoPass
 from .contact_results import ContactResults
-from .errors import InputError, ModelLimitWarning, RunError
-from .items import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit, start_of_step
+from .coupling import check_shared_bodies
+from .errors import InputError, RunError
 from .kinematics import FloatingKinematics
+from .partition_body import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit, start_of_step
 
 Array = np.ndarray
 
 FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
 
-_COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
 _DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
@@ -251,7 +250,7 @@ def CreatePartitionContact(
 
     if rigid is not None:
         contact.law = _law(
-            formulation, RigidGaps(placed[0], rigid, rows, _pose(mbs, masterBody), _motion(mbs, masterBody)), stiffness
+            formulation, RigidGaps(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody)), stiffness
         )
     else:
         contact.law = _law(formulation, PatchGaps(placed[0], placed[1], rows), stiffness)
@@ -264,14 +263,14 @@ def CreatePartitionContact(
         contact.laws = {"explicit": contact.law, "implicit": StabilisedContact(contact.law.gaps)}
         contact.stepper = MultiplierStep([contact])
     contact.restart()
-    _check_shared_bodies(contact, contacts)
+    check_shared_bodies(contact, contacts)
     if contact.multipliers:
         _chain_before_step(mbs, contact)
         contact["oContact"] = _add_element(mbs, contact, *_stabilised_functions(contact))
     else:
         contact["oContact"] = _add_element(mbs, contact, *_law_functions(contact))
     if masterBody is not None:
-        _load_carrier(mbs, contact, masterBody)
+        load_carrier(mbs, contact, masterBody)
     items = require("exudyn.itemInterface")
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(
@@ -337,131 +336,6 @@ def _highest_frequency(body: Any) -> float:
     start = np.ones(K.shape[0])
     largest = scipy.sparse.linalg.eigsh(K, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
     return float(np.sqrt(largest))
-
-
-def _pose(mbs: Any, body: Any) -> Any:
-    """Where an Exudyn body is now, in a model that is not assembled yet at its reference; None without a body."""
-    if body is None:
-        return None
-    exu = require("exudyn")
-    variable, configuration = exu.OutputVariableType, exu.ConfigurationType
-
-    def pose() -> tuple[Array, Array]:
-        now = configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference
-        place, axes = (
-            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=now)
-            for what in (variable.Position, variable.RotationMatrix)
-        )
-        return np.asarray(place), np.asarray(axes).reshape(3, 3)
-
-    return pose
-
-
-def _motion(mbs: Any, body: Any) -> Any:
-    """Velocity and angular velocity of an Exudyn body now; None without a body."""
-    if body is None:
-        return None
-    variable = require("exudyn").OutputVariableType
-
-    def motion() -> tuple[Array, Array]:
-        velocity, omega = (
-            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0])
-            for what in (variable.Velocity, variable.AngularVelocity)
-        )
-        return np.asarray(velocity), np.asarray(omega)
-
-    return motion
-
-
-def _load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
-    """Put the contact's reaction on the body that carries the rigid surface, as loads.
-
-    Exudyn evaluates loads after objects, so that the contact's forces are those of the same coordinates.
-    """
-    items, pose = require("exudyn.itemInterface"), _pose(mbs, body)
-    marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
-
-    def force(mbs: Any, t: float, load: Any) -> list[float]:
-        return [*map(float, -contact.law.resultant())]
-
-    def torque(mbs: Any, t: float, load: Any) -> list[float]:
-        return [*map(float, -contact.law.moment(pose()[0]))] if contact.law.index.size else [0.0, 0.0, 0.0]
-
-    zero = [0.0, 0.0, 0.0]
-    mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))
-    mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=torque))
-
-
-def _check_shared_bodies(contact: PartitionContact, others: list[PartitionContact]) -> None:
-    """Solve contacts together whose forces move each other's patches; refuse what cannot be."""
-    coupled = [contact]
-    for other in others:
-        for item, patch in contact.sides:
-            for other_item, other_patch in other.sides:
-                if item is not other_item or contact.multipliers != other.multipliers:
-                    continue
-                if contact.multipliers:
-                    if patch == other_patch or _moves_nodes_of(contact, other, item):
-                        coupled += [c for c in other.group if c not in coupled]
-                elif patch == other_patch:
-                    raise InputError(
-                        f"body {item.name!r}: its patch {patch} already has the contact {other.name!r}; each would "
-                        "take its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) "
-                        "| Partition.ball(...)), or take basis='free' with formulation='lagrange'"
-                    )
-                elif _coupling(item, patch, other_patch) > _COUPLED:
-                    both = (contact, other)
-                    if all(isinstance(c.law, ComplianceContact) for c in both):
-                        coupled += [c for c in other.group if c not in coupled]
-                    elif all(isinstance(c.law, ComplianceContact | TwoPass) for c in both):
-                        _warn_of_coupled_flexibility(item, patch, other_patch)
-    if len(coupled) == 1:
-        return
-    if contact.multipliers:
-        stepper = MultiplierStep(coupled)
-        for member in coupled:
-            member.group, member.stepper = coupled, stepper
-    else:
-        together = CoupledContacts([c.law for c in coupled], _links(coupled))
-        for member in coupled:
-            member.group, member.together = coupled, together
-
-
-def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, Array]]:
-    """Which sides of the contacts push which others, and the flexibility between their patches."""
-    sides = [(j, s, item, patch) for j, c in enumerate(contacts) for s, (item, patch) in enumerate(c.sides)]
-    return [
-        (j, s, k, r, item.body.flexibility(patch, other_patch))
-        for j, s, item, patch in sides
-        for k, r, other, other_patch in sides
-        if j != k and item is other and item.body.basis.flexibility is not None
-    ]
-
-
-def _moves_nodes_of(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> bool:
-    """Whether multipliers of one contact move gaps of the other, through a body of both."""
-    inverse_mass = sp.diags(1 / item.body.mass.diagonal())
-    G, others = (c.rows_on(item) for c in (contact, other))
-    coupling = abs(G @ inverse_mass @ others.T).max()
-    return bool(coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max())
-
-
-def _coupling(item: PartitionBody, patch: int, other: int) -> float:
-    """Residual flexibility between two patches, relative to their own."""
-    if item.body.basis.flexibility is None:
-        return 0.0
-    own, others = (np.linalg.norm(item.body.flexibility(i), 2) for i in (patch, other))
-    return float(np.linalg.norm(item.body.flexibility(patch, other), 2) / np.sqrt(own * others))
-
-
-def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) -> None:
-    warnings.warn(
-        f"body {item.name!r}: the residual flexibility couples its patches {patch} and {other} by "
-        f"{_coupling(item, patch, other):.1%}, which contacts with passes='two' neglect; forces on one may be off by "
-        "about that share of the other's. Take one pass, or a higher f_cut",
-        ModelLimitWarning,
-        stacklevel=4,
-    )
 
 
 Functions = tuple[Callable[..., Any], Callable[..., Any]]

@@ -14,10 +14,10 @@ from .contact.lagrange import LagrangeContact
 from .contact.rigid import RigidGaps
 from .errors import InputError
 from .history import at_times
-from .items import PartitionBody
+from .partition_body import PartitionBody
 
 if TYPE_CHECKING:
-    from .solve import Result
+    from .result import Result
 
 Array = np.ndarray
 

@@ -26,7 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from .basis import DROP_ABOVE, AdaptedSpace, Progress, patch_slice, residual_flexibility
+from ._progress import Progress
+from .basis import DROP_ABOVE, AdaptedSpace, patch_slice, residual_flexibility
 from .contact.complementarity import Complementarity
 from .contact.rows import pair_surfaces
 from .contact.surface import Surface

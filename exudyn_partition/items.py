@@ -1,9 +1,9 @@
-"""Exudyn adapter: partition bodies as nodes, objects and sensors of a model, and the list of what it holds."""
+"""Exudyn adapter: partition bodies as nodes, objects, user functions and sensors of a model."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,256 +15,15 @@ from .body import ReducedBody
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
-from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
-
-if TYPE_CHECKING:
-    from .contact_items import PartitionContact
-    from .solve import Result
+from .partition_body import REGISTRY, RIGID, PartitionBody, coordinate_slices, validate_model
 
 Array = np.ndarray
 
-REGISTRY = "exudynPartition"  # key in mbs.sys
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
-_BLOCK = 1000  # samples whose patches are recovered at a time
 # Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
 # From here a turn about a coordinate axis keeps 1e-14 rad at every angle. Further away Exudyn's static solver, which
 # adds rotation vectors, would converge slowly.
 _APART = (0.01, 0.01, 0.01)  # rad
-_RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
-
-Kinematics = InertialKinematics | FloatingKinematics
-
-
-class PartitionBody(dict):
-    """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
-
-    Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
-    frame, whose rigid node has axes of its own, `kinematics.node_axes` in those of the body; `oGenericODE2`;
-    `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
-
-    With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
-    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
-    again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
-
-    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers.
-
-    `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
-    """
-
-    def __init__(
-        self, body: ReducedBody, name: str, kinematics: Kinematics, frame_left_out: tuple[str, ...], **indices: Any
-    ) -> None:
-        super().__init__(**indices)
-        self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
-        self.point_markers: dict[int, Sequence[float]] = {}
-
-    @property
-    def frame(self) -> str:
-        """The frame, "inertial" or "floating"."""
-        return "floating" if isinstance(self.kinematics, FloatingKinematics) else "inertial"
-
-    @property
-    def position(self) -> Array:
-        """Where the origin of the body's mesh was put, (3,) [m]."""
-        return self.kinematics.position
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """What body and frame leave out, in sentences."""
-        dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
-        return self.body.left_out + self._frame_left_out + dents * bool(self.point_markers)
-
-    @property
-    def nodes(self) -> list[Any]:
-        """Exudyn nodes of the body, in the order of its coordinates."""
-        return [self[key] for key in ("nRigid", "nModal", "nNodal") if key in self]
-
-    @property
-    def node_sizes(self) -> list[int]:
-        """Number of coordinates of each node."""
-        first = _RIGID if "nRigid" in self else self.body.n_shapes
-        return [size for size in (first, self.body.n_dofs - first) if size]
-
-    def is_in(self, mbs: Any) -> bool:
-        """Whether the model still holds this body's object on its nodes, of its size."""
-        nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
-        if [*map(int, nodes)] != [*map(int, self.nodes)]:
-            return False
-        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", _RIGID) for node in nodes]
-        return sum(held) == self.body.n_dofs
-
-    def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
-        """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
-
-        Its place is the interface's `position`, its axes are those of the mesh at the start. Of a basis that keeps
-        nodes it is the marker of a small rigid body which six constraints hold to the interface.
-
-        Parameters
-        ----------
-        mbs : exudyn.MainSystem
-        interface : str
-            Name, as in `Partition.interface`.
-
-        Returns
-        -------
-        exudyn.MarkerIndex
-            The same in every call; also under the key "name:interface".
-
-        Raises
-        ------
-        InputError
-            If there is no such interface, or the body is not in this model.
-        """
-        self.body.partition.find_interface(interface)
-        self._check_model(mbs)
-        key = f"{self.name}:{interface}" if self.name else interface
-        if key not in self:
-            name = self.name and key
-            if self.body.n_shapes < self.body.n_dofs:
-                self[key] = add_tied_marker(mbs, self.kinematics, self, interface, name)
-            else:
-                self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
-        return self[key]
-
-    def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
-        """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
-
-        It moves as the kept shapes let it: the body answers forces of its contacts and interfaces exactly, but lacks
-        the local dent that a force on this node alone would make. For joints take an interface.
-
-        Returns
-        -------
-        exudyn.MarkerIndex
-
-        Raises
-        ------
-        InputError
-            If the body is not in this model, or its basis keeps nodes.
-        """
-        node = self.body.nearest_node(validate_vector("point", point))
-        return self._point_marker(mbs, point, np.array([node]), np.ones(1))
-
-    def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
-        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
-
-        The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
-        same dent as `CreateNodeMarker`.
-
-        Returns
-        -------
-        exudyn.MarkerIndex
-
-        Raises
-        ------
-        InputError
-            If the point is outside the body, the body is not in this model, or its basis keeps nodes.
-        """
-        return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
-
-    def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
-        marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
-        if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
-            self.point_markers[int(marker)] = point
-        return marker
-
-    def _super_element(self, mbs: Any) -> Any:
-        """Object that carries markers, made when first asked for."""
-        self._check_model(mbs)
-        if "oFFRFreducedOrder" not in self:
-            indices = add_super_element(mbs, self.kinematics, self, self.name)
-            self.update(indices, FFRFReducedOrderObjectDict=indices)
-        return self["oFFRFreducedOrder"]
-
-    def _check_model(self, mbs: Any) -> None:
-        if not any(item is self for item in partition_items(mbs)[0]):
-            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
-
-    def coordinates(self, result: Result) -> Array:
-        """Coordinates q, (n, n_dofs), at the times of `result`."""
-        return np.hstack([result.sensor(s) for s in self["sCoordinates"]])
-
-    def coordinates_t(self, result: Result) -> Array:
-        """Velocities of the coordinates, (n, n_dofs), at the times of `result`."""
-        return np.hstack([result.sensor(s) for s in self["sCoordinates_t"]])
-
-    def displacement(self, result: Result, point: Array) -> Array:
-        """Displacement of the node nearest to `point`, (n, 3) [m]; point (3,) in the body's own coordinates [m]."""
-        return self._node(point).displacements(self.coordinates(result))[:, 0]
-
-    def velocity(self, result: Result, point: Array) -> Array:
-        """Velocity of the node nearest to `point`, (n, 3) [m/s]; point (3,) in the body's own coordinates [m]."""
-        return self._node(point).velocities(self.coordinates(result), self.coordinates_t(result))[:, 0]
-
-    def recover(self, result: Result, rows: sp.csr_matrix) -> Array:
-        """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
-
-        It is that of the kept shapes; see `recovery.static_correction` for what they lack. Displacements are those
-        within the frame, in its axes.
-
-        Parameters
-        ----------
-        result : Result
-        rows : (k, 3 nodes) csr matrix
-        """
-        return self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
-
-    def momentum(self, result: Result) -> Array:
-        """Linear momentum of the body, (n, 3) [N s]."""
-        return self.kinematics.momentum(self.coordinates_t(result))
-
-    def angular_momentum(self, result: Result, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
-
-        Raises
-        ------
-        InputError
-            If the point is no vector of three numbers.
-        """
-        q, q_t = self.coordinates(result), self.coordinates_t(result)
-        return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
-
-    def energy(self, result: Result) -> Array:
-        """Kinetic and strain energy, (n,) [J]."""
-        q = self.coordinates(result)
-        elastic = self.kinematics.elastic(q)
-        strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
-        return self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
-
-    def rigid_motion(self, q: Array) -> Array:
-        """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body."""
-        return self.kinematics.rigid_motion(q)
-
-    def deformation(self, q: Array) -> Array:
-        """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
-        patches = self.kinematics.at(self.body.partition.patch_nodes)
-        blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
-        return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
-
-    def _node(self, point: Array) -> Kinematics:
-        return self.kinematics.at(np.array([self.body.nearest_node(point)]))
-
-
-def validate_model(mbs: Any) -> None:
-    """Raise unless `mbs` is a model of Exudyn."""
-    exu = require("exudyn")
-    if not isinstance(mbs, exu.MainSystem):
-        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
-        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
-
-
-def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
-    """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
-    validate_model(mbs)
-    bodies, contacts = mbs.sys.setdefault(REGISTRY, ({}, {}))
-    objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
-    for number, item in list(bodies.items()):
-        if number >= objects or not item.is_in(mbs):
-            del bodies[number]
-    for number, contact in list(contacts.items()):
-        both_there = all(any(item is body for body in bodies.values()) for item, _ in contact.sides)
-        if number >= sensors or not both_there:
-            del contacts[number]
-    return list(bodies.values()), list(contacts.values())
 
 
 def CreatePartitionBody(
@@ -420,16 +179,16 @@ def _add_floating(
                 initialVelocities=[*velocity, *(angular_velocity @ axes)],
             )
         ),
-        "nModal": _add_node(mbs, np.zeros(body.n_dofs - _RIGID)),
+        "nModal": _add_node(mbs, np.zeros(body.n_dofs - RIGID)),
     }
     said = [f"{sentence} (inertiaTerms)" for term, sentence in TERMS.items() if term not in terms]
     if "coupling" in terms:
         said.append("what deformation changes in the inertia that forces of other items meet")
     item = PartitionBody(body, name, kinematics, tuple(said), **indices)
     mass = sp.block_diag(
-        [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - _RIGID)], format="csr"
+        [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - RIGID)], format="csr"
     )
-    functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, stiffness[_RIGID:], terms))
+    functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, stiffness[RIGID:], terms))
     item["oGenericODE2"] = _add_object(mbs, item, mass, sp.diags(stiffness, format="csr"), functions)
     return item
 
@@ -473,19 +232,6 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
 
 
-def start_of_step(mbs: Any) -> float:
-    """Time at the start of the present step [s]."""
-    return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
-
-
-def runs_implicit(mbs: Any) -> bool:
-    """Whether an implicit dynamic solver is at work."""
-    solver = mbs.sys.get("dynamicSolver")
-    if solver is None or "implicit" not in solver.GetSolverName():
-        return False
-    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # not one that ran before a static solver
-
-
 def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dict[str, Any]:
     """Inertia forces of a floating frame and their Jacobian."""
     start_of_step = exu.ConfigurationType.StartOfStep
@@ -499,7 +245,7 @@ def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dic
         """
         data = mbs.systemData
         rigid, modal = (mbs.GetNodeODE2Index(node) for node in nodes)
-        own = np.r_[rigid + 3 : rigid + _RIGID, modal : modal + len(z)]
+        own = np.r_[rigid + 3 : rigid + RIGID, modal : modal + len(z)]
         q, q_t, q_tt = (
             get(start_of_step, copy=False)[own]
             for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
@@ -511,19 +257,19 @@ def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dic
         return v
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
-        z, v = np.asarray(q)[_RIGID:], np.asarray(q_t)[3:]
+        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
         if not v.any():
-            return np.zeros(_RIGID + len(z))  # as in a static solution
+            return np.zeros(RIGID + len(z))  # as in a static solution
         if _runs_verlet(mbs, t):
             v = end_velocities(mbs, t, z, v)
         return np.concatenate([np.zeros(3), forces.force(v[:3], z, v[3:])])
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
-        z, v = np.asarray(q)[_RIGID:], np.asarray(q_t)[3:]
+        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
         by_z, by_velocity = forces.derivatives(v[:3], z, v[3:])
-        result = np.zeros((_RIGID + len(z),) * 2)
+        result = np.zeros((RIGID + len(z),) * 2)
         result[3:, 3:] = -fODE2_t * by_velocity
-        result[3:, _RIGID:] -= fODE2 * by_z
+        result[3:, RIGID:] -= fODE2 * by_z
         return exu.MatrixContainer(sp.csr_matrix(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
@@ -546,9 +292,3 @@ def _coupling_functions(exu: Any, item: PartitionBody, stiffness: sp.csr_matrix)
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * stiffness))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
-
-
-def coordinate_slices(mbs: Any, item: PartitionBody) -> list[slice]:
-    """Places of a body's coordinates in the system vector, asked anew: a model may be assembled again."""
-    starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
-    return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]

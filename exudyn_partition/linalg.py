@@ -13,11 +13,11 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 from threadpoolctl import threadpool_limits
 
+from ._progress import Progress
 from .errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
 from .ordering import nested_dissection
 
 Array = np.ndarray
-Progress = Callable[[float], None]
 
 _BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
 _DEPENDENT = 1e-10  # of a vector's length: what is left of it beyond the basis, below which it is dropped

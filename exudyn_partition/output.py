@@ -17,17 +17,16 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ._checks import validate_choice
-from ._progress import shown
-from .basis import Progress
+from ._progress import Progress, shown
 from .contact_items import PartitionContact
 from .errors import InputError
 from .fem import FEModel
-from .items import PartitionBody
 from .mesh_files import write_vtu
+from .partition_body import PartitionBody
 from .recovery import StaticAnswer, nodal_stress, von_mises
 
 if TYPE_CHECKING:
-    from .solve import Result
+    from .result import Result
 
 Array = np.ndarray
 Shown = PartitionBody | tuple[PartitionBody, FEModel]

@@ -18,12 +18,12 @@ from .body import ReducedBody
 from .contact_items import PartitionContact
 from .errors import InputError
 from .history import History
-from .items import PartitionBody
+from .partition_body import PartitionBody
 from .report import Comparison
 from .spectrum import amplitude_spectrum
 
 if TYPE_CHECKING:
-    from .solve import Result
+    from .result import Result
 
 Array = np.ndarray
 

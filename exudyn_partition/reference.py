@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
 from ._checks import validate_choice, validate_positive, validate_vector
+from ._progress import Progress
 from .contact.complementarity import Complementarity
 from .contact.rows import ContactRows, pair_surfaces
 from .contact.surface import Surface
@@ -20,7 +21,6 @@ from .linalg import Factorisation, one_blas_thread
 from .partition import Partition, Patch
 
 Array = np.ndarray
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)

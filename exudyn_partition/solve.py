@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-import signal
-import threading
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,160 +13,29 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ._checks import validate_array, validate_choice, validate_positive
+from ._checks import validate_choice, validate_positive
 from ._optional import require
-from ._progress import LONG
+from ._progress import LONG, Progress
 from ._progress import progress as progress_bar
-from .central_differences import MultiplierStep
-from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
 from .errors import (
-    ContactPatchWarning,
     InputError,
-    ModelLimitWarning,
     RunError,
     StepSizeError,
-    StoppedRunWarning,
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
-from .history import History
-from .items import PartitionBody, coordinate_slices, partition_items, start_of_step, validate_model
-from .joints import Joints
+from .hooks import controlled, multipliers, watched, without_stabilised
 from .linalg import one_blas_thread
 from .markers import check_joints
+from .partition_body import PartitionBody, coordinate_slices, partition_items, validate_model
+from .result import Result, cut, reviewed, samples, warn_of_turns
 from .step_control import LONGEST, UNRESOLVED, StepControl
-from .summary import write_report
 
 Array = np.ndarray
-Progress = Callable[[float], None]
 
-_LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
-_LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
-_LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
-_OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
-_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
 _EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """What a run leaves.
-
-    Parameters
-    ----------
-    t : (n,) array
-        Times of the samples [s].
-    status : {"finished", "interrupted", "unstable"}
-    message : str
-        Why and where the run ended.
-    step : float
-        Time step [s]; of an adaptive run, that in contact.
-    steps : int
-        Steps taken.
-    method : str
-    time_s : float
-        Run time of Exudyn's solver [s].
-    sensors : dict of int to (n, k) array
-        Samples of the model's internally stored sensors, by sensor number.
-    bodies : tuple of PartitionBody
-        The model's.
-    contacts : tuple of PartitionContact
-        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
-    """
-
-    t: Array
-    status: str
-    message: str
-    step: float
-    steps: int
-    method: str
-    time_s: float
-    sensors: Mapping[int, Array] = field(repr=False)
-    bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
-    contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
-
-    def sensor(self, number: Any) -> Array:
-        """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
-
-        Raises
-        ------
-        InputError
-            If the run has no such sensor.
-        """
-        if int(number) not in self.sensors:
-            raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
-        return self.sensors[int(number)]
-
-    def at(self, times: Sequence[float] | Array | int) -> Result:
-        """Return the samples nearest to some times, each once: for frames of a film.
-
-        Parameters
-        ----------
-        times : (k,) [s] or int
-            Times, or how many of them, equally spaced over the run.
-
-        Raises
-        ------
-        InputError
-            If a time is not within the run, or the run kept nothing.
-        """
-        if not len(self.t):
-            raise InputError(f"result: the run kept no samples ({self.message})")
-        if isinstance(times, int):
-            validate_positive("times", times)
-            wanted = np.linspace(self.t[0], self.t[-1], times)
-        else:
-            wanted = validate_array("times", times, (None,))
-            slack = 1e-9 * (self.t[-1] - self.t[0])
-            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
-            if outside.any():
-                raise InputError(
-                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
-                    f"{wanted[outside.argmax()]:.6g}"
-                )
-        middles = (self.t[1:] + self.t[:-1]) / 2
-        nearest = np.unique(np.searchsorted(middles, wanted))
-        return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
-
-    def report(self, path: str | Path, *, title: str = "") -> Path:
-        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
-
-        Parameters
-        ----------
-        path : str or Path
-            Of the page, which needs no other file.
-        title : str
-            Default: the file's name.
-
-        Returns
-        -------
-        Path
-
-        Raises
-        ------
-        InputError
-            If the folder does not exist, or the run kept nothing.
-        """
-        return write_report(path, self, title=title)
-
-    def history(
-        self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None
-    ) -> History:
-        """Force of a contact and velocities of named points, to compare, plot and save."""
-        velocity = {name: body.velocity(self, point) for name, (body, point) in (points or {}).items()}
-        bodies = [item.body for item, _ in contact.sides]
-        info = {
-            "label": f"{bodies[0].basis.name}, {self.method}",
-            "dofs": sum(body.n_dofs for body in bodies),
-            "contact_nodes": contact.n_rows,
-            "step_s": self.step,
-            "steps": self.steps,
-            "time_s": self.time_s,
-            "status": self.status,
-        }
-        return History(self.t, contact.force(self), velocity, info)
 
 
 def stability_limit(mbs: Any) -> float:
@@ -352,10 +216,10 @@ def solve_dynamic(
     with (
         one_blas_thread(),
         bar as report,
-        _without_stabilised(mbs, method),
-        _multipliers(mbs, method) as steppers,
-        _watched(mbs, end_time, step, report, steppers) as watch,
-        _controlled(mbs, control, settings),
+        without_stabilised(mbs, method),
+        multipliers(mbs, method) as steppers,
+        watched(mbs, end_time, step, report, steppers) as watch,
+        controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
         try:
@@ -365,9 +229,9 @@ def solve_dynamic(
                 raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}") from error
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
-    result = replace(_samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
+    result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
-        result = _cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
+        result = cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
     if watch.interrupted:
         status, message = "interrupted", "interrupted by the user"
     elif status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
@@ -375,9 +239,9 @@ def solve_dynamic(
         message = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
     elif status == "finished" and progress is not None:
         progress(1.0)
-    result = _reviewed(mbs, replace(result, status=status, message=message))
+    result = reviewed(mbs, replace(result, status=status, message=message))
     if not adaptive:
-        _warn_of_turns(result)
+        warn_of_turns(result)
     return result
 
 
@@ -406,34 +270,7 @@ def collect(mbs: Any) -> Result:
         As `solve_dynamic`.
     """
     validate_model(mbs)
-    return _reviewed(mbs, _samples(mbs))
-
-
-def _samples(mbs: Any) -> Result:
-    """What the sensors stored, as it is."""
-    sensors = {}
-    for number in range(mbs.systemData.NumberOfSensors()):
-        if mbs.GetSensorParameter(number, "storeInternal"):
-            data = np.atleast_2d(mbs.GetSensorStoredData(number))
-            if data.size:
-                sensors[number] = data
-    if not sensors:
-        raise RunError("mbs: no sensor stored anything; run the model first")
-    samples = min(len(data) for data in sensors.values())
-    first = next(iter(sensors.values()))
-    bodies, contacts = partition_items(mbs)
-    return Result(
-        t=first[:samples, 0].copy(),
-        status="finished",
-        message="samples of the model's last run",
-        step=float("nan"),
-        steps=0,
-        method="",
-        time_s=float("nan"),
-        sensors={number: data[:samples, 1:] for number, data in sensors.items()},
-        bodies=tuple(bodies),
-        contacts=tuple(contacts),
-    )
+    return reviewed(mbs, samples(mbs))
 
 
 def _checked_step(mbs: Any, step: float | None, method: str) -> float:
@@ -491,238 +328,9 @@ def _step_control(
     )
 
 
-class _Watch:
-    """What the hook before each step knows: how many there were, and whether the user asked to stop."""
-
-    def __init__(self) -> None:
-        self.steps = 0
-        self.interrupted = False
-
-
-@contextlib.contextmanager
-def _multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
-    """Multipliers to apply before steps: of contacts, in explicit runs together with those of the model's joints.
-
-    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected for joints
-    through its PostStep function, in front of the model's own, which is put back after.
-    """
-    exu = require("exudyn")
-    contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
-    own_steppers = [contact.stepper for contact in contacts]
-    if method == "implicit" or not mbs.systemData.AEsize():
-        yield own_steppers
-        return
-    stepper = MultiplierStep(contacts, Joints(mbs))
-    own_function = _function(mbs.GetPostStepUserFunction())
-
-    def after_step(mbs: Any, t: float) -> bool:
-        stepper.after_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
-
-    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
-    mbs.SetPostStepUserFunction(after_step)
-    for contact in contacts:
-        contact.stepper = stepper
-    try:
-        yield [stepper]
-    finally:
-        exu.config.suppressWarnings = warnings_off
-        mbs.SetPostStepUserFunction(own_function or 0)
-        for contact, own in zip(contacts, own_steppers, strict=True):
-            contact.stepper = own
-
-
-@contextlib.contextmanager
-def _without_stabilised(mbs: Any, method: str) -> Iterator[None]:
-    """Switch off the force elements that multipliers have for implicit runs: explicit ones only pay for their calls."""
-    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if contact.multipliers]
-    if method == "implicit":
-        elements = []
-    functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
-    for element in elements:
-        mbs.SetObjectParameter(element, "forceUserFunction", 0)
-    try:
-        yield
-    finally:
-        for element, function in zip(elements, functions, strict=True):
-            mbs.SetObjectParameter(element, "forceUserFunction", function)
-
-
-@contextlib.contextmanager
-def _watched(
-    mbs: Any, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
-) -> Iterator[_Watch]:
-    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
-    watch, last_start = _Watch(), None
-    own_function = _function(mbs.GetPreStepUserFunction())
-    contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
-    with_joints = [stepper for stepper in steppers if stepper.joints is not None]
-    next_report = 0.0
-
-    def before_step(mbs: Any, t: float) -> bool:
-        nonlocal next_report, last_start
-        if t >= next_report:
-            next_report = t + end_time / 100
-            progress(min(t / end_time, 1.0))
-        start, previous = start_of_step(mbs), last_start
-        if watch.interrupted or start > end_time - 1e-6 * step:
-            return False
-        for stepper in contacts_alone:  # also where the model's own function was set after them
-            stepper.before_step(mbs, t)
-        go_on = own_function is None or own_function(mbs, t)
-        for stepper in with_joints:  # which the function may have moved
-            stepper.before_step(mbs, t)
-        watch.steps += start != previous  # not those that are taken again, shorter
-        last_start = start
-        return go_on
-
-    def interrupt(number: int, frame: Any) -> None:
-        watch.interrupted = True
-
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    previous = signal.signal(signal.SIGINT, interrupt) if in_main_thread else None
-    mbs.SetPreStepUserFunction(before_step)
-    try:
-        yield watch
-    finally:
-        mbs.SetPreStepUserFunction(own_function or 0)
-        if in_main_thread:
-            signal.signal(signal.SIGINT, previous)
-
-
-@contextlib.contextmanager
-def _controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator[None]:
-    """Steps as the control wants them, through Exudyn's PostStep and PostNewton functions, behind the model's own.
-
-    PostStep runs at the start and when a step is done, and the solver takes its next step from what stands in its
-    `it.currentStepSize` then. PostNewton can ask to repeat the step with a shorter one.
-    """
-    if control is None:
-        yield
-        return
-    own_after_step, own_after_newton = map(_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction()))
-    refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
-
-    def after_step(mbs: Any, t: float) -> bool:
-        it = mbs.sys["dynamicSolver"].it
-        step = control.next_step(it.currentStepSize)
-        if step != it.currentStepSize:
-            it.currentStepSize = step
-            mbs.solverSignalJacobianUpdate = True
-        return own_after_step is None or own_after_step(mbs, t)
-
-    def after_newton(mbs: Any, t: float) -> list[float]:
-        shorter = control.shorter_step(mbs.sys["dynamicSolver"].it.currentStepSize)
-        if shorter is not None:
-            return [refused, shorter]
-        return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
-
-    mbs.SetPostStepUserFunction(after_step)
-    mbs.SetPostNewtonUserFunction(after_newton)
-    try:
-        yield
-    finally:
-        mbs.SetPostStepUserFunction(own_after_step or 0)
-        mbs.SetPostNewtonUserFunction(own_after_newton or 0)
-
-
-def _function(entry: Any) -> Callable[..., Any] | None:
-    """User function that Exudyn's Get...UserFunction returns, if there is one."""
-    return entry["function"] if isinstance(entry, dict) else None
-
-
 def _root(error: BaseException) -> str:
     """Return the message of the library's own error at the bottom of Exudyn's report, if there is one."""
     while error.__cause__ is not None:
         error = error.__cause__
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
-
-
-def _reviewed(mbs: Any, result: Result) -> Result:
-    """Cut a result where it stops to mean anything, and say what needs saying."""
-    bodies, contacts = partition_items(mbs)
-    valid = np.ones(len(result.t), dtype=bool)
-    for item in bodies:
-        q = item.coordinates(result)
-        finite = np.isfinite(q).all(axis=1)
-        q = np.where(finite[:, None], q, 0.0)
-        size = np.ptp(item.body.points, axis=0).max()
-        valid &= finite & (item.deformation(q) < _LARGEST_DEFORMATION * size)
-    if not valid.all():
-        result = _cut(result, int(valid.argmin()))
-        reason = result.message if result.status == "unstable" else "deformations have grown beyond all bounds"
-        result = replace(result, status="unstable", message=reason)
-    if result.status != "finished":
-        last = f"results are kept up to t = {result.t[-1]:.6g} s" if len(result.t) else "nothing could be kept"
-        result = replace(result, message=f"{result.message}; {last}")
-        warnings.warn(result.message, StoppedRunWarning, stacklevel=4)
-    if len(result.t):
-        for item in bodies:
-            if item.frame == "inertial":
-                _warn_of_rotation(item, result)
-        for contact in contacts:
-            _warn_of_patch(contact, result)
-            _warn_of_overlap(contact, result)
-    return result
-
-
-def _cut(result: Result, samples: int) -> Result:
-    sensors = {number: data[:samples] for number, data in result.sensors.items()}
-    return replace(result, t=result.t[:samples], sensors=sensors)
-
-
-def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
-    angle = np.linalg.norm(item.rigid_motion(item.coordinates(result))[:, 3:], axis=1)
-    if angle.max() > _LARGEST_ROTATION:
-        when = result.t[int((angle > _LARGEST_ROTATION).argmax())]
-        warnings.warn(
-            f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at t = {when:.6g} s: "
-            "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
-            "frame='floating'",
-            ModelLimitWarning,
-            stacklevel=5,
-        )
-
-
-def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
-    """What placing tolerates as round-off of meshes is much energy for slow bodies."""
-    placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
-    carried = isinstance(contact.law.gaps, RigidGaps) and contact.law.gaps.carried
-    if contact.multipliers or carried or not placed or not contact.closed_rows(result)[0]:
-        return
-    stored, depth = contact.energy(result.at(result.t[:1]))[0], -contact.law.least_gap
-    largest = max(item.energy(result).max() for item, _ in contact.sides)
-    if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
-        warnings.warn(
-            f"contact {contact.name!r} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
-            f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
-            "them apart. Move one by that much (referencePosition)",
-            ModelLimitWarning,
-            stacklevel=5,
-        )
-
-
-def _warn_of_turns(result: Result) -> None:
-    for item in result.bodies:
-        if item.frame == "floating" and len(result.t):
-            turn = result.step * np.linalg.norm(item.coordinates_t(result)[:, 3:6], axis=1).max()
-            if turn > _LARGEST_TURN:
-                warnings.warn(
-                    f"body {item.name!r} turns by {turn:.3g} rad in a step of {result.step:.4g} s: no integrator "
-                    f"follows that. Take steps of at most {0.25 * result.step / turn:.2g} s, 25 a turn, or "
-                    "adaptive=True",
-                    ModelLimitWarning,
-                    stacklevel=3,
-                )
-
-
-def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
-    name = f"contact {contact.name!r}" if contact.name else "the contact"
-    if contact.reached_edge_at is not None:
-        warnings.warn(
-            f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, {contact.reached_edge} m; "
-            "the force is too small from then on. Enlarge the contact radius of both partitions",
-            ContactPatchWarning,
-            stacklevel=5,
-        )

@@ -9,8 +9,8 @@ import numpy as np
 
 from .contact_items import PartitionContact
 from .estimate import STEPS_A_PERIOD
-from .items import PartitionBody
 from .kinematics import FloatingKinematics
+from .partition_body import PartitionBody
 
 Array = np.ndarray
 State = Callable[[PartitionBody], tuple[Array, Array, Array]]

@@ -24,7 +24,7 @@ from .errors import InputError
 from .report import versions
 
 if TYPE_CHECKING:
-    from .solve import Result
+    from .result import Result
 
 Array = np.ndarray
 

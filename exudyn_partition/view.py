@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation
 from ._checks import validate_array, validate_choice, validate_positive
 from ._optional import require
 from .errors import InputError, RunError
-from .items import PartitionBody, coordinate_slices, partition_items
 from .output import BodyFields, Shown, contact_loads
+from .partition_body import PartitionBody, coordinate_slices, partition_items
 
 if TYPE_CHECKING:
-    from .solve import Result
+    from .result import Result
 
 Array = np.ndarray
 Fields = Callable[[BodyFields], dict[str, Array]]  # of a body, now

@@ -15,8 +15,7 @@ import scipy.sparse as sp
 from conftest import TOP
 
 import exudyn_partition as ep
-from exudyn_partition import archive, cache
-from exudyn_partition import body as body_module
+from exudyn_partition import archive, cache, reduction
 from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.forward_increment import ForwardIncrement
 from exudyn_partition.contact.gaps import Side
@@ -264,7 +263,7 @@ def test_a_save_that_fails_keeps_the_old_file(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def store(block, top):
-    return {basis: body_module.BASES[basis](block, top, F_CUT) for basis in BASES}
+    return {basis: reduction.BASES[basis](block, top, F_CUT) for basis in BASES}
 
 
 @pytest.fixture
@@ -279,7 +278,7 @@ def computed(monkeypatch, store):
 
         return make
 
-    monkeypatch.setattr(body_module, "BASES", {basis: counting(basis) for basis in BASES})
+    monkeypatch.setattr(reduction, "BASES", {basis: counting(basis) for basis in BASES})
     return calls
 
 
@@ -357,7 +356,7 @@ def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed,
     for owner, name, value in (
         (cache, "__version__", "99"),
         (cache, "_code", lambda: "other"),
-        (body_module, "_FILE", replace(body_module._FILE, version=99)),
+        (reduction, "FILE", replace(reduction.FILE, version=99)),
     ):
         monkeypatch.setattr(owner, name, value)
         ep.reduce(block, top, **options, cache=tmp_path)
@@ -379,7 +378,7 @@ def test_the_key_changes_with_the_impact_that_a_tolerance_is_for(block, top, tmp
         keys.append(archive.digest(inputs))
         return 2 * (SimpleNamespace(estimate=SimpleNamespace(limit="")),)
 
-    monkeypatch.setattr(body_module, "cached", remember)
+    monkeypatch.setattr(reduction, "cached", remember)
     options = {"tolerance": 0.1, "speed": 1.0, "duration": 2e-4}
     for changed in ({}, *({name: value} for name, value in IMPACTS.items())):
         ep.reduce_pair((block, top), (block, top), **{**options, **changed})

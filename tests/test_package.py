@@ -21,17 +21,19 @@ PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_progress", "archive", "cache", "material", "fem", "mesh_files",
     "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "basis", "contact.surface",
-    "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "kinematics",
-    "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
+    "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "reduction",
+    "kinematics", "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
     "contact.compliance", "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised",
-    "contact.penalty", "contact.two_pass", "history", "markers", "items", "joints", "central_differences",
-    "contact_results", "contact_items", "step_control", "output", "view", "report", "plot", "summary", "solve",
-    "reference", "cli", "__main__", "__init__", "contact.__init__",
+    "contact.penalty", "contact.two_pass", "history", "markers", "partition_body", "items", "joints",
+    "central_differences", "contact_results", "carriers", "coupling", "contact_items", "step_control", "output", "view",
+    "report", "plot", "summary", "result", "hooks", "solve", "reference", "cli", "__main__", "__init__",
+    "contact.__init__",
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking
-    "items": {"contact_items", "solve"}, "contact_results": {"solve"}, "central_differences": {"contact_items"},
-    "output": {"solve"}, "view": {"solve"}, "plot": {"solve"}, "summary": {"solve"},
+    "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
+    "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
+    "view": {"result"}, "plot": {"result"}, "summary": {"result"},
 }  # fmt: skip
 
 
@@ -72,7 +74,10 @@ def test_outer_packages_have_one_door_each():
         "ngsolve": {"ngsolve_fem"},
         "netgen": {"ngsolve_fem", "cli"},  # the doctor tries them
         "meshio": {"mesh_files"},
-        "exudyn": {"markers", "items", "joints", "contact_items", "view", "solve", "cli"},
+        "exudyn": {
+            *("markers", "partition_body", "items", "joints", "carriers", "contact_items"),
+            *("hooks", "solve", "view", "cli"),
+        },
     }
 
 

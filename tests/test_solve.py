@@ -22,7 +22,7 @@ from exudyn_partition.errors import (
     StepSizeError,
     StoppedRunWarning,
 )
-from exudyn_partition.items import partition_items
+from exudyn_partition.partition_body import partition_items
 
 END = 60e-6
 
@@ -213,8 +213,9 @@ def test_ctrl_c_keeps_what_was_computed(impact):
             interrupted.append(share)
             os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to"):
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to") as caught:
         result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6, progress=press_ctrl_c)
+    assert caught[0].filename == __file__  # the user's line, not one of the library
     assert result.status == "interrupted"
     assert 0.45 * END < result.t[-1] < 0.6 * END
     assert contact.force(result).max() > 1e3
@@ -374,8 +375,9 @@ def test_contact_at_the_rim_of_its_patch_warns(ball, block, top):
     small = ep.Partition.ball(ball[0], (0, 0, 0), 0.3e-3)
     bodies = [ep.reduce(*pair, basis="residual", f_cut=150e3) for pair in ((ball[0], small), (block, top))]
     mbs, *_ = collide(bodies)
-    with pytest.warns(ContactPatchWarning, match=r"reached the edge of its patch .* Enlarge the contact radius"):
+    with pytest.warns(ContactPatchWarning, match=r"reached the edge of its patch .* Enlarge the contact") as caught:
         ep.solve_dynamic(mbs, end_time=END)
+    assert caught[0].filename == __file__
 
 
 def test_whole_faces_have_no_rim(block):

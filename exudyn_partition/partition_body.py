@@ -1,0 +1,278 @@
+"""A partition body in an Exudyn model: its indices, markers and results, and the list of what a model holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ._checks import validate_vector
+from ._optional import require
+from .body import ReducedBody
+from .errors import InputError
+from .kinematics import FloatingKinematics, InertialKinematics
+from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
+
+if TYPE_CHECKING:
+    from .contact_items import PartitionContact
+    from .result import Result
+
+Array = np.ndarray
+Kinematics = InertialKinematics | FloatingKinematics
+
+REGISTRY = "exudynPartition"  # key in mbs.sys
+RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
+_BLOCK = 1000  # samples whose patches are recovered at a time
+
+
+class PartitionBody(dict):
+    """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
+
+    Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
+    frame, whose rigid node has axes of its own, `kinematics.node_axes` in those of the body; `oGenericODE2`;
+    `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+
+    With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
+    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
+    again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
+
+    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers.
+
+    `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
+    """
+
+    def __init__(
+        self, body: ReducedBody, name: str, kinematics: Kinematics, frame_left_out: tuple[str, ...], **indices: Any
+    ) -> None:
+        super().__init__(**indices)
+        self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
+        self.point_markers: dict[int, Sequence[float]] = {}
+
+    @property
+    def frame(self) -> str:
+        """The frame, "inertial" or "floating"."""
+        return "floating" if isinstance(self.kinematics, FloatingKinematics) else "inertial"
+
+    @property
+    def position(self) -> Array:
+        """Where the origin of the body's mesh was put, (3,) [m]."""
+        return self.kinematics.position
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What body and frame leave out, in sentences."""
+        dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
+        return self.body.left_out + self._frame_left_out + dents * bool(self.point_markers)
+
+    @property
+    def nodes(self) -> list[Any]:
+        """Exudyn nodes of the body, in the order of its coordinates."""
+        return [self[key] for key in ("nRigid", "nModal", "nNodal") if key in self]
+
+    @property
+    def node_sizes(self) -> list[int]:
+        """Number of coordinates of each node."""
+        first = RIGID if "nRigid" in self else self.body.n_shapes
+        return [size for size in (first, self.body.n_dofs - first) if size]
+
+    def is_in(self, mbs: Any) -> bool:
+        """Whether the model still holds this body's object on its nodes, of its size."""
+        nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
+        if [*map(int, nodes)] != [*map(int, self.nodes)]:
+            return False
+        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", RIGID) for node in nodes]
+        return sum(held) == self.body.n_dofs
+
+    def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
+        """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
+
+        Its place is the interface's `position`, its axes are those of the mesh at the start. Of a basis that keeps
+        nodes it is the marker of a small rigid body which six constraints hold to the interface.
+
+        Parameters
+        ----------
+        mbs : exudyn.MainSystem
+        interface : str
+            Name, as in `Partition.interface`.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+            The same in every call; also under the key "name:interface".
+
+        Raises
+        ------
+        InputError
+            If there is no such interface, or the body is not in this model.
+        """
+        self.body.partition.find_interface(interface)
+        self._check_model(mbs)
+        key = f"{self.name}:{interface}" if self.name else interface
+        if key not in self:
+            name = self.name and key
+            if self.body.n_shapes < self.body.n_dofs:
+                self[key] = add_tied_marker(mbs, self.kinematics, self, interface, name)
+            else:
+                self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
+        return self[key]
+
+    def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+        """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
+
+        It moves as the kept shapes let it: the body answers forces of its contacts and interfaces exactly, but lacks
+        the local dent that a force on this node alone would make. For joints take an interface.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+
+        Raises
+        ------
+        InputError
+            If the body is not in this model, or its basis keeps nodes.
+        """
+        node = self.body.nearest_node(validate_vector("point", point))
+        return self._point_marker(mbs, point, np.array([node]), np.ones(1))
+
+    def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+        """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
+
+        The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
+        same dent as `CreateNodeMarker`.
+
+        Returns
+        -------
+        exudyn.MarkerIndex
+
+        Raises
+        ------
+        InputError
+            If the point is outside the body, the body is not in this model, or its basis keeps nodes.
+        """
+        return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
+
+    def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
+        marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
+        if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
+            self.point_markers[int(marker)] = point
+        return marker
+
+    def _super_element(self, mbs: Any) -> Any:
+        """Object that carries markers, made when first asked for."""
+        self._check_model(mbs)
+        if "oFFRFreducedOrder" not in self:
+            indices = add_super_element(mbs, self.kinematics, self, self.name)
+            self.update(indices, FFRFReducedOrderObjectDict=indices)
+        return self["oFFRFreducedOrder"]
+
+    def _check_model(self, mbs: Any) -> None:
+        if not any(item is self for item in partition_items(mbs)[0]):
+            raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
+
+    def coordinates(self, result: Result) -> Array:
+        """Coordinates q, (n, n_dofs), at the times of `result`."""
+        return np.hstack([result.sensor(s) for s in self["sCoordinates"]])
+
+    def coordinates_t(self, result: Result) -> Array:
+        """Velocities of the coordinates, (n, n_dofs), at the times of `result`."""
+        return np.hstack([result.sensor(s) for s in self["sCoordinates_t"]])
+
+    def displacement(self, result: Result, point: Array) -> Array:
+        """Displacement of the node nearest to `point`, (n, 3) [m]; point (3,) in the body's own coordinates [m]."""
+        return self._node(point).displacements(self.coordinates(result))[:, 0]
+
+    def velocity(self, result: Result, point: Array) -> Array:
+        """Velocity of the node nearest to `point`, (n, 3) [m/s]; point (3,) in the body's own coordinates [m]."""
+        return self._node(point).velocities(self.coordinates(result), self.coordinates_t(result))[:, 0]
+
+    def recover(self, result: Result, rows: sp.csr_matrix) -> Array:
+        """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
+
+        It is that of the kept shapes; see `recovery.static_correction` for what they lack. Displacements are those
+        within the frame, in its axes.
+
+        Parameters
+        ----------
+        result : Result
+        rows : (k, 3 nodes) csr matrix
+        """
+        return self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
+
+    def momentum(self, result: Result) -> Array:
+        """Linear momentum of the body, (n, 3) [N s]."""
+        return self.kinematics.momentum(self.coordinates_t(result))
+
+    def angular_momentum(self, result: Result, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
+
+        Raises
+        ------
+        InputError
+            If the point is no vector of three numbers.
+        """
+        q, q_t = self.coordinates(result), self.coordinates_t(result)
+        return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
+
+    def energy(self, result: Result) -> Array:
+        """Kinetic and strain energy, (n,) [J]."""
+        q = self.coordinates(result)
+        elastic = self.kinematics.elastic(q)
+        strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
+        return self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
+
+    def rigid_motion(self, q: Array) -> Array:
+        """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body."""
+        return self.kinematics.rigid_motion(q)
+
+    def deformation(self, q: Array) -> Array:
+        """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
+        patches = self.kinematics.at(self.body.partition.patch_nodes)
+        blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
+        return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
+
+    def _node(self, point: Array) -> Kinematics:
+        return self.kinematics.at(np.array([self.body.nearest_node(point)]))
+
+
+def validate_model(mbs: Any) -> None:
+    """Raise unless `mbs` is a model of Exudyn."""
+    exu = require("exudyn")
+    if not isinstance(mbs, exu.MainSystem):
+        hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
+        raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
+
+
+def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
+    """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
+    validate_model(mbs)
+    bodies, contacts = mbs.sys.setdefault(REGISTRY, ({}, {}))
+    objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
+    for number, item in list(bodies.items()):
+        if number >= objects or not item.is_in(mbs):
+            del bodies[number]
+    for number, contact in list(contacts.items()):
+        both_there = all(any(item is body for body in bodies.values()) for item, _ in contact.sides)
+        if number >= sensors or not both_there:
+            del contacts[number]
+    return list(bodies.values()), list(contacts.values())
+
+
+def coordinate_slices(mbs: Any, item: PartitionBody) -> list[slice]:
+    """Places of a body's coordinates in the system vector, asked anew: a model may be assembled again."""
+    starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
+    return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]
+
+
+def start_of_step(mbs: Any) -> float:
+    """Time at the start of the present step [s]."""
+    return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
+
+
+def runs_implicit(mbs: Any) -> bool:
+    """Whether an implicit dynamic solver is at work."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None or "implicit" not in solver.GetSolverName():
+        return False
+    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # not one that ran before a static solver

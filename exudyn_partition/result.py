@@ -1,0 +1,264 @@
+"""What a run leaves: samples of the model's sensors, cut where they stop to mean anything, with warnings about it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._checks import validate_array, validate_positive
+from .contact.rigid import RigidGaps
+from .contact_items import PartitionContact
+from .errors import ContactPatchWarning, InputError, ModelLimitWarning, RunError, StoppedRunWarning
+from .history import History
+from .partition_body import PartitionBody, partition_items
+from .summary import write_report
+
+Array = np.ndarray
+
+_LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
+_LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
+_OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
+_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a run leaves.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times of the samples [s].
+    status : {"finished", "interrupted", "unstable"}
+    message : str
+        Why and where the run ended.
+    step : float
+        Time step [s]; of an adaptive run, that in contact.
+    steps : int
+        Steps taken.
+    method : str
+    time_s : float
+        Run time of Exudyn's solver [s].
+    sensors : dict of int to (n, k) array
+        Samples of the model's internally stored sensors, by sensor number.
+    bodies : tuple of PartitionBody
+        The model's.
+    contacts : tuple of PartitionContact
+        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
+    """
+
+    t: Array
+    status: str
+    message: str
+    step: float
+    steps: int
+    method: str
+    time_s: float
+    sensors: Mapping[int, Array] = field(repr=False)
+    bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
+    contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
+
+    def sensor(self, number: Any) -> Array:
+        """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
+
+        Raises
+        ------
+        InputError
+            If the run has no such sensor.
+        """
+        if int(number) not in self.sensors:
+            raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
+        return self.sensors[int(number)]
+
+    def at(self, times: Sequence[float] | Array | int) -> Result:
+        """Return the samples nearest to some times, each once: for frames of a film.
+
+        Parameters
+        ----------
+        times : (k,) [s] or int
+            Times, or how many of them, equally spaced over the run.
+
+        Raises
+        ------
+        InputError
+            If a time is not within the run, or the run kept nothing.
+        """
+        if not len(self.t):
+            raise InputError(f"result: the run kept no samples ({self.message})")
+        if isinstance(times, int):
+            validate_positive("times", times)
+            wanted = np.linspace(self.t[0], self.t[-1], times)
+        else:
+            wanted = validate_array("times", times, (None,))
+            slack = 1e-9 * (self.t[-1] - self.t[0])
+            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
+            if outside.any():
+                raise InputError(
+                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
+                    f"{wanted[outside.argmax()]:.6g}"
+                )
+        middles = (self.t[1:] + self.t[:-1]) / 2
+        nearest = np.unique(np.searchsorted(middles, wanted))
+        return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
+
+    def report(self, path: str | Path, *, title: str = "") -> Path:
+        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the page, which needs no other file.
+        title : str
+            Default: the file's name.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or the run kept nothing.
+        """
+        return write_report(path, self, title=title)
+
+    def history(
+        self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None
+    ) -> History:
+        """Force of a contact and velocities of named points, to compare, plot and save."""
+        velocity = {name: body.velocity(self, point) for name, (body, point) in (points or {}).items()}
+        bodies = [item.body for item, _ in contact.sides]
+        info = {
+            "label": f"{bodies[0].basis.name}, {self.method}",
+            "dofs": sum(body.n_dofs for body in bodies),
+            "contact_nodes": contact.n_rows,
+            "step_s": self.step,
+            "steps": self.steps,
+            "time_s": self.time_s,
+            "status": self.status,
+        }
+        return History(self.t, contact.force(self), velocity, info)
+
+
+def samples(mbs: Any) -> Result:
+    """What the sensors stored, as it is."""
+    sensors = {}
+    for number in range(mbs.systemData.NumberOfSensors()):
+        if mbs.GetSensorParameter(number, "storeInternal"):
+            data = np.atleast_2d(mbs.GetSensorStoredData(number))
+            if data.size:
+                sensors[number] = data
+    if not sensors:
+        raise RunError("mbs: no sensor stored anything; run the model first")
+    count = min(len(data) for data in sensors.values())
+    first = next(iter(sensors.values()))
+    bodies, contacts = partition_items(mbs)
+    return Result(
+        t=first[:count, 0].copy(),
+        status="finished",
+        message="samples of the model's last run",
+        step=float("nan"),
+        steps=0,
+        method="",
+        time_s=float("nan"),
+        sensors={number: data[:count, 1:] for number, data in sensors.items()},
+        bodies=tuple(bodies),
+        contacts=tuple(contacts),
+    )
+
+
+def reviewed(mbs: Any, result: Result) -> Result:
+    """Cut a result where it stops to mean anything, and say what needs saying."""
+    bodies, contacts = partition_items(mbs)
+    valid = np.ones(len(result.t), dtype=bool)
+    for item in bodies:
+        q = item.coordinates(result)
+        finite = np.isfinite(q).all(axis=1)
+        q = np.where(finite[:, None], q, 0.0)
+        size = np.ptp(item.body.points, axis=0).max()
+        valid &= finite & (item.deformation(q) < _LARGEST_DEFORMATION * size)
+    if not valid.all():
+        result = cut(result, int(valid.argmin()))
+        reason = result.message if result.status == "unstable" else "deformations have grown beyond all bounds"
+        result = replace(result, status="unstable", message=reason)
+    if result.status != "finished":
+        last = f"results are kept up to t = {result.t[-1]:.6g} s" if len(result.t) else "nothing could be kept"
+        result = replace(result, message=f"{result.message}; {last}")
+        warnings.warn(result.message, StoppedRunWarning, stacklevel=3)
+    if len(result.t):
+        for item in bodies:
+            if item.frame == "inertial":
+                _warn_of_rotation(item, result)
+        for contact in contacts:
+            _warn_of_patch(contact, result)
+            _warn_of_overlap(contact, result)
+    return result
+
+
+def cut(result: Result, count: int) -> Result:
+    """Keep the first samples of a result."""
+    sensors = {number: data[:count] for number, data in result.sensors.items()}
+    return replace(result, t=result.t[:count], sensors=sensors)
+
+
+def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
+    angle = np.linalg.norm(item.rigid_motion(item.coordinates(result))[:, 3:], axis=1)
+    if angle.max() > _LARGEST_ROTATION:
+        when = result.t[int((angle > _LARGEST_ROTATION).argmax())]
+        warnings.warn(
+            f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at t = {when:.6g} s: "
+            "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
+            "frame='floating'",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
+    """What placing tolerates as round-off of meshes is much energy for slow bodies."""
+    placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
+    carried = isinstance(contact.law.gaps, RigidGaps) and contact.law.gaps.carried
+    if contact.multipliers or carried or not placed or not contact.closed_rows(result)[0]:
+        return
+    stored, depth = contact.energy(result.at(result.t[:1]))[0], -contact.law.least_gap
+    largest = max(item.energy(result).max() for item, _ in contact.sides)
+    if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
+        warnings.warn(
+            f"contact {contact.name!r} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
+            f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
+            "them apart. Move one by that much (referencePosition)",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
+
+
+def warn_of_turns(result: Result) -> None:
+    """Warn of floating frames that turn far in a step, of equal steps."""
+    for item in result.bodies:
+        if item.frame == "floating" and len(result.t):
+            turn = result.step * np.linalg.norm(item.coordinates_t(result)[:, 3:6], axis=1).max()
+            if turn > _LARGEST_TURN:
+                warnings.warn(
+                    f"body {item.name!r} turns by {turn:.3g} rad in a step of {result.step:.4g} s: no integrator "
+                    f"follows that. Take steps of at most {0.25 * result.step / turn:.2g} s, 25 a turn, or "
+                    "adaptive=True",
+                    ModelLimitWarning,
+                    stacklevel=3,
+                )
+
+
+def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
+    name = f"contact {contact.name!r}" if contact.name else "the contact"
+    if contact.reached_edge_at is not None:
+        warnings.warn(
+            f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, {contact.reached_edge} m; "
+            "the force is too small from then on. Enlarge the contact radius of both partitions",
+            ContactPatchWarning,
+            stacklevel=4,
+        )
