@@ -45,10 +45,11 @@ class ReducedBody:
         Truncation frequency [Hz].
     reduce_s : float
         Time that the reduction took [s]; of one of a pair, half of the pair's.
+    inertia : InertiaIntegrals
+        What a floating frame needs to know of the mass: of the elastic shapes, or with nodal columns of all shapes and
+        the body's part without those nodes.
     estimate : Estimate or None
         Estimated errors, of a body that was grown to a tolerance.
-    inertia : InertiaIntegrals or None
-        What a floating frame needs to know of the mass; None for a basis with nodal columns.
     """
 
     basis: ReducedBasis
@@ -61,8 +62,8 @@ class ReducedBody:
     centre_of_mass: Array
     f_cut: float
     reduce_s: float
+    inertia: InertiaIntegrals
     estimate: Estimate | None = None
-    inertia: InertiaIntegrals | None = None
 
     def __post_init__(self) -> None:
         read_only(self.points, self.facets, self.centre_of_mass)
@@ -233,7 +234,7 @@ class ReducedBody:
 
 FILE = Format(
     name="reduced body",
-    version=4,
+    version=5,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
     classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
 )

@@ -316,8 +316,7 @@ def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:
 def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None) -> Any:
     if formulation == "compliance":
         return ComplianceContact(gaps)
-    bodies = [side.kinematics.body for side in gaps.sides]
-    inverse_mass = 1 / np.concatenate([body.mass.diagonal() for body in bodies])
+    inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
     if formulation == "lagrange":
         return LagrangeContact(gaps, inverse_mass)
     if stiffness is not None:
@@ -325,7 +324,9 @@ def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None)
     elif any(side.flexibility is not None for side in gaps.sides):
         stiffness = bed_stiffness(gaps)
     else:
-        stiffness = inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, bodies)))
+        stiffness = inertial_stiffness(
+            gaps, inverse_mass, max(_highest_frequency(s.kinematics.body) for s in gaps.sides)
+        )
     return PenaltyContact(gaps, stiffness)
 
 

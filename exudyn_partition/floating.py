@@ -15,13 +15,18 @@ Shabana, Dynamics of Multibody Systems (2013), chapter 5; mean axes: Agrawal and
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from ._checks import read_only
 from .fem import FEModel
+
+if TYPE_CHECKING:
+    from .nodal_inertia import NodalInertia
 
 Array = np.ndarray
 
@@ -33,7 +38,7 @@ TERMS = {
 }
 """Inertia forces of a floating frame, and what a body is without each."""
 
-_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # order of the six blocks of `InertiaIntegrals.inertia`
+PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # order of the six blocks of `InertiaIntegrals.inertia`
 _SKEW = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)  # of the three axes
 _PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of component a, b among them
 
@@ -58,20 +63,26 @@ class InertiaIntegrals:
         read_only(self.inertia, self.cross)
 
     @classmethod
-    def of(cls, fem: FEModel, shapes: Array) -> InertiaIntegrals:
-        """Integrals by the consistent mass, which weighs the three directions alike.
+    def of(
+        cls, fem: FEModel, shapes: Array, mass: str = "consistent", nodal: Sequence[int] | Array = ()
+    ) -> InertiaIntegrals:
+        """Integrals by a mass that weighs the three directions alike.
 
         Parameters
         ----------
         fem : FEModel
         shapes : (3N, n) array
-            Orthogonal to rigid motion.
+            Orthogonal to rigid motion, or zero at `nodal`.
+        mass : {"consistent", "lumped"}
+        nodal : (k,) int array
+            Nodes whose mass is left out; it must be lumped.
         """
-        mass = fem.mass[::3, ::3]
+        weights = fem.mass[::3, ::3] if mass == "consistent" else sp.diags(fem.lumped_mass)
         arms = fem.points - fem.centre_of_mass
+        arms[nodal] = 0.0
         fields = [np.column_stack([arms[:, a], shapes[a::3]]) for a in range(3)]
-        weighted = [mass @ field for field in fields]
-        xx, yy, zz, yz, xz, xy = (fields[a].T @ weighted[b] for a, b in _PAIRS)
+        weighted = [weights @ field for field in fields]
+        xx, yy, zz, yz, xz, xy = (fields[a].T @ weighted[b] for a, b in PAIRS)
         products = np.array([-(G + G.T) / 2 for G in (yz, xz, xy)])
         cross = np.array([yz - yz.T, xz.T - xz, xy - xy.T])
         return cls(np.concatenate([[yy + zz, xx + zz, xx + yy], products]), np.ascontiguousarray(cross[:, 1:, 1:]))
@@ -85,13 +96,39 @@ class InertiaIntegrals:
         """Integrals by components along other axes, the columns of (3, 3)."""
         components = np.einsum("ai,bj,abmn->ijmn", axes, axes, self.inertia[_PLACE])
         return InertiaIntegrals(
-            np.array([components[pair] for pair in _PAIRS]), np.einsum("ai,amn->imn", axes, self.cross)
+            np.array([components[pair] for pair in PAIRS]), np.einsum("ai,amn->imn", axes, self.cross)
         )
 
     def of_place(self, z: Array) -> tuple[Array, Array]:
         """J(z), (3, 3), and C(z), (3, n), of the angular momentum J omega + C z_t, at elastic coordinates z, (n,)."""
         place = np.concatenate([[1.0], z])
         return ((self.inertia @ place) @ place)[_PLACE], -(self.cross @ z)
+
+    def products(self, z: Array, z_t: Array) -> tuple[Array, Array, Array, Array]:
+        """Half the derivative of J's components by z (6, n), J (3, 3), C (3, n) and the cross integrals with z_t."""
+        place = np.concatenate([[1.0], z])
+        by_place = self.inertia @ place
+        return by_place[:, 1:], (by_place @ place)[_PLACE], -(self.cross @ z), self.crossed(z_t)
+
+    def crossed(self, z: Array) -> Array:
+        """Cross integrals of all shapes with the field of z, (3, n)."""
+        return self.cross @ z
+
+    def by_shapes(self, z: Array) -> Array:
+        """Part of half the derivative of J's components by z, (6, n), that is linear in z, (n,)."""
+        return self.inertia[:, 1:, 1:] @ z
+
+    def inertia_form(self, weights: Array) -> Array:
+        """Integrals of products of two shapes, (n, n), in the six components with weights (6,)."""
+        return np.tensordot(weights, self.inertia[:, 1:, 1:], 1)
+
+    def cross_form(self, omega: Array) -> Array:
+        """Integrals of omega . (psi_i x psi_j), (n, n), for a vector omega, (3,)."""
+        return np.tensordot(omega, self.cross, 1)
+
+    def spin(self, z: Array, z_t: Array) -> Array:
+        """C(z) z_t, the part of the angular momentum that vibration has by itself, (..., 3)."""
+        return _forms(self.cross, z, z_t)
 
     def angular_momentum(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Angular momentum about the centre of mass in the body's axes, J(z) omega + C(z) z_t, (..., 3) [N m s].
@@ -103,13 +140,13 @@ class InertiaIntegrals:
         z, z_t : (..., n) array
             Elastic coordinates and their velocities.
         """
-        place = np.concatenate([np.ones_like(z[..., :1]), z], axis=-1)
+        place = np.concatenate([np.ones((*z.shape[:-1], 1)), z], axis=-1)
         J = _forms(self.inertia, place, place)[..., _PLACE]
-        return np.einsum("...ab,...b->...a", J, omega) + _forms(self.cross, z, z_t)
+        return np.einsum("...ab,...b->...a", J, omega) + self.spin(z, z_t)
 
     def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Kinetic energy but for that of the centre of mass, (...,) [J]; arguments as for `angular_momentum`."""
-        momentum = self.angular_momentum(omega, z, z_t) + _forms(self.cross, z, z_t)
+        momentum = self.angular_momentum(omega, z, z_t) + self.spin(z, z_t)
         return (np.sum(omega * momentum, axis=-1) + np.sum(z_t**2, axis=-1)) / 2
 
 
@@ -123,21 +160,26 @@ class InertiaForces:
 
     Parameters
     ----------
-    integrals : InertiaIntegrals
-    stiffness : (n,) array
-        Squared circular frequencies of the shapes [rad2/s2].
+    integrals : InertiaIntegrals or nodal_inertia.NodalInertia
+    stiffness : (n,) array or callable
+        Squared circular frequencies of the shapes [rad2/s2], or K z of the elastic coordinates z.
     terms : collection of str
         Those of `TERMS` to be kept.
     """
 
-    def __init__(self, integrals: InertiaIntegrals, stiffness: Array, terms: Collection[str] = tuple(TERMS)) -> None:
-        self.tensor, self.stiffness = integrals.tensor, stiffness
+    def __init__(
+        self,
+        integrals: InertiaIntegrals | NodalInertia,
+        stiffness: Array | Callable[[Array], Array],
+        terms: Collection[str] = tuple(TERMS),
+    ) -> None:
+        self.tensor, self._integrals = integrals.tensor, integrals
+        self.elastic = stiffness if callable(stiffness) else stiffness.__mul__
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
-        self._inertia, self._cross = integrals.inertia, integrals.cross
 
     def coriolis_force(self, omega: Array, z_t: Array) -> Array:
         """Coriolis forces on the elastic coordinates, (n,)."""
-        return 2 * (omega @ (self._cross @ z_t)) if self.coriolis else np.zeros_like(z_t)
+        return 2 * (omega @ self._integrals.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
 
     def force(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).
@@ -149,7 +191,7 @@ class InertiaForces:
         z, z_t : (n,) array
             Elastic coordinates and their velocities.
         """
-        by_place, J, C, cross_t = self._of_place(z, z_t)
+        by_place, J, C, cross_t = self._integrals.products(z, z_t)
         torque, force, turn = np.zeros(3), np.zeros(len(z)), skew(omega)
         if self.gyroscopic:
             torque -= turn @ (J @ omega)
@@ -160,7 +202,7 @@ class InertiaForces:
         if self.centrifugal:
             force += _products(omega) @ by_place
         if self.coupling:
-            omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - self.stiffness * z))
+            omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - self.elastic(z)))
             torque, force = self.tensor @ omega_t, force - C.T @ omega_t
         return np.concatenate([torque, force])
 
@@ -169,7 +211,7 @@ class InertiaForces:
 
         Those of the coupling are left out: second order in deformation, for Newton's method only.
         """
-        by_place, J, C, cross_t = self._of_place(z, z_t)
+        by_place, J, C, cross_t = self._integrals.products(z, z_t)
         n = len(z)
         by_z, by_velocity = np.zeros((3 + n, n)), np.zeros((3 + n, 3 + n))
         turn, J_omega = skew(omega), by_place[_PLACE].transpose(0, 2, 1) @ omega  # d(J omega)/dz = 2 J_omega
@@ -178,22 +220,16 @@ class InertiaForces:
             by_velocity[:3, :3] += skew(J @ omega) - turn @ J
         if self.coriolis:
             J_t = 2 * (by_place @ z_t)[_PLACE]
-            by_shape_t = np.tensordot(self._inertia[:, 1:, 1:], z_t, 1)[_PLACE].transpose(0, 2, 1) @ omega
+            by_shape_t = self._integrals.by_shapes(z_t)[_PLACE].transpose(0, 2, 1) @ omega
             by_z[:3] -= turn @ cross_t + 2 * by_shape_t
             by_velocity[:3, :3] += skew(C @ z_t) - J_t
             by_velocity[:3, 3:] -= turn @ C + 2 * J_omega
             by_velocity[3:, :3] += 2 * cross_t.T
-            by_velocity[3:, 3:] += 2 * np.tensordot(omega, self._cross, 1)
+            by_velocity[3:, 3:] += 2 * self._integrals.cross_form(omega)
         if self.centrifugal:
             by_velocity[3:, :3] += 2 * J_omega.T
-            by_z[3:] += np.tensordot(_products(omega), self._inertia[:, 1:, 1:], 1)
+            by_z[3:] += self._integrals.inertia_form(_products(omega))
         return by_z, by_velocity
-
-    def _of_place(self, z: Array, z_t: Array) -> tuple[Array, Array, Array, Array]:
-        """Half the derivative of J's components by z (6, n), J (3, 3), C (3, n) and the cross integrals with z_t."""
-        place = np.concatenate([[1.0], z])
-        by_place = self._inertia @ place
-        return by_place[:, 1:], (by_place @ place)[_PLACE], -(self._cross @ z), self._cross @ z_t
 
 
 def skew(v: Array) -> Array:

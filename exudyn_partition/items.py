@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,9 @@ def CreatePartitionBody(
     coupling of shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
 
     Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
-    NodeGenericODE2 holds the elastic ones. Mass is constant, inertia forces are a user function (module `floating`).
+    NodeGenericODE2 holds the elastic ones. Of the paper's basis those are what is left of shapes and nodal columns
+    without rigid motion (module `mean_axes`), and their stiffness is in the user function below.
+    Mass is constant, inertia forces are a user function (module `floating`).
     There are no algebraic equations, so that every solver of Exudyn runs it. The rigid node's axes stand a degree off
     the body's, as rotation vectors lose their digits near zero; markers of interfaces have the body's axes.
 
@@ -59,7 +61,7 @@ def CreatePartitionBody(
     frame : {"inertial", "floating", "auto"}
         "inertial": the body moves by small rotations about its place, translations may be large. "floating": its axes
         rotate with it, as far as they like. "auto": floating if an initial angular velocity or a reference rotation is
-        given and the basis allows it, inertial otherwise; a body that others will turn needs "floating".
+        given, inertial otherwise; a body that others will turn needs "floating".
     referencePosition : (3,)
         Where the origin of the body's mesh is put [m].
     referenceRotation : (3, 3), optional
@@ -87,8 +89,8 @@ def CreatePartitionBody(
     Raises
     ------
     InputError
-        If `mbs` is no model, an argument is out of range, or the body cannot have a floating frame: its basis has nodal
-        columns ("free"), or it has no inertia about some axis.
+        If `mbs` is no model, an argument is out of range, or the body cannot have a floating frame: it has no inertia
+        about some axis.
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
@@ -103,7 +105,7 @@ def CreatePartitionBody(
         validate_choice("inertiaTerms", term, TERMS)
     if frame == "auto":
         rotates = rotation is not None or angular_velocity.any()
-        frame = "floating" if rotates and body.inertia is not None else "inertial"
+        frame = "floating" if rotates else "inertial"
     if frame == "inertial":
         if rotation is not None:
             raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
@@ -169,7 +171,6 @@ def _add_floating(
 ) -> PartitionBody:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia = kinematics.body, kinematics.inertia
-    stiffness = body.basis.omega**2
     axes = kinematics.frame(np.zeros(body.n_dofs))[1] @ kinematics.node_axes
     indices = {
         "nRigid": mbs.AddNode(
@@ -188,8 +189,15 @@ def _add_floating(
     mass = sp.block_diag(
         [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - RIGID)], format="csr"
     )
-    functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, stiffness[RIGID:], terms))
-    item["oGenericODE2"] = _add_object(mbs, item, mass, sp.diags(stiffness, format="csr"), functions)
+    if len(body.basis.nodal):
+        forces = InertiaForces(inertia, kinematics.elastic_force, terms)
+        functions = _inertia_functions(exu, item.nodes, forces, kinematics.elastic_stiffness)
+        stiffness = sp.csr_matrix((body.n_dofs,) * 2)
+    else:
+        omega_squared = body.basis.omega**2
+        functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:], terms))
+        stiffness = sp.diags(omega_squared, format="csr")
+    item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions)
     return item
 
 
@@ -232,8 +240,10 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
 
 
-def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dict[str, Any]:
-    """Inertia forces of a floating frame and their Jacobian."""
+def _inertia_functions(
+    exu: Any, nodes: list[Any], forces: InertiaForces, stiffness: Callable[[], Array] | None = None
+) -> dict[str, Any]:
+    """Inertia forces of a floating frame and their Jacobian, with elastic ones if their stiffness is given."""
     start_of_step = exu.ConfigurationType.StartOfStep
 
     def end_velocities(mbs: Any, t: float, z: Array, middle: Array) -> Array:
@@ -252,17 +262,20 @@ def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dic
         )
         half_step = (t - data.GetTime(start_of_step)) / 2
         v = middle + half_step * q_tt
-        v[3:] -= half_step * forces.stiffness * (z - q[3:])
+        v[3:] -= half_step * forces.elastic(z - q[3:])
         v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
         return v
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
-        if not v.any():
-            return np.zeros(RIGID + len(z))  # as in a static solution
-        if _runs_verlet(mbs, t):
-            v = end_velocities(mbs, t, z, v)
-        return np.concatenate([np.zeros(3), forces.force(v[:3], z, v[3:])])
+        result = np.zeros(RIGID + len(z))
+        if stiffness is not None:
+            result[RIGID:] = -forces.elastic(z)
+        if v.any():  # not in a static solution
+            if _runs_verlet(mbs, t):
+                v = end_velocities(mbs, t, z, v)
+            result[3:] += forces.force(v[:3], z, v[3:])
+        return result
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
         z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
@@ -270,6 +283,8 @@ def _inertia_functions(exu: Any, nodes: list[Any], forces: InertiaForces) -> dic
         result = np.zeros((RIGID + len(z),) * 2)
         result[3:, 3:] = -fODE2_t * by_velocity
         result[3:, RIGID:] -= fODE2 * by_z
+        if stiffness is not None:
+            result[RIGID:, RIGID:] += fODE2 * stiffness()
         return exu.MatrixContainer(sp.csr_matrix(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

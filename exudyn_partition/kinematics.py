@@ -1,7 +1,8 @@
 """Motion of a reduced body in space: places, velocities and generalised forces of nodes, momentum and energy.
 
 One class a frame, with the same methods: a body in an inertial frame moves by small rotations about its place, one in a
-floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs,), or a history of them, (m, n_dofs).
+floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs,), or a history of them, (m, n_dofs);
+`mass`, (n_dofs,), is the diagonal of their mass matrix.
 """
 
 from __future__ import annotations
@@ -10,11 +11,14 @@ import copy
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from .body import ReducedBody
 from .errors import InputError
 from .floating import InertiaIntegrals, rotation_matrix
+from .mean_axes import MeanAxes
+from .nodal_inertia import NodalInertia
 
 Array = np.ndarray
 
@@ -38,6 +42,7 @@ class InertialKinematics:
 
     def __init__(self, body: ReducedBody, position: Array, nodes: Array = _NO_NODES) -> None:
         self.body, self.position = body, position
+        self.mass: Array = body.mass.diagonal()
         self.arms = body.points[nodes] - body.centre_of_mass
         self.rows: Any = body.rows(nodes)
         self._start = position + body.points[nodes]
@@ -52,9 +57,9 @@ class InertialKinematics:
         return np.broadcast_to(origin, (*q.shape[:-1], 3)), np.broadcast_to(axes, (*q.shape[:-1], 3, 3))
 
     @property
-    def from_basis(self) -> Array:
-        """(n_dofs, n_dofs) array: the coordinates' velocities by those of the body's basis, at the start."""
-        return np.eye(self.body.n_dofs)
+    def from_basis(self) -> sp.csr_matrix:
+        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+        return sp.identity(self.body.n_dofs, format="csr")
 
     def elastic(self, q: Array) -> Array:
         """Coordinates q of the motion within the frame."""
@@ -106,9 +111,13 @@ class InertialKinematics:
         M_rigid = self.body.mass @ self.body.rigid
         return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
 
+    def deformed(self, q: Array) -> Array:
+        """Coordinates, in the basis, of the deformation alone."""
+        return q - self.rigid_motion(q) @ self.body.rigid.T
+
     def deformation(self, q: Array) -> Array:
         """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
-        return _fields(self.rows, q - self.rigid_motion(q) @ self.body.rigid.T)
+        return _fields(self.rows, self.deformed(q))
 
 
 class FloatingKinematics:
@@ -118,10 +127,12 @@ class FloatingKinematics:
     Velocities q_t are (r_t, angular velocity in the node's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them;
     generalised forces and `inertia` have the node's axes too, all else those of the body.
 
+    Deformation z is that of `mean_axes`: the elastic shapes', and with nodal columns the shapes and displacements that
+    are left of those without rigid motion, mass-normalised.
+
     Parameters
     ----------
     body : ReducedBody
-        Of a basis without nodal columns.
     position : (3,) array
         Where the origin of the body's mesh is put [m].
     rotation : (3,) array
@@ -134,7 +145,7 @@ class FloatingKinematics:
     Raises
     ------
     InputError
-        If the basis has nodal columns, or the body no moment of inertia about some axis.
+        If the body has no moment of inertia about some axis.
     """
 
     linear = False
@@ -151,13 +162,16 @@ class FloatingKinematics:
         self.rotation = rotation if node_rotation is None else node_rotation
         axes = rotation_matrix(rotation)
         self.node_axes = np.eye(3) if node_rotation is None else axes.T @ rotation_matrix(node_rotation)
-        self.inertia = _validate_inertia(body).turned(self.node_axes)
+        self.mean_axes = MeanAxes(body.mass.diagonal(), body.rigid)
+        self.inertia = _inertia(body, self.mean_axes).turned(self.node_axes)
+        self.mass = np.r_[np.full(3, body.total_mass), np.diag(self.inertia.tensor), np.ones(body.n_dofs - 6)]
         self.origin = position + axes @ body.centre_of_mass
         self._of(nodes)
 
     def _of(self, nodes: Array) -> None:
         self.arms = self.body.points[nodes] - self.body.centre_of_mass
-        self.rows = np.asarray(self.body.rows(nodes))[:, 6:]
+        rows: Any = self.body.rows(nodes)
+        self.rows = self.mean_axes.restrict(rows.toarray() if sp.issparse(rows) else rows)
 
     def at(self, nodes: Array) -> FloatingKinematics:
         """Kinematics of other nodes, (k,) int array."""
@@ -170,17 +184,27 @@ class FloatingKinematics:
         return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6]) @ self.node_axes.T
 
     @property
-    def from_basis(self) -> Array:
-        """(n_dofs, n_dofs) array: the coordinates' velocities by those of the body's basis, at the start."""
-        result = np.eye(self.body.n_dofs)
-        result[:6, :6] = np.linalg.inv(self.body.rigid[:6])
-        result[:3] = self.frame(np.zeros(self.body.n_dofs))[1] @ result[:3]
-        result[3:6] = self.node_axes.T @ result[3:6]
-        return result
+    def from_basis(self) -> sp.csr_matrix:
+        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+        n = self.body.n_dofs
+        rigid = InertialKinematics(self.body, self.position).rigid_motion(np.eye(n)).T
+        turned = self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]
+        return sp.csr_matrix(np.vstack([*turned, self.mean_axes.of(np.eye(n)).T]))
 
     def elastic(self, q: Array) -> Array:
         """Coordinates, in the basis, of the motion within the frame."""
-        return np.concatenate([np.zeros_like(q[..., :6]), q[..., 6:]], axis=-1)
+        return self.mean_axes.expand(q[..., 6:])
+
+    deformed = elastic
+
+    def elastic_force(self, z: Array) -> Array:
+        """Generalised forces K z, (n_dofs - 6,), of deformation z, (n_dofs - 6,)."""
+        return self.mean_axes.restrict(self.body.stiffness @ self.mean_axes.expand(z))
+
+    def elastic_stiffness(self) -> Array:
+        """K of the deformation, (n_dofs - 6, n_dofs - 6), dense."""
+        rows = self.mean_axes.restrict(self.body.stiffness.toarray())
+        return self.mean_axes.restrict(rows.T)
 
     def place(self, q: Array) -> Array:
         """Places of the nodes, (..., k, 3) [m]."""
@@ -263,18 +287,17 @@ def _fields(rows: Any, q: Array) -> Array:
     return np.asarray((rows @ q.T).T).reshape(*q.shape[:-1], -1, 3)
 
 
-def _validate_inertia(body: ReducedBody) -> InertiaIntegrals:
-    if body.inertia is None:
-        raise InputError(
-            f"frame: basis {body.basis.name!r} keeps nodes, which move with the rigid motion that a floating frame "
-            "takes out. Reduce the body with basis='contact-adapted', 'residual' or 'craig-bampton', or take "
-            "frame='inertial' if it does not rotate far"
-        )
-    moments = np.linalg.eigvalsh(body.inertia.tensor)
+def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> InertiaIntegrals | NodalInertia:
+    inertia: InertiaIntegrals | NodalInertia = body.inertia
+    if len(body.basis.nodal):
+        masses = body.mass.diagonal()[body.n_shapes :: 3]
+        arms = body.points[body.basis.nodal] - body.centre_of_mass
+        inertia = NodalInertia(body.inertia, masses, arms, mean_axes, np.eye(3))
+    moments = np.linalg.eigvalsh(inertia.tensor)
     if moments[0] <= 1e-12 * moments[2]:
         raise InputError(
             f"body: expected moments of inertia above zero about all axes, got {moments} kg m2; a floating frame "
             "cannot rotate about an axis without inertia. Give the body an extension across it, or take "
             "frame='inertial'"
         )
-    return body.inertia
+    return inertia

@@ -47,15 +47,16 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
     Raises
     ------
     InputError
-        If the body's basis has nodal columns, which have an Exudyn node of their own.
+        If the body's basis has nodal columns, which have an Exudyn node of their own in an inertial frame.
     """
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body = kinematics.body
-    if len(body.basis.nodal):
+    if isinstance(kinematics, InertialKinematics) and len(body.basis.nodal):
         raise InputError(
             f"body: basis {body.basis.name!r} keeps nodes as coordinates, which Exudyn's superelement markers cannot "
-            "follow. Reduce the body with basis='contact-adapted', 'residual' or 'craig-bampton', or attach to rows of "
-            "its coordinates: body.interface_rows() on a MarkerObjectODE2Coordinates of its 'oGenericODE2'"
+            "follow. Take frame='floating', or reduce the body with basis='contact-adapted', 'residual' or "
+            "'craig-bampton', or attach to rows of its coordinates: body.interface_rows() on a "
+            "MarkerObjectODE2Coordinates of its 'oGenericODE2'"
         )
     rigid = nodes["nRigid"] if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
     places, rows = mesh(kinematics)

@@ -112,7 +112,7 @@ class PartitionBody(dict):
         key = f"{self.name}:{interface}" if self.name else interface
         if key not in self:
             name = self.name and key
-            if self.body.n_shapes < self.body.n_dofs:
+            if "nNodal" in self:
                 self[key] = add_tied_marker(mbs, self.kinematics, self, interface, name)
             else:
                 self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
@@ -131,7 +131,7 @@ class PartitionBody(dict):
         Raises
         ------
         InputError
-            If the body is not in this model, or its basis keeps nodes.
+            If the body is not in this model, or its basis keeps nodes and its frame is inertial.
         """
         node = self.body.nearest_node(validate_vector("point", point))
         return self._point_marker(mbs, point, np.array([node]), np.ones(1))
@@ -149,7 +149,8 @@ class PartitionBody(dict):
         Raises
         ------
         InputError
-            If the point is outside the body, the body is not in this model, or its basis keeps nodes.
+            If the point is outside the body, the body is not in this model, or its basis keeps nodes and its frame is
+            inertial.
         """
         return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
 

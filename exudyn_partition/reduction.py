@@ -242,7 +242,8 @@ def _body(
 ) -> ReducedBody:
     mass, stiffness = _reduced_matrices(fem, reduced)
     # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
-    inertia = None if len(reduced.nodal) else InertiaIntegrals.of(fem, reduced.shapes[:, 6:])
+    shapes = reduced.shapes if len(reduced.nodal) else reduced.shapes[:, 6:]
+    inertia = InertiaIntegrals.of(fem, shapes, reduced.mass, reduced.nodal)
     return ReducedBody(
         basis=reduced,
         partition=partition,

@@ -69,15 +69,15 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
         if not contact.multipliers:
             contact.law.reset()  # to the pairs at the start, which are all that can close
             items = [item for item, _ in contact.sides]
-            to_coordinates = scipy.linalg.block_diag(*(item.kinematics.from_basis for item in items))
-            stiffness = to_coordinates.T @ contact.law.closed_stiffness() @ to_coordinates
-            closed.append((np.concatenate([place[id(item)] for item in items]), stiffness))
+            to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
+            dofs = np.concatenate([place[id(item)] for item in items])
+            closed.append((dofs, to_coordinates, contact.law.closed_stiffness()))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
         y = K @ x
-        for dofs, stiffness in closed:
-            y[dofs] += stiffness @ x[dofs]
+        for dofs, to_coordinates, stiffness in closed:
+            y[dofs] += to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
         return scale * y
 
     n = K.shape[0]

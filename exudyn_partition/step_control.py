@@ -184,5 +184,5 @@ def vibration(item: PartitionBody, q: Array, q_t: Array) -> tuple[Array, Array]:
     if body.n_shapes == body.n_dofs:
         omega = body.basis.omega[6:]
         return omega / (2 * np.pi), (q_t[6:] ** 2 + (omega * q[6:]) ** 2) / 2
-    q, q_t = (x - body.rigid @ item.rigid_motion(x) for x in (q, q_t))
+    q, q_t = item.kinematics.deformed(q), item.kinematics.deformed(q_t)
     return np.array([body.f_cut]), np.array([q_t @ (body.mass @ q_t) + q @ (body.stiffness @ q)]) / 2

@@ -391,10 +391,29 @@ def test_misuse(mbs, link, body):
         item.CreateInterfaceMarker(mbs, "foot")
     region = ep.Partition.ball(link[0], (0.005, 0, 0.03), 5e-3)
     nodal = ep.CreatePartitionBody(mbs, ep.reduce(link[0], region | link[1], basis="free", f_cut=F_CUT))
-    with pytest.raises(InputError, match=r"basis 'free' keeps nodes as coordinates, .* Reduce the body with basis="):
+    with pytest.raises(InputError, match=r"basis 'free' keeps nodes as coordinates, .* Take frame='floating'"):
         nodal.CreateNodeMarker(mbs, (0, 0, 0))
     with pytest.raises(InputError, match=r"gravity: expected shape \(3,\)"):
         ep.CreatePartitionBody(mbs, body, gravity=-9.81)
+
+
+def test_both_frames_of_a_basis_that_keeps_nodes(link):
+    """A tip hung on a joint and pushed, moves by its tied marker as by that of a floating frame."""
+    region = ep.Partition.ball(link[0], (0.005, 0, 0.03), 5e-3)
+    body = ep.reduce(link[0], region | link[1], basis="free", f_cut=F_CUT)
+    histories = []
+    for frame in ("inertial", "floating"):
+        mbs = exu.SystemContainer().AddSystem()
+        item = ep.CreatePartitionBody(mbs, body, frame=frame, gravity=[0, 0, -9.81])
+        foot, head = (item.CreateInterfaceMarker(mbs, name) for name in ("foot", "head"))
+        mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs), foot], constrainedAxes=[1] * 6))
+        mbs.AddLoad(items.Force(markerNumber=head, loadVector=[5.0, 3.0, 0.0]))
+        sensor, *_ = sensors(mbs, head, [KIND.Position])
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=1e-3, step=2e-6, method="implicit")
+        histories.append(result.sensor(sensor) - (0, 0, 0.06))
+    assert abs(histories[0]).max() > 1e-6
+    assert relative(histories[1], histories[0]) < 1e-4
 
 
 def test_an_interface_of_a_basis_that_keeps_nodes(mbs, link):

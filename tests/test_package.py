@@ -21,7 +21,8 @@ PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_progress", "archive", "cache", "material", "fem", "mesh_files",
     "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "basis", "contact.surface",
-    "contact.points", "contact.rows", "contact.complementarity", "estimate", "floating", "body", "reduction",
+    "contact.points", "contact.rows", "contact.complementarity", "estimate", "mean_axes", "floating",
+    "nodal_inertia", "body", "reduction",
     "kinematics", "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
     "contact.compliance", "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised",
     "contact.penalty", "contact.two_pass", "history", "markers", "partition_body", "items", "joints",
@@ -31,6 +32,7 @@ ORDER = [  # data flows this way; imports point back along it
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking
+    "floating": {"nodal_inertia"},
     "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
     "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
     "view": {"result"}, "plot": {"result"}, "summary": {"result"},
