@@ -25,6 +25,7 @@ WEIGHT, SIDE = 0.5, 0.03  # cube on the arm's end [kg], [m]
 TORQUE, PULSE = 30.0, 0.05  # drive [N m] and how long it acts [s]
 GRAVITY = [0, -9.81, 0]
 MODES, F_CUT = 8, 10e3  # fixed-interface modes of Exudyn's body; truncation of ours [Hz]
+STEP = 1e-4  # [s]
 
 
 def arm_mesh(maxh):
@@ -40,14 +41,8 @@ def arm_mesh(maxh):
 def cms_modes(mesh):
     """Exudyn's reduction; returns its FEMinterface."""
     fem, steel = FEMinterface(), ep.STEEL
-    fem.ImportMeshFromNGsolve(
-        mesh,
-        density=steel.rho,
-        youngsModulus=steel.E,
-        poissonsRatio=steel.nu,
-        meshOrder=2,
-        boundaryNamesList=["pin", "tip"],
-    )
+    constants = {"density": steel.rho, "youngsModulus": steel.E, "poissonsRatio": steel.nu}
+    fem.ImportMeshFromNGsolve(mesh, **constants, meshOrder=2, boundaryNamesList=["pin", "tip"])
     nodes, weights = fem.GetBoundaryNodeSetsAsLists()
     fem.ComputeHurtyCraigBamptonModes(nodes, MODES, boundaryNodesWeights=weights, timerTreshold=1e9)
     return fem
@@ -65,16 +60,13 @@ def drive(mbs, t, load):
     return [0, 0, TORQUE * np.sin(np.pi * t / PULSE) ** 2 if t < PULSE else 0.0]
 
 
-def swing(add_arm, end_time, step):
+def swing(add_arm, end_time):
     """The existing model; `add_arm(mbs)` is the line that changes. Histories of time, tip and deflection, run time."""
     mbs = exu.SystemContainer().AddSystem()
     arm = add_arm(mbs)
     ground = mbs.CreateGround(referencePosition=[0, 0, THICKNESS / 2])
-    weight = mbs.CreateRigidBody(
-        inertia=RigidBodyInertia(WEIGHT, WEIGHT * SIDE**2 / 6 * np.eye(3)),
-        referencePosition=[LENGTH, 0, THICKNESS / 2],
-        gravity=GRAVITY,
-    )
+    inertia = RigidBodyInertia(WEIGHT, WEIGHT * SIDE**2 / 6 * np.eye(3))
+    weight = mbs.CreateRigidBody(inertia=inertia, referencePosition=[LENGTH, 0, THICKNESS / 2], gravity=GRAVITY)
     pin, tip = arm["arm:pin"], arm["arm:tip"]
     hinge = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground))
     mbs.AddObject(items.ObjectJointRevoluteZ(markerNumbers=[hinge, pin]))
@@ -87,10 +79,10 @@ def swing(add_arm, end_time, step):
     )
     mbs.Assemble()
     settings = exu.SimulationSettings()
-    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = end_time, round(end_time / step)
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = end_time, round(end_time / STEP)
     settings.timeIntegration.generalizedAlpha.spectralRadius = 0.8
     settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
-    settings.solution.sensors.writePeriod = 10 * step
+    settings.solution.sensors.writePeriod = 10 * STEP
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     begin = time.perf_counter()
     mbs.SolveDynamic(settings)
@@ -101,68 +93,53 @@ def swing(add_arm, end_time, step):
     return mbs.GetSensorStoredData(place)[:, 0], x - x[0], bent[:, 1], online_s
 
 
+def draw(t, runs):
+    """Figure of the tip's displacement, and of its deflection in the axes of the hinge."""
+    figure, (above, below) = plt.subplots(2, sharex=True, layout="constrained")
+    for (label, (tip, deflection)), style in zip(runs.items(), ("-", "--"), strict=True):
+        above.plot(1e3 * t, 1e3 * tip[:, :2], style, label=[f"{axis}, {label}" for axis in "xy"])
+        below.plot(1e3 * t, 1e3 * deflection, style, label=label)
+    above.set(ylabel="displacement of the tip [mm]")
+    below.set(ylabel="its deflection [mm]", xlabel="time [ms]")
+    above.legend()
+    below.legend()
+    return figure
+
+
 def main(argv=None):
     """Run the example; returns what it writes to result.json."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="coarser mesh, a tenth of a second")
     parser.add_argument("--out", type=Path, default=Path("out/existing_model"), metavar="DIR")
     options = parser.parse_args(argv)
-    maxh, end_time, step = (10e-3, 0.1, 1e-4) if options.quick else (5e-3, 0.5, 1e-4)
+    maxh, end_time = (10e-3, 0.1) if options.quick else (5e-3, 0.5)
 
-    clock = [time.perf_counter()]
     mesh = arm_mesh(maxh)
-    clock.append(time.perf_counter())
     body, fe_dofs = partition_body(mesh)  # first, for FEMinterface changes the mesh
-    clock.append(time.perf_counter())
+    begin = time.perf_counter()
     fem = cms_modes(mesh)
-    clock.append(time.perf_counter())
-    mesh_s, reduce_s, cms_reduce_s = np.diff(clock)
+    cms_reduce_s = time.perf_counter() - begin
+    t, *cms, cms_s = swing(lambda mbs: mbs.CreateFFRFReducedOrderObject("arm", fem, gravity=GRAVITY), end_time)
+    ours = {"name": "arm", "gravity": GRAVITY, "frame": "floating", "superElement": True}
+    t, *own, online_s = swing(lambda mbs: ep.CreatePartitionBody(mbs, body, **ours), end_time)
 
-    t, theirs, their_deflection, cms_s = swing(
-        lambda mbs: mbs.CreateFFRFReducedOrderObject("arm", fem, gravity=GRAVITY), end_time, step
-    )
-    t, ours, our_deflection, online_s = swing(
-        lambda mbs: ep.CreatePartitionBody(mbs, body, name="arm", gravity=GRAVITY, frame="floating", superElement=True),
-        end_time,
-        step,
-    )
-
-    def error(x, y):
-        return float(np.linalg.norm(x - y) / np.linalg.norm(y))
-
+    errors = [float(np.linalg.norm(x - y) / np.linalg.norm(y)) for x, y in zip(own, cms, strict=True)]
+    times = {"reduce_s": body.reduce_s, "online_s": online_s, "cms_reduce_s": cms_reduce_s, "cms_online_s": cms_s}
     result = {
         "dofs": body.n_dofs,
         "cms_dofs": 6 + fem.modeBasis["matrix"].shape[1],
         "fe_dofs": fe_dofs,
-        "step_s": step,
-        "steps": round(end_time / step),
-        "time": {
-            "mesh_s": mesh_s,
-            "reduce_s": reduce_s,
-            "online_s": online_s,
-            "cms_reduce_s": cms_reduce_s,
-            "cms_online_s": cms_s,
-        },
-        "error": {"tip_displacement": error(ours, theirs), "deflection": error(our_deflection, their_deflection)},
-        "largest_deflection_m": float(abs(our_deflection).max()),
+        "steps": round(end_time / STEP),
+        "time": times,
+        "error": dict(zip(("tip_displacement", "deflection"), errors, strict=True)),
+        "largest_deflection_m": float(abs(own[1]).max()),
         "left_out": list(body.left_out),
         "versions": ep.versions(),
     }
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
-    figure, (above, below) = plt.subplots(2, sharex=True, layout="constrained")
-    for label, x, bent, style in (
-        ("Exudyn's body", theirs, their_deflection, "-"),
-        ("partition body", ours, our_deflection, "--"),
-    ):
-        above.plot(1e3 * t, 1e3 * x[:, :2], style, label=[f"{axis}, {label}" for axis in "xy"])
-        below.plot(1e3 * t, 1e3 * bent, style, label=label)
-    above.set(ylabel="displacement of the tip [mm]")
-    below.set(ylabel="its deflection [mm]", xlabel="time [ms]")
-    above.legend()
-    below.legend()
     picture = options.out / "existing_model.png"
-    figure.savefig(picture, dpi=150)
+    draw(t, {"Exudyn's body": cms, "partition body": own}).savefig(picture, dpi=150)
     print(json.dumps({key: result[key] for key in ("dofs", "cms_dofs", "fe_dofs", "time", "error")}, indent=2))
     print(picture.resolve())
     return result

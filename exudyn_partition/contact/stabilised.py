@@ -36,12 +36,11 @@ class StabilisedContact(ContactLaw):
 
     Gaps that are zero at the end of the step would be of index 3, whose forces ring from step to step. The prediction
     damps: closed rows obey h + 2 s h' = 0 once forces are smooth, and what comes to touch is slowed down over some
-    steps. A free node's deviations fall by a factor of 0.72 or less each step, at a spectral radius of 0.9; those of
-    stiff ones by 0.88, as the integrator's own do. F lets Newton's iteration find which rows are closed. It gives way
-    to the second difference of the forces alone, so that penetration is F s^2 lambda'', nothing under constant or
-    steadily changing forces. Its work is of third order in the step, and not always a loss: a body that rings on its
-    contact gained 4e-3 of the vibration's energy a period at 25 steps a period, 3e-4 at 50. What contact takes besides
-    is what nodes' own masses carry when they meet (Kane, Repetto, Ortiz, Marsden 1999).
+    steps. F lets Newton's iteration find which rows are closed. It gives way to the second difference of the forces
+    alone, so that penetration is F s^2 lambda'', nothing under constant or steadily changing forces. Its work is of
+    third order in the step, and not always a loss: a body that rings undamped on its contact gains energy in coarse
+    steps. What contact takes besides is what nodes' own masses carry when they meet (Kane, Repetto, Ortiz, Marsden
+    1999).
 
     Where Newton's iteration goes round in a circle, Exudyn cuts the step; if that does not help either, rows stay open
     or closed for the rest of the step, with forces that may pull a little, once.
