@@ -41,8 +41,7 @@ def arm_mesh(maxh):
 def cms_modes(mesh):
     """Exudyn's reduction; returns its FEMinterface."""
     fem, steel = FEMinterface(), ep.STEEL
-    constants = {"density": steel.rho, "youngsModulus": steel.E, "poissonsRatio": steel.nu}
-    fem.ImportMeshFromNGsolve(mesh, **constants, meshOrder=2, boundaryNamesList=["pin", "tip"])
+    fem.ImportMeshFromNGsolve(mesh, steel.rho, steel.E, steel.nu, meshOrder=2, boundaryNamesList=["pin", "tip"])
     nodes, weights = fem.GetBoundaryNodeSetsAsLists()
     fem.ComputeHurtyCraigBamptonModes(nodes, MODES, boundaryNodesWeights=weights, timerTreshold=1e9)
     return fem
@@ -88,9 +87,8 @@ def swing(add_arm, end_time):
     mbs.SolveDynamic(settings)
     online_s = time.perf_counter() - begin
     x, A = (mbs.GetSensorStoredData(sensor)[:, 1:] for sensor in (place, axes))
-    start = np.array([LENGTH, 0, 0])  # deflection: of the tip in the axes of the hinge
-    bent = np.einsum("tba,tb->ta", A.reshape(-1, 3, 3), x) - start
-    return mbs.GetSensorStoredData(place)[:, 0], x - x[0], bent[:, 1], online_s
+    deflection = np.einsum("tba,tb->ta", A.reshape(-1, 3, 3), x)[:, 1]  # of the tip, in the axes of the hinge
+    return mbs.GetSensorStoredData(place)[:, 0], x - x[0], deflection, online_s
 
 
 def draw(t, runs):
@@ -101,8 +99,8 @@ def draw(t, runs):
         below.plot(1e3 * t, 1e3 * deflection, style, label=label)
     above.set(ylabel="displacement of the tip [mm]")
     below.set(ylabel="its deflection [mm]", xlabel="time [ms]")
-    above.legend()
-    below.legend()
+    for panel in (above, below):
+        panel.legend()
     return figure
 
 
@@ -124,23 +122,20 @@ def main(argv=None):
     t, *own, online_s = swing(lambda mbs: ep.CreatePartitionBody(mbs, body, **ours), end_time)
 
     errors = [float(np.linalg.norm(x - y) / np.linalg.norm(y)) for x, y in zip(own, cms, strict=True)]
-    times = {"reduce_s": body.reduce_s, "online_s": online_s, "cms_reduce_s": cms_reduce_s, "cms_online_s": cms_s}
-    result = {
+    numbers = {
         "dofs": body.n_dofs,
         "cms_dofs": 6 + fem.modeBasis["matrix"].shape[1],
         "fe_dofs": fe_dofs,
-        "steps": round(end_time / STEP),
-        "time": times,
+        "time": {"reduce_s": body.reduce_s, "online_s": online_s, "cms_reduce_s": cms_reduce_s, "cms_online_s": cms_s},
         "error": dict(zip(("tip_displacement", "deflection"), errors, strict=True)),
         "largest_deflection_m": float(abs(own[1]).max()),
-        "left_out": list(body.left_out),
-        "versions": ep.versions(),
     }
+    result = {**numbers, "left_out": list(body.left_out), "versions": ep.versions()}
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "existing_model.png"
     draw(t, {"Exudyn's body": cms, "partition body": own}).savefig(picture, dpi=150)
-    print(json.dumps({key: result[key] for key in ("dofs", "cms_dofs", "fe_dofs", "time", "error")}, indent=2))
+    print(json.dumps(numbers, indent=2))
     print(picture.resolve())
     return result
 

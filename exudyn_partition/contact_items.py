@@ -306,27 +306,21 @@ def _check_formulation(formulation: str, items: list[PartitionBody]) -> None:
                 f"formulation: 'lagrange' needs contact patches that move by coordinates with mass, which "
                 f"basis {names} does not give them; take formulation='compliance', or basis='free'"
             )
-        if any(item.frame == "floating" for item in items):
-            raise InputError(
-                "formulation: 'lagrange' needs bodies in an inertial frame; take formulation='compliance' with "
-                "basis='contact-adapted' for bodies that rotate"
-            )
 
 
 def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None) -> Any:
     if formulation == "compliance":
         return ComplianceContact(gaps)
-    inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
     if formulation == "lagrange":
-        return LagrangeContact(gaps, inverse_mass)
+        return LagrangeContact(gaps)
     if stiffness is not None:
         stiffness = validate_positive("stiffness", stiffness, "N/m3")
     elif any(side.flexibility is not None for side in gaps.sides):
         stiffness = bed_stiffness(gaps)
     else:
-        stiffness = inertial_stiffness(
-            gaps, inverse_mass, max(_highest_frequency(s.kinematics.body) for s in gaps.sides)
-        )
+        inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
+        omega_max = max(_highest_frequency(side.kinematics.body) for side in gaps.sides)
+        stiffness = inertial_stiffness(gaps, inverse_mass, omega_max)
     return PenaltyContact(gaps, stiffness)
 
 
@@ -346,18 +340,12 @@ def _law_functions(contact: PartitionContact) -> Functions:
     """Force of a law of the coordinates alone, and its Jacobian."""
     exu = require("exudyn")
     law: Any = contact.law
-    floating = [
-        (s, item.kinematics) for s, item in _own_slices(contact) if isinstance(item.kinematics, FloatingKinematics)
-    ]
+    on_constant_mass = _on_constant_mass(contact)
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         q = np.asarray(q)
         f = law.force(q) if len(contact.group) == 1 else contact.force_in_group(mbs)
-        if floating and law.index.size:
-            f = f.copy()
-            for own, kinematics in floating:
-                f[own] = kinematics.on_constant_mass(q[own], f[own])
-        return f
+        return on_constant_mass(q, f) if law.index.size else f
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
         if len(contact.group) == 1:
@@ -367,16 +355,32 @@ def _law_functions(contact: PartitionContact) -> Functions:
     return force, jacobian
 
 
+def _on_constant_mass(contact: PartitionContact) -> Callable[[Array, Array], Array]:
+    """Return what makes of forces those on the constant mass of floating frames."""
+    floating = [
+        (s, item.kinematics) for s, item in _own_slices(contact) if isinstance(item.kinematics, FloatingKinematics)
+    ]
+
+    def function(q: Array, f: Array) -> Array:
+        f = f.copy() if floating else f
+        for own, kinematics in floating:
+            f[own] = kinematics.on_constant_mass(q[own], f[own])
+        return f
+
+    return function
+
+
 def _stabilised_functions(contact: PartitionContact) -> Functions:
     """Force of multipliers in implicit runs, and its Jacobian; nothing in explicit ones."""
     exu = require("exudyn")
     law: StabilisedContact = contact.laws["implicit"]
+    on_constant_mass = _on_constant_mass(contact)
 
     def evaluate(mbs: Any) -> Array:
         data, solver = mbs.systemData, mbs.sys["dynamicSolver"]
         views = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
         q, q_t = (np.concatenate([view[s] for s in contact.slices(mbs)]) for view in views)
-        return law.force(q, q_t, solver.it.currentStepSize, start_of_step(mbs))
+        return on_constant_mass(q, law.force(q, q_t, solver.it.currentStepSize, start_of_step(mbs)))
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
         if not runs_implicit(mbs):

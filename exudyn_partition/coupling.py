@@ -71,7 +71,7 @@ def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, A
 
 def _moves_nodes_of(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> bool:
     """Whether multipliers of one contact move gaps of the other, through a body of both."""
-    inverse_mass = sp.diags(1 / item.body.mass.diagonal())
+    inverse_mass = sp.diags(1 / item.kinematics.mass)
     G, others = (c.rows_on(item) for c in (contact, other))
     coupling = abs(G @ inverse_mass @ others.T).max()
     return bool(coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max())

@@ -41,7 +41,7 @@ class InertialKinematics:
     node_axes = np.eye(3)
 
     def __init__(self, body: ReducedBody, position: Array, nodes: Array = _NO_NODES) -> None:
-        self.body, self.position = body, position
+        self.body, self.position, self.nodes = body, position, nodes
         self.mass: Array = body.mass.diagonal()
         self.arms = body.points[nodes] - body.centre_of_mass
         self.rows: Any = body.rows(nodes)
@@ -65,6 +65,16 @@ class InertialKinematics:
         """Coordinates q of the motion within the frame."""
         return q
 
+    def moved(self, q: Array, way: Array) -> Array:
+        """Coordinates after a way, (n_dofs,), velocity times time, from q, (n_dofs,)."""
+        return q + way
+
+    def accelerations(self, q: Array, forces: Any) -> Any:
+        """Accelerations, (n_dofs, m), dense or csr, by generalised forces, (n_dofs, m), so stored."""
+        if sp.issparse(forces):
+            return sp.csr_matrix(forces.multiply(1 / self.mass[:, None]))
+        return forces / self.mass[:, None]
+
     def place(self, q: Array) -> Array:
         """Places of the nodes, (..., k, 3) [m]."""
         return self._start + self.displacements(q)
@@ -81,9 +91,9 @@ class InertialKinematics:
         """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]."""
         return self.rows.T @ forces.ravel()
 
-    def jacobian(self, q: Array) -> Any:
-        """Derivative of the nodes' places, (3k, n_dofs), by velocities of the coordinates; dense or csr."""
-        return self.rows
+    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Any:
+        """Rows on the coordinates' velocities, (m, n_dofs), dense or csr, of rows on the nodes' velocities, (m, 3k)."""
+        return rows @ self.rows
 
     def in_frame(self, q: Array, directions: Array) -> Array:
         """Directions in space, (m, 3), in the body's axes."""
@@ -169,6 +179,7 @@ class FloatingKinematics:
         self._of(nodes)
 
     def _of(self, nodes: Array) -> None:
+        self.nodes = nodes
         self.arms = self.body.points[nodes] - self.body.centre_of_mass
         rows: Any = self.body.rows(nodes)
         self.rows = self.mean_axes.restrict(rows.toarray() if sp.issparse(rows) else rows)
@@ -206,6 +217,19 @@ class FloatingKinematics:
         rows = self.mean_axes.restrict(self.body.stiffness.toarray())
         return self.mean_axes.restrict(rows.T)
 
+    def moved(self, q: Array, way: Array) -> Array:
+        """Coordinates after a way, (n_dofs,), velocity times time, from q, (n_dofs,): rotations are composed."""
+        result = q + way
+        before, turn = (Rotation.from_rotvec(v) for v in (self.rotation + q[3:6], way[3:6]))
+        result[3:6] = (before * turn).as_rotvec() - self.rotation
+        return result
+
+    def accelerations(self, q: Array, forces: Array) -> Array:
+        """Accelerations, (n_dofs, m), by generalised forces, (n_dofs, m), with the mass that q gives."""
+        J, C = self.inertia.of_place(q[6:])
+        omega_t = np.linalg.solve(J - C @ C.T, forces[3:6] - C @ forces[6:])
+        return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
+
     def place(self, q: Array) -> Array:
         """Places of the nodes, (..., k, 3) [m]."""
         r, A = self.frame(q)
@@ -228,13 +252,14 @@ class FloatingKinematics:
         torque = np.cross(self._arms(q), local).sum(axis=0) @ self.node_axes
         return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
 
-    def jacobian(self, q: Array) -> Array:
-        """Derivative of the nodes' places, (3k, n_dofs), by velocities of the coordinates."""
+    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:
+        """Rows on the coordinates' velocities, (m, n_dofs), of rows on the nodes' velocities, (m, 3k)."""
         A, arms = self.frame(q)[1], self._arms(q)
-        turning = np.cross(self.node_axes.T, arms[:, None, :])  # unit rotations about the node's axes
-        local = np.concatenate([turning.swapaxes(1, 2), self.rows.reshape(len(arms), 3, -1)], axis=2)
-        translation = np.broadcast_to(np.eye(3), (len(arms), 3, 3))
-        return np.concatenate([translation, A @ local], axis=2).reshape(3 * len(arms), -1)
+        k = len(arms)
+        local = rows @ sp.kron(sp.identity(k), A, format="csr")
+        turning = np.cross(self.node_axes.T, arms[:, None, :]).swapaxes(1, 2)  # unit rotations about the node's axes
+        translation = np.tile(np.eye(3), (k, 1))
+        return np.hstack([rows @ translation, local @ turning.reshape(3 * k, 3), local @ self.rows])
 
     def in_frame(self, q: Array, directions: Array) -> Array:
         """Directions in space, (m, 3), in the body's axes."""
@@ -245,9 +270,8 @@ class FloatingKinematics:
 
         See `floating.InertiaForces`, which does the same for inertia and elastic forces.
         """
-        J, C = self.inertia.of_place(q[6:])
-        omega_t = np.linalg.solve(J - C @ C.T, force[3:6] - C @ force[6:])
-        return np.concatenate([force[:3], self.inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
+        q_tt = self.accelerations(q, force)
+        return np.concatenate([force[:3], self.inertia.tensor @ q_tt[3:6], q_tt[6:]])
 
     def weight(self, gravity: Array) -> Array:
         """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""

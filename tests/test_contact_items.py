@@ -162,7 +162,8 @@ def test_newton_s_cradle(marble, marble_parts):
 
 @pytest.mark.parametrize(("basis", "options", "step"), [
     ("contact-adapted", {"rows": "node-to-segment"}, 0.2e-6), ("contact-adapted", {"rows": "integrated"}, 0.2e-6),
-    ("free", {"formulation": "penalty"}, 0.014e-6),
+    ("free", {"formulation": "penalty"}, 0.014e-6), ("free", {"formulation": "lagrange"}, 0.011e-6),
+    ("craig-bampton", {"formulation": "lagrange"}, 0.011e-6),
 ])  # fmt: skip
 def test_a_rotating_body_strikes_obliquely(mbs, tilted, basis, options, step):
     """Frictionless, both bodies in floating frames: linear and angular momentum of the system."""

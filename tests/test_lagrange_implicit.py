@@ -236,6 +236,9 @@ class FlatRows(SimpleNamespace):
     def jacobian(self, index):
         return self.H[index]
 
+    def moved(self, q, way):
+        return q + way
+
     def generalised(self, lam):
         return lam @ self.H
 
@@ -247,8 +250,10 @@ class FlatRows(SimpleNamespace):
 def flat_rows():
     x = np.linspace(-1, 1, 40)
     surface = SimpleNamespace(points=np.zeros((40, 3)))
-    body = SimpleNamespace(mass=sp.diags([2.0, 0.5], format="csr"), stiffness=sp.csr_matrix((2, 2)), n_dofs=2)
-    kinematics = SimpleNamespace(body=body, rows=np.zeros((120, 2)))
+    body = SimpleNamespace(
+        mass=sp.diags([2.0, 0.5], format="csr"), stiffness=sp.csr_matrix((2, 2)), rows=lambda nodes: np.zeros((120, 2))
+    )
+    kinematics = SimpleNamespace(body=body, nodes=np.arange(40))
     side = Side(surface, kinematics)
     return FlatRows(
         H=np.column_stack([np.ones(40), x]), n=2, row_nodes=np.arange(40), slave=side, sides=(side,), moving=False,

@@ -120,6 +120,10 @@ class Gaps:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         raise NotImplementedError
 
+    def of_present(self, q: Array) -> Array:
+        """Gaps at coordinates q, (n,), of the rows that are present now, which `at` may exchange, (nr,) [m]."""
+        return self.at(q)
+
     @property
     def slave(self) -> Side:
         """The side whose points are kept out."""
@@ -151,6 +155,20 @@ class Gaps:
         n = self.sides[0].n
         return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
 
+    def moved(self, q: Array, way: Array) -> Array:
+        """Coordinates after a way, (n,), velocity times time, from q, (n,)."""
+        parts = zip(self.sides, self.split(q), self.split(way), strict=True)
+        return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
+
+    def accelerations(self, rows: Any) -> Any:
+        """Accelerations, (n, nr), that unit forces on rows, (nr, n), give to the coordinates; csr if the rows are."""
+        ends = np.cumsum([0] + [side.n for side in self.sides])
+        parts = [
+            side.kinematics.accelerations(q, rows[:, a:b].T)
+            for side, q, a, b in zip(self.sides, self.split(self._q), ends[:-1], ends[1:], strict=True)
+        ]
+        return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
+
     def places(self, q: Array) -> list[Array]:
         """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
         return [side.kinematics.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
@@ -179,7 +197,7 @@ class Gaps:
         parts = []
         for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
             G = directed_matrix(nodes[points], weights[points], self.normals[points], len(side.surface.points))
-            G = G @ side.kinematics.jacobian(q)
+            G = side.kinematics.on_coordinates(q, G)
             parts.append(G if self._mean is None else self._mean[index] @ G)
         return _joined(parts)
 

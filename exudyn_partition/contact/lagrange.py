@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..errors import RunError
 from .complementarity import regularised
-from .gaps import Gaps
+from .gaps import dense
 from .law import ContactLaw
 
 Array = np.ndarray
@@ -36,8 +35,6 @@ class LagrangeContact(ContactLaw):
     Parameters
     ----------
     gaps : Gaps
-    inverse_mass : (n,) array
-        Inverse of the diagonal mass of both bodies' coordinates.
 
     Attributes
     ----------
@@ -46,10 +43,6 @@ class LagrangeContact(ContactLaw):
     F : (nr, nr) array
         G M^-1 G', with a trace on the diagonal for rows that are redundant.
     """
-
-    def __init__(self, gaps: Gaps, inverse_mass: Array) -> None:
-        self._inverse_mass = inverse_mass
-        super().__init__(gaps)
 
     def reset(self) -> None:
         """Forget the last run."""
@@ -64,13 +57,8 @@ class LagrangeContact(ContactLaw):
         if not gaps.moving and self._held is gaps.held:
             return False
         self.G = gaps.jacobian(np.arange(len(gaps.row_nodes)))
-        if sp.issparse(self.G):
-            self.push = sp.csr_matrix(self.G.multiply(self._inverse_mass)).T.tocsr()
-            F = (self.G @ self.push).toarray()
-        else:
-            self.push = (self.G * self._inverse_mass).T
-            F = self.G @ self.push
-        self.F = regularised(F)  # flat on flat, there are more rows than coordinates
+        self.push = gaps.accelerations(self.G)
+        self.F = regularised(dense(self.G @ self.push))  # flat on flat, there are more rows than coordinates
         self._held = gaps.held
         return True
 
@@ -90,7 +78,7 @@ class LagrangeContact(ContactLaw):
             [s]
         """
         self._check_last_step(q)
-        gap = self.gaps.at(q + step * q_t + 0.5 * step**2 * q_tt)
+        gap = self.gaps.at(self.gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt))
         self._expected, self.least_gap = None, gap.min(initial=np.inf)
         return gap
 
@@ -120,7 +108,7 @@ class LagrangeContact(ContactLaw):
 
     def check_gaps(self, q: Array) -> None:
         """Refuse coordinates in which a gap is closed further than zero."""
-        deepest = self.gaps.at(q).min(initial=0.0)
+        deepest = self.gaps.of_present(q).min(initial=0.0)
         if deepest < -_CLOSED * self.gaps.size:
             raise _not_central_differences(f"a gap is {deepest:.3g} m")
 

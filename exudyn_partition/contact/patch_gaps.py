@@ -137,6 +137,15 @@ class PatchGaps(Gaps):
                 return rows.gap
         return gap
 
+    def of_present(self, q: Array) -> Array:
+        """See `Gaps.of_present`."""
+        if not self.moving:
+            return self._gap + self.H @ q
+        if self._searched_at is None or not self._narrowed:
+            return self.at(q)
+        self._q = q
+        return self._follow(*self.places(q))
+
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """As `Gaps.closing`; with what is no row yet, as near as it can be and as fast as the patches are."""
         self.at(q)

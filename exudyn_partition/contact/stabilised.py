@@ -87,7 +87,7 @@ class StabilisedContact(ContactLaw):
         if step <= 0.0:
             return self._open()
         gaps = self.gaps
-        h = gaps.at(q + _AHEAD * step * q_t)
+        h = gaps.at(gaps.moved(q, _AHEAD * step * q_t))
         self.least_gap = h.min(initial=np.inf)
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
@@ -145,6 +145,7 @@ class StabilisedContact(ContactLaw):
 
 def _dynamic_flexibility(side: Side, step: float) -> Array:
     """Displacements of the patch's nodes by forces on them, (3 np, 3 np) [m/N], as an implicit step meets them."""
-    body, rows = side.kinematics.body, sp.csr_matrix(side.kinematics.rows)
+    body = side.kinematics.body
+    rows = sp.csr_matrix(body.rows(side.kinematics.nodes))
     met = Factorisation(sp.csc_matrix(4 / step**2 * body.mass + body.stiffness))
     return np.asarray(rows @ met.solve(rows.T.toarray()))
