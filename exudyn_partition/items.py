@@ -144,7 +144,7 @@ def _rotation_vector(matrix: Any) -> Array:
             f"referenceRotation: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
             f"product with its transpose differs from the identity by {defect:.3g}"
         )
-    return Rotation.from_matrix(A).as_rotvec()
+    return Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 wants one that it may write to
 
 
 def _add_inertial(mbs: Any, body: ReducedBody, name: str, position: Array, q_t: Array) -> PartitionBody:
