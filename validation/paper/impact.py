@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples"))
 import rod_on_plate as example  # noqa: E402
 
+F_CUT = 40e3  # [Hz], scheme 4
 PRINTED_RADIUS, PRINTED_FORCE = 0.49e-3, 800.0  # eq. 30 [m], [N]
 GAUGE_RADIUS, GAUGE_LENGTH = 15e-3, 1e-3  # [m]; the length is reconstructed
 GAUGES = {"S1 (x)": 0.0, "S2 (45 degrees)": 45.0, "S3 (y)": 90.0}
@@ -28,7 +29,7 @@ LIMITS = {
     "spectrum": 0.01,
     "P1": 0.02,
     "P2": 0.05,
-    "time": 0.02,
+    "time": 0.25,
     "bar": 0.1,
 }
 
@@ -80,9 +81,9 @@ def figure_6(history, reference):
             times.append(arrival(run.t, run.velocity[point]))
             fastest.append(abs(run.velocity[point][:, 2] - run.velocity[point][0, 2]).max())
         got = f"{1e6 * times[0]:.1f} us (FE {1e6 * times[1]:.1f} us)"
-        # P2 is struck at once: its time is resolved to a sample.
-        off = (times[0] - times[1]) / max(times[1], 1e-6 / LIMITS["time"])
-        rows.append(statement(f"Fig. 6: arrival at {point}", "as FE", got, off, LIMITS["time"]))
+        off = (times[0] - times[1]) * F_CUT
+        why = f"the deviation is over a period of {F_CUT / 1e3:g} kHz, beyond which answers are static"
+        rows.append(statement(f"Fig. 6: arrival at {point}", "as FE", got, off, LIMITS["time"], why=why))
         got = f"{fastest[0]:.4f} m/s (FE {fastest[1]:.4f} m/s)"
         off = fastest[0] / fastest[1] - 1
         rows.append(statement(f"Fig. 6: largest change of velocity of {point}", "as FE", got, off, LIMITS[point]))
@@ -94,16 +95,16 @@ def figure_6(history, reference):
     return rows
 
 
-def figure_9(contact, result):
+def figure_9(contact, result, limit):
     peak, radius = contact.force(result).max(), contact.radius(result).max()
     own = ep.hertz.contact_radius(peak, example.RADIUS, math.inf, ep.STEEL, ep.ALUMINIUM)
     at_800 = ep.hertz.contact_radius(PRINTED_FORCE, example.RADIUS, math.inf, ep.STEEL, ep.ALUMINIUM)
     why = f"eq. 30 at the run's own peak, {peak:.0f} N, gives {1e3 * own:.3f} mm; the area is counted in whole nodes"
     return [
-        statement("eq. 30 at 800 N [mm]", 0.49, 1e3 * at_800, at_800 / PRINTED_RADIUS - 1, LIMITS["radius"],
+        statement("eq. 30 at 800 N, mm", 0.49, 1e3 * at_800, at_800 / PRINTED_RADIUS - 1, LIMITS["radius"],
                   why="material constants are reconstructed"),
-        statement("Fig. 9: largest contact radius [mm]", f"{1e3 * own:.3f} (eq. 30)", 1e3 * radius, radius / own - 1,
-                  LIMITS["radius"], why=why),
+        statement("Fig. 9: largest contact radius, mm", f"{1e3 * own:.3f} (eq. 30)", 1e3 * radius, radius / own - 1,
+                  limit, why=why),
     ]  # fmt: skip
 
 
@@ -176,7 +177,7 @@ def draw(t, strain, f, amplitude, contact, result):
 def run(quick):
     """Rows of the report, and what Table 3 needs."""
     fems, partitions, _ = example.fe_models(quick)
-    f_cut = 20e3 if quick else 40e3
+    f_cut = 20e3 if quick else F_CUT
     rod, plate, contact, result, reduce_s = example.partition_run(
         fems, partitions, "residual", f_cut, "explicit", 5e-3
     )  # fmt: skip
@@ -184,9 +185,11 @@ def run(quick):
     strain = strains(plate, fems[1], contact, result)
     spectrum, f, amplitude = figure_10(result.t, velocity)
     draw(result.t, strain, f, amplitude, contact, result)
-    rows = [*table_2(rod, plate), *figure_7(result.t, strain), *figure_9(contact, result), *spectrum]
+    # Nodes of the quick mesh are 0.2 mm apart, two fifths of the radius.
+    rows = [*figure_9(contact, result, 2 * LIMITS["radius"] if quick else LIMITS["radius"])]
+    rows += [*table_2(rod, plate), *figure_7(result.t, strain), *spectrum]
 
-    *adapted, adapted_s = example.partition_run(fems, partitions, "contact-adapted", 40e3, "explicit",
+    *adapted, adapted_s = example.partition_run(fems, partitions, "contact-adapted", F_CUT, "explicit",
                                                 schemes.QUICK_END if quick else 5e-3)  # fmt: skip
     rod, plate, contact, result = adapted
     history = result.history(contact, {"P1": (rod, example.P1), "P2": (plate, example.P2)})
@@ -196,13 +199,19 @@ def run(quick):
         reference = example.stored_reference(fems)
     rows += figure_6(history, reference)
     draw_6(history, reference)
-    times = {"offline_s": adapted_s, "online_s": history.info["time_s"], "step_s": result.step, "steps": result.steps}
-    return {
+    found = {
         "rows": rows,
         "fe_nodes": [fem.n_nodes for fem in fems],
         "region_nodes": [len(p.nodes) for p in partitions],
         "f_cut_Hz": f_cut,
         "residual": {"offline_s": reduce_s},
-        "contact-adapted": {"dofs": history.info["dofs"], "end_time_s": float(result.t[-1]), **times},
-        "full": cost.explicit_stepping(fems, partitions),
+        "contact-adapted": {
+            "dofs": history.info["dofs"],
+            "modes": [item.body.n_shapes - 6 for item in (rod, plate)],
+            "offline_s": adapted_s,
+            "online_s": result.time_s,
+            "step_s": result.step,
+            "steps": result.steps,
+        },
     }
+    return found if quick else found | {"full": cost.explicit_stepping(fems, partitions)}
