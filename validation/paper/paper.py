@@ -9,7 +9,7 @@ are understood say why and fail nothing; any other does.
 
     python validation/paper/paper.py [--quick] [--only PART ...] [--out FILE]
 
-`--only` measures some parts, and keeps what the file holds of the others.
+`--only` measures some parts, and keeps what the file holds of the others; each is written as soon as it is done.
 """
 
 import argparse
@@ -43,11 +43,13 @@ def main():
     parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".json"), help="file of the results")
     options = parser.parse_args()
     (impact.ROOT / "out").mkdir(exist_ok=True)
-    parts = json.loads(options.out.read_text()).get("parts", {}) if options.out.exists() else {}
+    kept = json.loads(options.out.read_text()) if options.out.exists() else {}
+    parts = kept.get("parts", {})
     for name in options.only:
         begin = time.perf_counter()
         parts[name] = PARTS[name](options.quick) | {"quick": options.quick}
         parts[name]["time_s"] = time.perf_counter() - begin
+        options.out.write_text(json.dumps({**kept, "parts": parts}, indent=1) + "\n")
         print(f"{name}: {parts[name]['time_s']:.0f} s", flush=True)
     missing = [name for name in PARTS if name not in parts]
     if missing:
