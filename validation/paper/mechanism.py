@@ -3,6 +3,7 @@
 The paper prints no numbers of these figures, only what they show; that is measured here. Lengths, sections and the
 place of block 4 are reconstructed, so that magnitudes cannot be compared. Its own scheme takes steps of nanoseconds:
 what it gives around the first impact is read from joints/crank_slider.json, which has full FE blocks as reference.
+After the blocks have parted, adaptive steps grow and damp what rings on: the decay there is not physical.
 """
 
 import json
