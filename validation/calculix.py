@@ -8,10 +8,10 @@ Reference: this library's full FE model (HHT, exact complementarity), its own er
 peak and duration are shown too.
 Quantity: relative L2 error of the contact force, peak, impulse, duration; run times. CalculiX' penalty stiffness, its
 step and its damping alpha are varied one at a time: the penalty limits it, step and damping do not. It has to be stiff
-against the material over the size of an element, E / h = 2e15 Pa/m; beyond 1e16 Pa/m the meshes' contact is left, which
-CalculiX enforces at integration points of facets, and this library by integrated rows.
-Limits: contact-adapted against the full FE model 1 % (force); CalculiX with the stiffest penalty against it 3 % in
-force, 2 % in peak, 1 % in impulse.
+against the material over the size of an element, E / h = 2e15 Pa/m; beyond 1e16 Pa/m the mesh is what is left, for CalculiX
+enforces contact at integration points of facets, and this library by integrated rows.
+Limits: contact-adapted against the full FE model 1 % (force); CalculiX with the stiffest penalty on the fine mesh
+against it 1 % in force and peak, 0.1 % in impulse; with --quick, on the coarse mesh with 1e16 Pa/m, 3 % in force.
 
 Without `ccx` it says so, writes nothing, and ends with exit code 0.
 
@@ -64,7 +64,8 @@ STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
 PATCH = 0.4e-3, 0.5e-3  # radii of the patches of slave and master [m]
 STEP, F_CUT = 1e-6, 150e3
 ALPHA = 0.05  # HHT, damping; CalculiX' default
-LIMITS = {"contact-adapted": 0.01, "force": 0.03, "peak": 0.02, "impulse": 0.01}
+LIMITS = {"contact-adapted": 0.01, "force": 0.01, "peak": 0.01, "impulse": 0.001}
+QUICK_LIMITS = LIMITS | {"force": 0.03}
 FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])  # S1 to S4 of C3D10, corners
 
 
@@ -295,13 +296,14 @@ def main():
     for line in lines:
         table.add_row(*line)
     Console(width=150).print(table)
-    failed = [f"{key} {found[key]:.2%}" for key, limit in LIMITS.items() if found[key] > limit]
+    limits = QUICK_LIMITS if options.quick else LIMITS
+    failed = [f"{key} {found[key]:.2%}" for key, limit in limits.items() if found[key] > limit]
     data = {
         "quick": options.quick,
         "runs": rows,
         "hertz": {"peak_N": hertz.peak_force, "duration_s": hertz.duration},
         "found": found,
-        "limits": LIMITS,
+        "limits": limits,
         "calculix": version(),
         "tables": {title: (head, lines)},
         "beyond_limits": failed,
