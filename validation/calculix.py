@@ -8,8 +8,8 @@ Reference: this library's full FE model (HHT, exact complementarity), its own er
 peak and duration are shown too.
 Quantity: relative L2 error of the contact force, peak, impulse, duration; run times. CalculiX' penalty stiffness, its
 step and its damping alpha are varied one at a time: the penalty limits it, step and damping do not. It has to be stiff
-against the material over the size of an element, E / h = 2e15 Pa/m; beyond 1e16 Pa/m the mesh is what is left, for CalculiX
-enforces contact at integration points of facets, and this library by integrated rows.
+against the material over the size of an element, E / h = 2e15 Pa/m; beyond 1e16 Pa/m the mesh is what is left, for
+CalculiX enforces contact at integration points of facets, and this library by integrated rows.
 Limits: contact-adapted against the full FE model 1 % (force); CalculiX with the stiffest penalty on the fine mesh
 against it 1 % in force and peak, 0.1 % in impulse; with --quick, on the coarse mesh with 1e16 Pa/m, 3 % in force.
 
