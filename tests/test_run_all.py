@@ -51,15 +51,17 @@ def test_a_dask_worker_that_dies_loses_only_its_case(tmp_path):
 
 @pytest.fixture
 def scripts(tmp_path, monkeypatch):
-    """A folder with a script that holds, one that does not, and one that hangs."""
+    """A folder with a script that holds, one that does not, one that hangs, and one that lacks what it needs."""
     (tmp_path / "good.py").write_text(
         "import json, pathlib\n"
         "pathlib.Path(__file__).with_suffix('.json').write_text(json.dumps({'limits': {'x': 1.0}, 'x': 0.5}))\n"
     )
     (tmp_path / "bad.py").write_text("import sys\nsys.exit('beyond the stated limits: y')\n")
     (tmp_path / "hangs.py").write_text("import time\ntime.sleep(60)\n")
+    (tmp_path / "lacks.py").write_text("print('skipped: no other code here')\n")
     monkeypatch.setattr(run_all, "HERE", tmp_path)
-    cases = {name: run_all.Case(f"{name}.py", run_all.limits(("x",)), quick=()) for name in ("good", "bad", "hangs")}
+    names = "good", "bad", "hangs", "lacks"
+    cases = {name: run_all.Case(f"{name}.py", run_all.limits(("x",)), quick=()) for name in names}
     monkeypatch.setattr(run_all, "CASES", cases)
     monkeypatch.setattr(run_all, "QUICK_LIMIT", 3.0)
     return tmp_path
@@ -73,6 +75,7 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
     page, text = (out / "report.html").read_text(), (out / "report.md").read_text()
     assert "| good | x | stated limit | 1 | 0.5 | yes |" in text
     assert "beyond the stated limits: y" in text
+    assert "| lacks | not run |  |  | skipped: no other code here | skipped |" in text
     assert "not done after 3 s" in page
     assert run_all.commit() in page
     good = (out / "good.json").stat().st_mtime_ns
