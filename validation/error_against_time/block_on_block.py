@@ -42,19 +42,20 @@ def main():
     record.mesh(Setting(f_cut=80e3))
     record.settings(
         [
-            *(Setting(f_cut=f) for f in (5e3, 10e3, 20e3, 40e3, 80e3, 120e3)),
-            *(Setting(f_cut=20e3, step=step) for step in (1e-6, 0.5e-6)),
-            *(Setting(f_cut=20e3, method="implicit", step=step) for step in (4e-6, 2e-6, 1e-6)),
+            # The first mode of such blocks is at 36 kHz.
+            *(Setting(f_cut=f) for f in (40e3, 80e3, 120e3)),
+            *(Setting(f_cut=40e3, step=step) for step in (3e-6, 2e-6, 1.5e-6, 0.5e-6)),
+            *(Setting(f_cut=40e3, method="implicit", step=step) for step in (8e-6, 4e-6, 2e-6, 1e-6, 0.5e-6)),
             *(Setting(f_cut=40e3, region=x) for x in (0.8, 0.6)),
             Setting(f_cut=40e3, formulation="penalty"),
             Setting(f_cut=40e3, rows="node-to-segment"),
-            *(Setting("residual", f) for f in (10e3, 20e3, 40e3, 80e3, 120e3)),
-            *(Setting("craig-bampton", f) for f in (20e3, 40e3, 120e3)),
+            *(Setting("residual", f) for f in (40e3, 80e3, 120e3)),
+            *(Setting("craig-bampton", f) for f in (40e3, 120e3)),
             *(Setting("free", f) for f in (40e3, 120e3)),
         ]
     )
     record.tolerances((1e-1, 1e-2, 1e-3))
-    record.own(modes=(8, 24), stiffness=(5e4, 2e5, 8e5), steps=(1e-6, 4e-6))
+    record.own(modes=(8, 24), stiffness=(3e5, 5e5, 8e5, 1.2e6), steps=(1e-6, 4e-6))
     record.add("full FE, explicit", "full FE", scene.explicit)
     measure.finish(record)
 

@@ -9,6 +9,7 @@ bodies of `tolerance=` are reduced as a pair that hits freely, and the link to 5
     python validation/error_against_time/crank_slider.py [--again]
 """
 
+import functools
 import sys
 from pathlib import Path
 
@@ -18,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 import crank_slider as example
 import exudyn_own
 import measure
-from baselines import cms_blocks, cms_run, hertz_run
+from baselines import cms_blocks, cms_hertz_run, cms_run, hertz_run
 from full_blocks import full_blocks
 from measure import Setting
 
@@ -107,20 +108,23 @@ class CrankSlider:
             info = {"step_s": step} | {k: run[k] for k in ("time_s", "steps", "dofs")}
             return ep.History(run["t"], run["force"], {}, info), more
 
-        record.add("rigid, Hertz", "Hertz", lambda: history(
-            hertz_run(self.link, ANGLE, self.duration, step), offline_s=self.before_s
-        ))  # fmt: skip
-        found = []
+        @functools.cache
+        def modes():
+            return cms_blocks(self.models, MODES)
+
+        def rigid():
+            return history(hertz_run(self.link, ANGLE, self.duration, step), offline_s=self.before_s)
+
+        def cms(function, *arguments):
+            models, cms_s = modes()
+            run = function(self.link, self.models, models, ANGLE, self.duration, step, *arguments)
+            return history(run, offline_s=cms_s + self.before_s)
+
+        record.add("rigid, Hertz", "Hertz", rigid)
+        record.add(f"{MODES} Craig-Bampton modes, Hertz", "Hertz", lambda: cms(cms_hertz_run))
         for k in stiffness:
-
-            def run(k=k):
-                if not found:
-                    found.extend(cms_blocks(self.models, MODES))
-                models, cms_s = found
-                own = cms_run(self.link, self.models, models, ANGLE, self.duration, step, k)
-                return history(own, offline_s=cms_s + self.before_s, stiffness_N_per_m=k)
-
-            record.add(f"CMS, {MODES} Craig-Bampton modes, GeneralContact {k:g} N/m", "CMS", run)
+            name = f"CMS, {MODES} Craig-Bampton modes, GeneralContact {k:g} N/m"
+            record.add(name, "CMS", lambda k=k: cms(cms_run, k))
 
 
 def main():

@@ -169,8 +169,8 @@ class Record:
     def own(self, modes, stiffness, steps):
         """Exudyn's own means: Hertz' force on rigid and on modal bodies, GeneralContact on CMS bodies.
 
-        `stiffness` [N/m] of GeneralContact is scanned with free modes; the best is taken with Hurty-Craig-Bampton modes
-        and with the other `steps` [s].
+        `stiffness` [N/m] of GeneralContact is scanned with the most modes, free ones and Hurty-Craig-Bampton; the best
+        is run with the other `steps` [s] too.
         """
         scene, step, n = self.scene, steps[0], modes[-1]
         self.add("rigid, Hertz", "Hertz", lambda: scene.rigid_hertz(step))
@@ -181,11 +181,11 @@ class Record:
             name = f"CMS, {n} {shapes} modes, GeneralContact {k:g} N/m, {1e6 * step:g} us"
             self.add(name, "CMS", lambda: scene.facet_contact(n, shapes != "free", k, step))
             run = self.data["runs"][name]
-            return run["error"]["force"] if "error" in run else math.inf, k
+            return run["error"]["force"] if "error" in run else math.inf, shapes, k
 
-        _, best = min(cms("free", k, step) for k in stiffness)
-        for shapes, h in (("Craig-Bampton", step), *(("free", h) for h in steps[1:])):
-            cms(shapes, best, h)
+        _, *best = min(cms(shapes, k, step) for shapes in ("free", "Craig-Bampton") for k in stiffness)
+        for h in steps[1:]:
+            cms(*best, h)
 
     def mesh(self, setting):
         """What a finer mesh changes in the force, both reduced alike: the mesh's share of the reference's error."""

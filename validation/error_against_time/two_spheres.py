@@ -54,7 +54,7 @@ def main():
         ]
     )
     record.tolerances((1e-1, 1e-2, 1e-3))
-    record.own(modes=(8, 24), stiffness=(5e4, 2e5, 8e5), steps=(1e-6, 4e-6))
+    record.own(modes=(8, 24), stiffness=(2e5, 3e5, 5e5, 8e5), steps=(1e-6, 4e-6))
     record.add("full FE, explicit", "full FE", scene.explicit)
     measure.finish(record)
 

@@ -98,13 +98,13 @@ def cms_blocks(parts, modes):
     return [model for model, _ in found], sum(time_s for _, time_s in found)
 
 
-def cms_run(link_body, parts, models, angle, window, step, stiffness, radius=0.5e-3):
-    """Baseline (a): floating frame bodies of Exudyn, spheres on the nodes of block 4 against triangles of block 3.
+def cms_mechanism(link_body, parts, models, angle, apart=0.0):
+    """The mechanism with floating frame bodies of Exudyn for blocks: model, start, bodies, drive, number of dofs.
 
-    `parts` are FE model and partition of the blocks, `models` their modes.
+    `parts` are FE model and partition of the blocks, `models` their modes; block 4 stands back by `apart` [m].
     """
     mbs, start = exu.SystemContainer().AddSystem(), example.Start(angle)
-    start.heads = start.heads[0], start.heads[1] + radius
+    start.heads = start.heads[0], start.heads[1] + apart
     pins = example.add_link(mbs, link_body, start)[1]
     bodies = [
         exudyn_own.add_cms(mbs, model, velocity=[speed, 0, 0], position=[head, 0, 0])
@@ -120,6 +120,13 @@ def cms_run(link_body, parts, models, angle, window, step, stiffness, radius=0.5
         for (body, _), back in zip(bodies, backs, strict=True)
     ]
     drive = example.connect(mbs, start, pins, markers)
+    dofs = link_body.n_dofs + 12 + sum(model.modeBasis["matrix"].shape[1] for model in models)
+    return mbs, start, bodies, drive, dofs
+
+
+def cms_run(link_body, parts, models, angle, window, step, stiffness, radius=0.5e-3):
+    """Baseline (a): spheres on the nodes of block 4 against triangles of block 3."""
+    mbs, start, bodies, drive, dofs = cms_mechanism(link_body, parts, models, angle, apart=radius)
     (fem, part_3), (_, part_4) = parts
     contact = exudyn_own.add_facet_contact(
         mbs,
@@ -131,5 +138,20 @@ def cms_run(link_body, parts, models, angle, window, step, stiffness, radius=0.5
         (start.heads[1] + 33e-3, 2e-3, 2e-3),
     )
     sensor = exudyn_own.sense_facet_contact(mbs, contact, bodies[1][1], 0)
-    dofs = link_body.n_dofs + 12 + sum(model.modeBasis["matrix"].shape[1] for model in models)
+    return histories(mbs, sensor, 0, drive, dofs, window, step)
+
+
+def cms_hertz_run(link_body, parts, models, angle, window, step):
+    """Baseline (c): Hertz' force between the heads' foremost nodes."""
+    mbs, _, bodies, drive, dofs = cms_mechanism(link_body, parts, models, angle)
+    tips = [part.patch_nodes[abs(fem.points[part.patch_nodes]).sum(axis=1).argmin()] for fem, part in parts]
+    markers = [
+        mbs.AddMarker(
+            items.MarkerSuperElementPosition(bodyNumber=body, meshNodeNumbers=[int(tip)], weightingFactors=[1.0])
+        )
+        for (body, _), tip in zip(bodies, tips, strict=True)
+    ]
+    stiffness = 2 / 3 * example.STEEL.plane_strain_modulus * math.sqrt(example.RADIUS / 2)
+    gap = sum(side * fem.points[tip, 0] for side, (fem, _), tip in zip((-1, 1), parts, tips, strict=True))
+    sensor = exudyn_own.add_hertz(mbs, markers, 0, stiffness, gap)
     return histories(mbs, sensor, 0, drive, dofs, window, step)
