@@ -3,8 +3,9 @@
 Reference: both blocks as full FE models in the same mechanism (../joints/full_blocks.py, which says what it assumes),
 with the same link; its own error: what twice its step changes, and what a finer mesh of the blocks changes in the force
 of reduced bodies. Quantity: see measure.py; implicit steps, for the mechanism has joints, explicit beside them. The
-bodies of `tolerance=` are reduced as a pair that hits freely, and the link to 5 kHz as all are. No limits here:
-../pareto.py judges.
+bodies of `tolerance=` are reduced as a pair that hits freely, and the link to 5 kHz as all are. The paper's basis
+`free` has a mesh of its own, with as many nodes in the impact regions as the paper's. No limits here: ../pareto.py
+judges.
 
     python validation/error_against_time/crank_slider.py [--again]
 """
@@ -68,8 +69,10 @@ class CrankSlider:
 
     def reduced(self, setting):
         """Return the link and both blocks as a setting wants them."""
-        found = [self.link]
-        for number, (fem, partition) in zip((3, 4), self.models, strict=True):
+        found, models = [self.link], self.models
+        if setting.basis == "free":
+            models = [example.block(number, *example.PAPER_MESH) for number in (3, 4)]
+        for number, (fem, partition) in zip((3, 4), models, strict=True):
             if setting.region != 1.0:
                 back = ep.Partition.interface(fem, "back", "back", kind="averaged")
                 side = (1 if number == 3 else -1, 0, 0)
@@ -136,15 +139,13 @@ def main():
     record.mesh(Setting(f_cut=100e3, **implicit))
     record.settings(
         [
-            *(Setting(f_cut=f, **implicit) for f in (10e3, 20e3, 50e3, 100e3, 137e3)),
+            *(Setting(f_cut=f, **implicit) for f in (50e3, 100e3, 137e3)),  # the first mode is at 36 kHz
             *(Setting(f_cut=50e3, method="implicit", step=h) for h in (8e-6, 4e-6, 1e-6, 0.5e-6, 0.25e-6)),
-            *(Setting(f_cut=f, method="implicit", step=4e-6) for f in (10e3, 20e3)),
             *(Setting(f_cut=f) for f in (50e3, 100e3)),
             *(Setting(f_cut=50e3, region=x, **implicit) for x in (0.8, 0.6)),
             Setting(f_cut=50e3, formulation="penalty", **implicit),
             Setting(f_cut=50e3, rows="node-to-segment", **implicit),
-            *(Setting("residual", f, **implicit) for f in (20e3, 50e3, 100e3)),
-            Setting("craig-bampton", 100e3, **implicit),
+            *(Setting("residual", f, **implicit) for f in (50e3, 100e3)),
             *(Setting(basis, 100e3) for basis in ("craig-bampton", "free")),
         ]
     )
