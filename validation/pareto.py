@@ -198,7 +198,7 @@ def legend(scenes):
         line([], [], color="0.6", label="front, its runs edged in black"),
         line([], [], color="k", linestyle="--", label="stepping of the reference"),
         line([], [], color="k", linestyle="-.", label="full FE model, explicit (by its first steps)"),
-        line([], [], color="k", linestyle=":", label="what halving the reference's step changes"),
+        line([], [], color="k", linestyle=":", label="what twice the reference's step changes"),
     ]
 
 
