@@ -55,7 +55,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """A script, how to read its headline numbers, its arguments in a quick run (None: not in it), figures it draws.
+    """A script, how to read its headline numbers, its arguments in a quick run (None: not in it) and in a full one.
 
     `{out}` in the arguments is the folder of the report: results of quick runs that hold less than the full go there.
     """
@@ -63,7 +63,8 @@ class Case:
     script: str
     rows: Callable
     quick: tuple | None = None
-    figures: tuple = ()
+    figures: tuple = ()  # that it draws
+    full: tuple = ()
     limit_s: float = HOUR
 
     def result(self, arguments):
@@ -185,7 +186,6 @@ SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "paper": Case("paper.py", paper, ("--quick", "--out", "{out}/paper_quick.json"), ("paper.png",)),
-    "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
     "patch_test": Case("contact/patch_test.py", patch_test, quick=(), figures=("contact_patch_test.png",)),
     "contact_evaluation": Case("benchmarks/contact_evaluation.py", evaluation, quick=()),
     "hertz": Case("contact/hertz.py", hertz, figures=("contact_hertz.png",)),
@@ -200,7 +200,9 @@ CASES = {
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "size": Case("benchmarks/size.py", limits(("reduce_s", "memory_GB", "bases_s", "exponent", "spread")),
                  limit_s=2 * HOUR),
-    **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time) for scene in SCENES},
+    **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
+       for scene in SCENES},
+    "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
     "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
 }  # fmt: skip
 
@@ -223,7 +225,7 @@ def run_case(name, out, quick, version):
     Workers on other machines need this folder and `out` under the same paths.
     """
     case, out = CASES[name], Path(out)
-    arguments = tuple(a.format(out=out) for a in case.quick) if quick else ()
+    arguments = tuple(a.format(out=out) for a in (case.quick if quick else case.full))
     result = case.result(arguments)
     command = [sys.executable, str(HERE / case.script), *arguments]
     started, limit, log = time.time(), QUICK_LIMIT if quick else case.limit_s, out / f"{name}.log"
