@@ -19,7 +19,7 @@ from .contact_items import PartitionContact
 from .errors import InputError
 from .history import History
 from .partition_body import PartitionBody
-from .report import Comparison
+from .report import Comparison, front
 from .spectrum import amplitude_spectrum
 
 if TYPE_CHECKING:
@@ -285,13 +285,9 @@ def pareto(
         raise InputError("runs: expected at least one comparison, got none")
     for run in runs.values():
         validate_choice("quantity", quantity, run.error)
+    line = [(runs[label].time_s, 100 * runs[label].error[quantity]) for label in front(runs, quantity)]
+    axes.loglog(*zip(*line, strict=True), "-", color="0.6", linewidth=1.0, zorder=1)
     points = sorted((run.time_s, 100 * run.error[quantity], label) for label, run in runs.items())
-    best, front = math.inf, []
-    for point in points:
-        if point[1] < best:
-            best = point[1]
-            front.append(point)
-    axes.loglog([p[0] for p in front], [p[1] for p in front], "-", color="0.6", linewidth=1.0, zorder=1)
     for i, (x, y, label) in enumerate(points):
         axes.loglog(x, y, _MARKERS[i % len(_MARKERS)], label=label)
     axes.yaxis.set_major_formatter("{x:g}")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.metadata
+import math
 import platform
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +79,23 @@ def compare(run: History, reference: History) -> Comparison:
         float(reference.info.get("time_s", np.nan)) * share,
         float(end),
     )
+
+
+def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
+    """Names of the runs that no other beats in both run time and error (Pareto's front), the quickest first.
+
+    Parameters
+    ----------
+    runs : mapping of str to Comparison
+    quantity : str
+        Whose error: "force" or the name of a point.
+    """
+    best, names = math.inf, []
+    for name, run in sorted(runs.items(), key=lambda item: (item[1].time_s, item[1].error[quantity])):
+        if run.error[quantity] < best:
+            best = run.error[quantity]
+            names.append(name)
+    return names
 
 
 def _relative(x: Array, x_ref: Array) -> float:

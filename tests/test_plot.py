@@ -111,6 +111,7 @@ def test_the_pareto_front_leaves_out_what_is_dominated(comparisons):
     np.testing.assert_allclose(front, [[0.1, 5], [2.0, 1]])
     front = ep.plot.pareto(None, comparisons, "P1").lines[0].get_xydata()
     np.testing.assert_allclose(front, [[0.1, 4], [0.5, 1]])
+    assert ep.report.front(comparisons) == ["coarse", "fine"]
 
 
 def test_pressure_stands_where_the_contact_is(run):

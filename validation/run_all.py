@@ -57,7 +57,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """A script, how to read its headline numbers, its arguments in a quick run (None: not in it), figures it draws.
+    """A script, how to read its headline numbers, its arguments in a quick run (None: not in it) and in a full one.
 
     `{out}` in the arguments is the folder of the report: results of quick runs that hold less than the full go there.
     """
@@ -65,7 +65,8 @@ class Case:
     script: str
     rows: Callable
     quick: tuple | None = None
-    figures: tuple = ()
+    figures: tuple = ()  # that it draws
+    full: tuple = ()
     limit_s: float = HOUR
 
     def result(self, arguments):
@@ -160,18 +161,38 @@ def evaluation(d):
     return [Row(f"one evaluation, {k}", "issue 4", limit, found[k]) for k, limit in d["limits"].items()]
 
 
-def tolerance(d):
-    return [Row(f"{name}: force", "full FE model", d["tolerance"], s["error"]["force"]) for name, s in
-            d["scenes"].items()]  # fmt: skip
+def error_against_time(d):
+    return [Row(n, "full FE model", r["tolerance"], r["error"]["force"]) for n, r in d["runs"].items() if r["kind"] ==
+            "tolerance" and r["tolerance"] >= 0.01]  # fmt: skip
 
 
+def pareto(d):
+    rows, limits = [], d["limits"]
+    for name, scene in d["scenes"].items():
+        for tolerance, found in scene["tolerances"].items():
+            if found["tolerance"] >= 0.01:
+                rows += [
+                    Row(
+                        f"{name}, {tolerance}: {time} time over the quickest",
+                        "runs with no larger error",
+                        limits["tolerance"],
+                        found["over"][time]["ratio"],
+                    )
+                    for time in ("on-line", "together")
+                ]
+        for key, limit in (("faster", "faster than CMS"), ("less_error", "less error than CMS")):
+            worst = min(found[key] for found in scene["against_cms"].values())
+            rows.append(Row(f"{name}: times {limit}", "Exudyn, GeneralContact", limits[limit], worst, at_most=False))
+    return rows  # fmt: skip
+
+
+SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "paper": Case("paper/paper.py", paper, ("--quick", "--out", "{out}/paper_quick.json"),
                   ("paper_fig6.png", "paper.png", "paper_fig11.png", "paper_crank_slider.png")),
     "calculix": Case("calculix.py", limits(("force", "peak", "impulse", "contact-adapted")),
                      ("--quick", "--out", "{out}/calculix_quick.json"), ("calculix.png",)),
-    "pareto": Case("pareto.py", lambda d: [], quick=(), figures=("pareto.png",)),
     "patch_test": Case("contact/patch_test.py", patch_test, quick=(), figures=("contact_patch_test.png",)),
     "contact_evaluation": Case("benchmarks/contact_evaluation.py", evaluation, quick=()),
     "hertz": Case("contact/hertz.py", hertz, figures=("contact_hertz.png",)),
@@ -188,8 +209,9 @@ CASES = {
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),
-    "tolerance": Case("benchmarks/tolerance.py", tolerance, limit_s=2 * HOUR),
-    "bases": Case("benchmarks/bases.py", lambda d: [], limit_s=2 * HOUR),
+    **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
+       for scene in SCENES},
+    "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
     "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
 }  # fmt: skip
 
@@ -212,7 +234,7 @@ def run_case(name, out, quick, version):
     Workers on other machines need this folder and `out` under the same paths.
     """
     case, out = CASES[name], Path(out)
-    arguments = tuple(a.format(out=out) for a in case.quick) if quick else ()
+    arguments = tuple(a.format(out=out) for a in (case.quick if quick else case.full))
     result = case.result(arguments)
     command = [sys.executable, str(HERE / case.script), *arguments]
     started, limit, log = time.time(), QUICK_LIMIT if quick else case.limit_s, out / f"{name}.log"

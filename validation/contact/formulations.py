@@ -6,7 +6,7 @@ reference's, beside reduced dofs and run time. The two references differ by what
 passes, which no reference has, are compared with node-to-segment's.
 Limits: with the residual flexibility, impulse
 within 0.5 % and force within 3 % of the reference; with multipliers on nodes, impulse within 10 %, for their bases lack
-the static answer of the modes that are cut (validation/benchmarks/bases.py).
+the static answer of the modes that are cut (../error_against_time/rod_on_plate.py).
 
     python validation/contact/formulations.py
 """

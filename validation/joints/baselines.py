@@ -10,24 +10,13 @@ import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 from exudyn.FEM import FEMinterface
-from scipy.spatial import cKDTree
 
 import exudyn_partition as ep
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 import crank_slider as example
-
-
-def settings(end_time, step):
-    result = exu.SimulationSettings()
-    result.timeIntegration.endTime, result.timeIntegration.numberOfSteps = end_time, round(end_time / step)
-    result.timeIntegration.generalizedAlpha.spectralRadius = 0.9
-    result.timeIntegration.verboseMode, result.solution.file.write = 0, False
-    result.timeIntegration.newton.relativeTolerance = 1e-5
-    result.timeIntegration.newton.absoluteTolerance = 1e-8
-    result.solution.sensors.writePeriod = step
-    result.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-    return result
+import exudyn_own
 
 
 def hertz_run(link_body, angle, window, step):
@@ -51,28 +40,22 @@ def hertz_run(link_body, angle, window, step):
         for markers, kind, x in ((backs, items.MarkerBodyRigid, -side), (heads, items.MarkerBodyPosition, side)):
             markers.append(mbs.AddMarker(kind(bodyNumber=body, localPosition=[x * length / 2, 0, 0])))
     drive = example.connect(mbs, start, pins, backs)
-    contact = mbs.AddObject(
-        items.CartesianSpringDamper(
-            markerNumbers=heads,
-            springForceUserFunction=lambda mbs, t, i, u, *rest: [-stiffness * max(-u[0], 0.0) ** 1.5, 0, 0],
-        )
-    )
-    force = mbs.AddSensor(
-        items.SensorObject(objectNumber=contact, outputVariableType=exu.OutputVariableType.Force, storeInternal=True)
-    )
+    sensor = exudyn_own.add_hertz(mbs, heads, 0, stiffness)
+    return histories(mbs, sensor, 0, drive, link_body.n_dofs + 12, window, step)
+
+
+def histories(mbs, sensor, column, drive, dofs, window, step):
+    """Run the model; force, and torque less what it is at the start."""
     mbs.Assemble()
-    begin = time.perf_counter()
-    mbs.SolveDynamic(settings(window, step))
-    time_s = time.perf_counter() - begin
-    F = mbs.GetSensorStoredData(force)
+    t, force, time_s = exudyn_own.solve(mbs, sensor, window, step)
     torque = -mbs.GetSensorStoredData(drive)[:, 1]
     return {
-        "t": F[:, 0],
-        "force": abs(F[:, 1]),
+        "t": t,
+        "force": abs(force[:, column]),
         "torque": torque - torque[0],
         "time_s": time_s,
-        "steps": len(F) - 1,
-        "dofs": link_body.n_dofs + 12,
+        "steps": len(t) - 1,
+        "dofs": dofs,
     }
 
 
@@ -109,94 +92,66 @@ def add_cms_link(mbs, fem, start):
     return unknown, [body["link:crank pin"], body["link:slider pin"]]
 
 
-def cms_blocks(h, region, maxh, modes):
-    """The blocks by Exudyn's FEMinterface, with our mesh and patch beside them, and the time of their reduction."""
-    blocks, begin = [], time.perf_counter()
-    for number, side in ((3, 1), (4, -1)):
-        shape = example.block_shape(number)
-        mesh = ep.generate_mesh(shape, maxh=maxh, refine=[ep.Refine((0, 0, 0), region, h)], grading=0.5)
-        own, fem, steel = ep.fe_model(mesh, example.STEEL), FEMinterface(), example.STEEL
-        fem.ImportMeshFromNGsolve(
-            mesh,
-            density=steel.rho,
-            youngsModulus=steel.E,
-            poissonsRatio=steel.nu,
-            meshOrder=2,
-            boundaryNamesList=["back"],
-        )
-        nodes, weights = fem.GetBoundaryNodeSetsAsLists()
-        fem.ComputeHurtyCraigBamptonModes(nodes, modes, boundaryNodesWeights=weights, timerTreshold=1e9)
-        patch = ep.Partition.ball(own, (0, 0, 0), region, direction=(side, 0, 0)).patches[0]
-        place = cKDTree(fem.GetNodePositionsAsArray()).query(own.points)[1]
-        blocks.append((fem, patch, place))
-    return blocks, time.perf_counter() - begin
+def cms_blocks(parts, modes):
+    """Modes of the blocks by Exudyn, with their backs as boundaries, and the time of their computation."""
+    found = [exudyn_own.cms(fem, modes, [part.find_interface("back").nodes]) for fem, part in parts]
+    return [model for model, _ in found], sum(time_s for _, time_s in found)
 
 
-def cms_run(link_body, blocks, angle, window, step, stiffness, radius=0.5e-3):
-    """Baseline (a): floating frame bodies of Exudyn, spheres on the nodes of block 4 against triangles of block 3."""
+def cms_mechanism(link_body, parts, models, angle, apart=0.0):
+    """The mechanism with floating frame bodies of Exudyn for blocks: model, start, bodies, drive, number of dofs.
+
+    `parts` are FE model and partition of the blocks, `models` their modes; block 4 stands back by `apart` [m].
+    """
     mbs, start = exu.SystemContainer().AddSystem(), example.Start(angle)
-    start.heads = start.heads[0], start.heads[1] + radius
+    start.heads = start.heads[0], start.heads[1] + apart
     pins = example.add_link(mbs, link_body, start)[1]
     bodies = [
-        mbs.CreateFFRFReducedOrderObject(
-            f"block {i}", fem, referencePosition=[head, 0, 0], initialVelocity=[speed, 0, 0]
-        )
-        for i, ((fem, *_), head, speed) in enumerate(zip(blocks, start.heads, (start.speed, 0.0), strict=True))
+        exudyn_own.add_cms(mbs, model, velocity=[speed, 0, 0], position=[head, 0, 0])
+        for model, head, speed in zip(models, start.heads, (start.speed, 0.0), strict=True)
     ]
-    drive = example.connect(mbs, start, pins, [body[f"block {i}:back"] for i, body in enumerate(bodies)])
-    contact = mbs.AddGeneralContact()
-    contact.computeContactForces = True
-    contact.SetFrictionPairings(np.zeros((1, 1)))
-    contact.SetSearchTreeCellSize([4, 8, 8])
-    contact.SetSearchTreeBox([start.heads[1] - 3e-3, -2e-3, -2e-3], [start.heads[1] + 33e-3, 2e-3, 2e-3])
-    objects = [body["FFRFReducedOrderObjectDict"] for body in bodies]
-    _, patch, place = blocks[1]
-    for node in patch.nodes:
-        marker = mbs.AddMarker(
-            items.MarkerSuperElementPosition(
-                bodyNumber=objects[1]["oFFRFreducedOrder"], meshNodeNumbers=[int(place[node])], weightingFactors=[1.0]
+    backs = [part.find_interface("back") for _, part in parts]
+    markers = [
+        mbs.AddMarker(
+            items.MarkerSuperElementRigid(
+                bodyNumber=body, meshNodeNumbers=[*map(int, back.nodes)], weightingFactors=[*back.weights]
             )
         )
-        contact.AddSphereWithMarker(
-            marker, radius=radius, contactStiffness=stiffness, contactDamping=0.0, frictionMaterialIndex=0
+        for (body, _), back in zip(bodies, backs, strict=True)
+    ]
+    drive = example.connect(mbs, start, pins, markers)
+    dofs = link_body.n_dofs + 12 + sum(model.modeBasis["matrix"].shape[1] for model in models)
+    return mbs, start, bodies, drive, dofs
+
+
+def cms_run(link_body, parts, models, angle, window, step, stiffness, radius=0.5e-3):
+    """Baseline (a): spheres on the nodes of block 4 against triangles of block 3."""
+    mbs, start, bodies, drive, dofs = cms_mechanism(link_body, parts, models, angle, apart=radius)
+    (fem, part_3), (_, part_4) = parts
+    contact = exudyn_own.add_facet_contact(
+        mbs,
+        (bodies[1][0], part_4.patch_nodes),
+        (bodies[0][0], fem.points, part_3.patches[0].facets),
+        radius,
+        stiffness,
+        (start.heads[1] - 3e-3, -2e-3, -2e-3),
+        (start.heads[1] + 33e-3, 2e-3, 2e-3),
+    )
+    sensor = exudyn_own.sense_facet_contact(mbs, contact, bodies[1][1], 0)
+    return histories(mbs, sensor, 0, drive, dofs, window, step)
+
+
+def cms_hertz_run(link_body, parts, models, angle, window, step):
+    """Baseline (c): Hertz' force between the heads' foremost nodes."""
+    mbs, _, bodies, drive, dofs = cms_mechanism(link_body, parts, models, angle)
+    tips = [part.patch_nodes[abs(fem.points[part.patch_nodes]).sum(axis=1).argmin()] for fem, part in parts]
+    markers = [
+        mbs.AddMarker(
+            items.MarkerSuperElementPosition(bodyNumber=body, meshNodeNumbers=[int(tip)], weightingFactors=[1.0])
         )
-    fem, patch, place = blocks[0]
-    points = fem.GetNodePositionsAsArray()
-    for facet in patch.facets:
-        for triangle in ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)):
-            nodes = [int(place[facet[k]]) for k in triangle]
-            marker = mbs.AddMarker(
-                items.MarkerSuperElementRigid(
-                    bodyNumber=objects[0]["oFFRFreducedOrder"], meshNodeNumbers=nodes, weightingFactors=[1 / 3] * 3
-                )
-            )
-            contact.AddTrianglesRigidBodyBased(
-                rigidBodyMarkerIndex=marker,
-                contactStiffness=1e3 * stiffness,  # in series with the spheres'
-                contactDamping=0.0,
-                frictionMaterialIndex=0,
-                pointList=list(points[nodes] - points[nodes].mean(axis=0)),
-                triangleList=[[0, 1, 2]],
-            )
-    place = []
-
-    def on_block_4(mbs, *unused):
-        forces = contact.GetSystemODE2RhsContactForces()
-        return [float(forces[place[0]]) if len(forces) else 0.0]
-
-    force = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=on_block_4, storeInternal=True))
-    mbs.Assemble()
-    place.append(mbs.GetNodeODE2Index(objects[1]["nRigidBody"]))
-    begin = time.perf_counter()
-    mbs.SolveDynamic(settings(window, step))
-    time_s = time.perf_counter() - begin
-    F, torque = mbs.GetSensorStoredData(force), -mbs.GetSensorStoredData(drive)[:, 1]
-    modes = sum(fem.modeBasis["matrix"].shape[1] for fem, *_ in blocks)
-    return {
-        "t": F[:, 0],
-        "force": F[:, 1],
-        "torque": torque - torque[0],
-        "time_s": time_s,
-        "steps": len(F) - 1,
-        "dofs": link_body.n_dofs + 12 + modes,
-    }
+        for (body, _), tip in zip(bodies, tips, strict=True)
+    ]
+    stiffness = 2 / 3 * example.STEEL.plane_strain_modulus * math.sqrt(example.RADIUS / 2)
+    gap = sum(side * fem.points[tip, 0] for side, (fem, _), tip in zip((-1, 1), parts, tips, strict=True))
+    sensor = exudyn_own.add_hertz(mbs, markers, 0, stiffness, gap)
+    return histories(mbs, sensor, 0, drive, dofs, window, step)

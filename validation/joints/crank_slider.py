@@ -45,7 +45,7 @@ F_CUT, STEP = 100e3, 2e-6  # recommended
 
 def partition_run(bodies, step, scheme="contact-adapted", method="implicit", angle=ANGLE, end_time=WINDOW):
     """Histories of a run; the torque is what the impact adds, the run without it subtracted."""
-    found = []
+    found, results = [], []
     for contact_angle in (example.CONTACT_ANGLE, math.pi):  # the second never touches in the window
         with mock(example, "CONTACT_ANGLE", contact_angle):
             model = example.mechanism(bodies[0], bodies[1:], scheme, angle)
@@ -54,13 +54,14 @@ def partition_run(bodies, step, scheme="contact-adapted", method="implicit", ang
         else:
             result = example.run(model, end_time, step, scheme, free_step=step)
         found.append(model.histories(result))
+        results.append(result)
     t = found[0]["t"]
     return {
         "t": t,
         "force": found[0]["force"],
         "torque": found[0]["torque"] - np.interp(t, found[1]["t"], found[1]["torque"]),
-        "time_s": result.time_s,
-        "steps": result.steps,
+        "time_s": results[0].time_s,
+        "steps": results[0].steps,
         "dofs": model.mbs.systemData.ODE2Size(),
     }
 
@@ -105,7 +106,7 @@ def entry(name, run, reference, offline_s):
     }
 
 
-def window_runs(parts, mesh, report):
+def window_runs(parts, report):
     """All runs around the first impact: rows of the table, and curves of some."""
     begin = time.perf_counter()
     links = {f_cut: ep.reduce(*example.link(), f_cut=f_cut) for f_cut in (5e3, 10e3)}
@@ -152,9 +153,9 @@ def window_runs(parts, mesh, report):
     paper = [links[5e3], *reduced["free", F_CUT]]
     add("paper's scheme, free", partition_run(paper, STEP, "paper"), offline["free", F_CUT], keep=True)
     add("rigid blocks, Hertz", hertz_run(links[5e3], ANGLE, WINDOW, 1e-6), link_s, keep=True)
-    blocks, cms_s = cms_blocks(*mesh, modes=16)
+    models, cms_s = cms_blocks(parts, modes=16)
     for stiffness in (3e5, 1e6, 3e6):
-        run = cms_run(links[5e3], blocks, ANGLE, WINDOW, 1e-6, stiffness)
+        run = cms_run(links[5e3], parts, models, ANGLE, WINDOW, 1e-6, stiffness)
         add(f"Exudyn CMS, GeneralContact {stiffness:g} N/m", run, cms_s + link_s, keep=stiffness == 1e6)
     return recommended, rows, curves
 
@@ -250,7 +251,7 @@ def main():
             f"{row['ms_a_step']:.2f} ms a step"
         )
 
-    bodies, window, curves = window_runs(parts, mesh, report)
+    bodies, window, curves = window_runs(parts, report)
     explicit, implicit = curves["contact-adapted, explicit"], curves["contact-adapted"]
     result = {
         "fe_dofs": sum(fem.n_dofs for fem, _ in parts),
