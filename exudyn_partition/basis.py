@@ -38,8 +38,10 @@ Array = np.ndarray
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
 _SETTLED = 0.1  # relative change of each load's mobility over the band by the last growth, at most
-_MEMORY = 0.02  # of 2 pi f_cut: decay rate at which the mobility is taken, so that no lone resonance decides
-_BAND_SAMPLES = 200
+_MEMORY = 0.02  # of a frequency: decay rate at which the mobility is taken, so that no lone resonance decides
+# Of 2 pi f_cut, where the mobility is judged: the whole band, and each octave below, however little of the band it is.
+_BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
+_OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
 _RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
 
 
@@ -308,9 +310,13 @@ class AdaptedSpace(FreeBody):
         self.krylov.grow(2 * _GROWTH)
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
-        """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`, relative L2."""
+        """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
+
+        That is the relative L2 change over the band, and the rms of the relative changes over all octaves: waves of low
+        frequency last longest, and the band's norm, in which its upper end is all that counts, lets them be wrong.
+        """
         krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
-        s = omega_cut * (_MEMORY + 1j * np.linspace(0.0, 1.0, _BAND_SAMPLES + 1)[1:, None])
+        s = omega_cut * np.vstack([_BAND, _OCTAVES])
         static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
         rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
         mobility = np.zeros(rest.shape, dtype=complex)
@@ -320,7 +326,12 @@ class AdaptedSpace(FreeBody):
             participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
             # What modes answer beyond their static answer, at Laplace variables s.
             previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
-            change = np.linalg.norm(mobility - previous, axis=0) / np.linalg.norm(mobility + rest, axis=0)
+            changes, whole = abs(mobility - previous), abs(mobility + rest)
+            band, octaves = slice(len(_BAND)), slice(len(_BAND), None)
+            change = np.maximum(
+                np.linalg.norm(changes[band], axis=0) / np.linalg.norm(whole[band], axis=0),
+                np.sqrt(np.mean((changes[octaves] / whole[octaves]) ** 2, axis=0)),
+            )
             if progress:
                 progress(min(1.0, settled / change.max()) if change.any() else 1.0)
             size = krylov.size
