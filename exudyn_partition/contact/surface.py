@@ -220,13 +220,15 @@ def closest_points(points: Array, facets: Array) -> Projection:
     nodes = facets[nearest]
     domain = _SQUARE if n_nodes == 4 else _TRIANGLE
     local = np.tile(domain.mean(axis=0), (len(targets), 1))
+    left = np.arange(len(targets))  # what has not converged
     for _ in range(_NEWTON_STEPS):
-        frame = shape_functions(local, n_nodes) @ nodes
+        frame = shape_functions(local[left], n_nodes) @ nodes[left]
         tangents = frame[:, 1:].transpose(0, 2, 1)
-        local_next = _clip(local, _tangent_step(tangents, targets - frame[:, 0]), tangents, domain)
-        change = abs(local_next - local).max()
-        local = local_next
-        if change < 1e-12:
+        there = _clip(local[left], _tangent_step(tangents, targets[left] - frame[:, 0]), tangents, domain)
+        change = abs(there - local[left]).max(axis=1)
+        local[left] = there
+        left = left[change >= 1e-12]
+        if not left.size:
             break
     miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
     best = (miss**2).sum(axis=1).reshape(k, candidates).argmin(axis=1) + candidates * np.arange(k)
@@ -246,14 +248,17 @@ def _clip(local: Array, step: Array, tangents: Array, domain: Array) -> Array:
     inside = (target >= 0).all(axis=1) & ((target.sum(axis=1) if len(domain) == 3 else target.max(axis=1)) <= 1)
     if inside.all():
         return target
-    best, best_distance = target.copy(), np.where(inside, 0.0, np.inf)
-    gram = np.einsum("kdi,kdj->kij", tangents, tangents)
+    outside = np.flatnonzero(~inside)
+    aim, gram = target[outside], np.einsum("kdi,kdj->kij", tangents[outside], tangents[outside])
+    best, best_distance = aim.copy(), np.full(len(aim), np.inf)
     for start, end in zip(domain, np.roll(domain, -1, axis=0), strict=True):
         edge = end - start
-        length = np.einsum("i,kij,j->k", edge, gram, edge)
-        along = np.einsum("ki,kij,j->k", target - start, gram, edge) / length
+        weighted = gram @ edge
+        along = np.einsum("ki,ki->k", aim - start, weighted) / (weighted @ edge)
         foot = start + np.clip(along, 0, 1)[:, None] * edge
-        distance = np.einsum("ki,kij,kj->k", target - foot, gram, target - foot)
+        miss = aim - foot
+        distance = np.einsum("ki,ki->k", miss, (gram @ miss[:, :, None])[:, :, 0])
         closer = distance < best_distance
         best[closer], best_distance[closer] = foot[closer], distance[closer]
-    return best
+    target[outside] = best
+    return target
