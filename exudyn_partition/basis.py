@@ -9,39 +9,22 @@ resultants of each interface is in the span of the shapes, by attachment modes w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
 
 from ._checks import read_only
 from ._progress import Progress
 from .errors import FrequencyRangeError, InputError
-from .fem import FEModel, nodal_area, node_dofs
-from .linalg import (
-    BlockKrylov,
-    Factorisation,
-    FreeBodyFlexibility,
-    RitzPairs,
-    eigenmodes,
-    mass_normalised,
-    orthonormal_complement,
-)
-from .partition import Partition, Patch
-from .tied import tie
+from .fem import FEModel, node_dofs
+from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody
+from .linalg import Factorisation, RitzPairs, eigenmodes, orthonormal_complement
+from .loads import interface_loads, n_rows, patch_rows
+from .partition import Partition
 
 Array = np.ndarray
 
-DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
-_GROWTH = 10  # Krylov vectors between two looks at the mobility
-_SETTLED = 0.1  # relative change of each load's mobility over the band by the last growth, at most
-_MEMORY = 0.02  # of a frequency: decay rate at which the mobility is taken, so that no lone resonance decides
-# Of 2 pi f_cut, where the mobility is judged: the whole band, and each octave below, however little of the band it is.
-_BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
-_OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
 _RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
 
 
@@ -100,7 +83,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     body = FreeBody(fem, partition, mass="lumped")
     pairs = modes = _modes_to(body, f_cut, progress)
     if partition.interfaces:
-        pairs = _with_attachments(body, modes, body.static_answers()[:, _n_rows(partition) :])
+        pairs = _with_attachments(body, modes, body.static_answers()[:, n_rows(partition) :])
     left_out = f"elastic modes above {f_cut:.6g} Hz"
     if not len(partition.nodes):
         return ReducedBasis(
@@ -169,7 +152,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     interior = np.delete(np.arange(model.n), boundary)
     K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
     averaged = [i for i in partition.interfaces if i.kind == "averaged"]
-    loads = _interface_loads(fem, averaged) @ model.expand
+    loads = interface_loads(fem, averaged) @ model.expand
     answers = Factorisation(K).solve(
         np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T])
     )
@@ -211,7 +194,7 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
     body = FreeBody(fem, partition)
     modes = _modes_to(body, f_cut, progress)
     static = body.static_answers()
-    pairs = _with_attachments(body, modes, static[:, _n_rows(partition) :])
+    pairs = _with_attachments(body, modes, static[:, n_rows(partition) :])
     left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
     return _with_residual_flexibility("residual", body, pairs, len(modes.omega), static, (left_out,))
 
@@ -237,165 +220,12 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
 def adapted_basis(space: AdaptedSpace, f_cut: float) -> ReducedBasis:
     """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that."""
     found = space.pairs(f_cut)
-    pairs = _with_attachments(space, found, space.static[:, _n_rows(space.partition) :])
+    pairs = _with_attachments(space, found, space.static[:, n_rows(space.partition) :])
     left_out = (
         f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
         f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz (f_cut raises that)",
     )
     return _with_residual_flexibility("contact-adapted", space, pairs, len(found.omega), space.static, left_out)
-
-
-class FreeBody:
-    """An FE model with its rigid interfaces tied and its rigid motion mass-normalised: where all bases start.
-
-    Parameters
-    ----------
-    fem : FEModel
-    partition : Partition
-    mass : {"consistent", "lumped"}
-
-    Raises
-    ------
-    InputError
-        If a rigid interface holds all nodes.
-    """
-
-    def __init__(self, fem: FEModel, partition: Partition, mass: str = "consistent") -> None:
-        self.fem, self.partition = fem, partition
-        self.model = tie(fem, partition, mass)
-        if self.model.n == 6:
-            raise InputError(
-                "partition: a rigid interface holds all nodes, so that nothing deforms; take fewer nodes, "
-                "kind='averaged', or a rigid body of Exudyn"
-            )
-        self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
-
-    def static_answers(self) -> Array:
-        """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
-        flexibility = FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
-        return flexibility((unit_loads(self.fem, self.partition) @ self.model.expand).T.toarray())
-
-
-class AdaptedSpace(FreeBody):
-    """The Krylov space of a body's contact and interface loads, and their static answers.
-
-    Parameters
-    ----------
-    fem : FEModel
-    partition : Partition
-    f_shift : float
-        The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
-
-    Raises
-    ------
-    InputError
-        If there is neither a contact patch nor an interface.
-    """
-
-    def __init__(self, fem: FEModel, partition: Partition, f_shift: float) -> None:
-        if not partition.patches and not partition.interfaces:
-            raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
-        super().__init__(fem, partition)
-        K, M = self.model.stiffness, self.model.mass
-        self.combination = resultants(fem, partition)
-        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ self.combination)
-        shift = (np.pi * f_shift) ** 2
-        with ThreadPoolExecutor(1) as pool:
-            # SuperLU lets other threads run: the static answers take the second core.
-            static = pool.submit(self.static_answers)
-            solve = Factorisation(K + shift * M).solve
-            self.static = static.result()
-        lead = orthonormal_complement(self.static @ self.combination, M, self.rigid)
-        self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
-        self.krylov.grow(2 * _GROWTH)
-
-    def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
-        """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
-
-        That is the relative L2 change over the band, and the rms of the relative changes over all octaves: waves of low
-        frequency last longest, and the band's norm, in which its upper end is all that counts, lets them be wrong.
-        """
-        krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
-        s = omega_cut * np.vstack([_BAND, _OCTAVES])
-        static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
-        rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
-        mobility = np.zeros(rest.shape, dtype=complex)
-        while True:
-            omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
-            keep = omega < DROP_ABOVE * omega_cut
-            participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
-            # What modes answer beyond their static answer, at Laplace variables s.
-            previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
-            changes, whole = abs(mobility - previous), abs(mobility + rest)
-            band, octaves = slice(len(_BAND)), slice(len(_BAND), None)
-            change = np.maximum(
-                np.linalg.norm(changes[band], axis=0) / np.linalg.norm(whole[band], axis=0),
-                np.sqrt(np.mean((changes[octaves] / whole[octaves]) ** 2, axis=0)),
-            )
-            if progress:
-                progress(min(1.0, settled / change.max()) if change.any() else 1.0)
-            size = krylov.size
-            if change.max() <= settled:
-                return
-            if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:
-                return  # there is no more to find
-
-    def pairs(self, f_cut: float) -> RitzPairs:
-        """Ritz pairs below 1.5 times `f_cut`."""
-        omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
-        keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
-        return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
-
-
-def pressure(fem: FEModel, patch: Patch) -> Array:
-    """(3n,) load of a unit resultant, a uniform pressure on a contact patch along its direction."""
-    share = nodal_area(fem.points, patch.facets)
-    return np.outer(share / share.sum(), patch.direction).ravel()
-
-
-def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
-    """(r, 3n) rows G: displacements of the patches' nodes, patch after patch, node after node, in its directions."""
-    rows = [sp.csr_matrix((0, fem.n_dofs))]
-    for patch in partition.patches:
-        nodes, directions = patch.nodes, patch.directions
-        select = sp.csr_matrix((np.ones(len(nodes)), (np.arange(len(nodes)), nodes)), shape=(len(nodes), fem.n_nodes))
-        rows.append(sp.kron(select, directions))
-    return sp.vstack(rows, format="csr")
-
-
-def _n_rows(partition: Partition) -> int:
-    return sum(len(patch.nodes) * len(patch.directions) for patch in partition.patches)
-
-
-def patch_slice(partition: Partition, patch: int) -> slice:
-    """Rows of one patch among those of `patch_rows`."""
-    sizes = [len(p.nodes) * len(p.directions) for p in partition.patches]
-    return slice(sum(sizes[:patch]), sum(sizes[: patch + 1]))
-
-
-def _interface_loads(fem: FEModel, interfaces: Sequence) -> sp.csr_matrix:
-    """(6 i, 3n) rows: mean translations and rotations of interfaces; transposed, their loads."""
-    rows = [sp.csr_matrix((0, fem.n_dofs))]
-    for interface in interfaces:
-        dofs = node_dofs(interface.nodes)
-        columns = np.tile(dofs, 6)
-        where = (np.repeat(np.arange(6), len(dofs)), columns)
-        rows.append(sp.csr_matrix((interface.motion.ravel(), where), shape=(6, fem.n_dofs)))
-    return sp.vstack(rows, format="csr")
-
-
-def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
-    """(r + 6 i, 3n) rows of all loads of the scene: of the patches' nodes, then of the interfaces."""
-    return sp.vstack([patch_rows(fem, partition), _interface_loads(fem, partition.interfaces)], format="csr")
-
-
-def resultants(fem: FEModel, partition: Partition) -> Array:
-    """(r + 6 i, p) combinations of `unit_loads`: a uniform traction on each patch in its directions, each resultant."""
-    blocks = []
-    for patch in partition.patches:
-        share = nodal_area(fem.points, patch.facets)[patch.nodes]
-        blocks.append(np.kron((share / share.sum())[:, None], np.eye(len(patch.directions))))
-    return scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
 
 
 def _modes_to(body: FreeBody, f_cut: float, progress: Progress | None) -> RitzPairs:

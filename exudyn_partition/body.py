@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from . import basis as bases
 from ._checks import read_only
 from .archive import Format
 from .basis import ReducedBasis
@@ -18,6 +17,7 @@ from .errors import InputError
 from .estimate import Estimate
 from .fem import nearest_node, node_dofs, rigid_modes
 from .floating import InertiaIntegrals
+from .loads import patch_slice
 from .partition import Interface, Partition, Patch
 
 Array = np.ndarray
@@ -179,7 +179,7 @@ class ReducedBody:
         """
         if self.basis.flexibility is None:
             raise InputError(f"body: basis {self.basis.name!r} has no residual flexibility, its patch has mass instead")
-        rows, columns = (bases.patch_slice(self.partition, i) for i in (patch, patch if other is None else other))
+        rows, columns = (patch_slice(self.partition, i) for i in (patch, patch if other is None else other))
         return self.basis.flexibility[rows, columns]
 
     def interface_rows(self, name: str) -> Array:

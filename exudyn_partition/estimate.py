@@ -27,12 +27,14 @@ import numpy as np
 import scipy.linalg
 
 from ._progress import Progress
-from .basis import DROP_ABOVE, AdaptedSpace, patch_slice, residual_flexibility
+from .basis import residual_flexibility
 from .contact.complementarity import Complementarity
 from .contact.rows import pair_surfaces
 from .contact.surface import Surface
 from .errors import ToleranceWarning
 from .fem import FEModel, node_dofs
+from .free_body import DROP_ABOVE, AdaptedSpace
+from .loads import patch_slice
 from .partition import Partition
 
 Array = np.ndarray

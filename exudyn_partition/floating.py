@@ -161,8 +161,8 @@ class InertiaForces:
     Parameters
     ----------
     integrals : InertiaIntegrals or nodal_inertia.NodalInertia
-    stiffness : (n,) array or callable
-        Squared circular frequencies of the shapes [rad2/s2], or K z of the elastic coordinates z.
+    elastic : callable
+        Elastic forces K z, (n,), of the elastic coordinates z, (n,).
     terms : collection of str
         Those of `TERMS` to be kept.
     """
@@ -170,11 +170,11 @@ class InertiaForces:
     def __init__(
         self,
         integrals: InertiaIntegrals | NodalInertia,
-        stiffness: Array | Callable[[Array], Array],
+        elastic: Callable[[Array], Array],
         terms: Collection[str] = tuple(TERMS),
     ) -> None:
         self.tensor, self._integrals = integrals.tensor, integrals
-        self.elastic = stiffness if callable(stiffness) else stiffness.__mul__
+        self.elastic = elastic
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
 
     def coriolis_force(self, omega: Array, z_t: Array) -> Array:

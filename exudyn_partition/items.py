@@ -191,11 +191,11 @@ def _add_floating(
     )
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
-        functions = _inertia_functions(exu, item.nodes, forces, kinematics.elastic_stiffness)
+        functions = _inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness)
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
-        functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:], terms))
+        functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms))
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions)
     return item

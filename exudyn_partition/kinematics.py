@@ -8,6 +8,7 @@ floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -212,6 +213,7 @@ class FloatingKinematics:
         """Generalised forces K z, (n_dofs - 6,), of deformation z, (n_dofs - 6,)."""
         return self.mean_axes.restrict(self.body.stiffness @ self.mean_axes.expand(z))
 
+    @cached_property
     def elastic_stiffness(self) -> Array:
         """K of the deformation, (n_dofs - 6, n_dofs - 6), dense."""
         rows = self.mean_axes.restrict(self.body.stiffness.toarray())

@@ -54,16 +54,20 @@ class NodalInertia:
 
     def products(self, z: Array, z_t: Array) -> tuple[Array, Array, Array, Array]:
         """See `InertiaIntegrals.products`."""
-        s, w = self._parts(z)
-        by_shapes, J, _, _ = self._integrals.products(s, s)
+        (s, w), (s_t, w_t) = self._parts(z), self._parts(z_t)
+        by_shapes, J, C, cross_t = self._integrals.products(s, s_t)
         weighted = self._masses[:, None] * (self._arms + w)
-        by_place = self._restricted(by_shapes, weighted @ _MOMENTS)
-        return by_place, J + self._moments(weighted, self._arms + w), -self.crossed(z), self.crossed(z_t)
+        return (
+            self._restricted(by_shapes, weighted @ _MOMENTS),
+            J + self._moments(weighted, self._arms + w),
+            self._restricted(C, self._turned_by(w)),
+            self._restricted(cross_t, -self._turned_by(w_t)),
+        )
 
     def crossed(self, z: Array) -> Array:
         """See `InertiaIntegrals.crossed`."""
         s, w = self._parts(z)
-        return self._restricted(self._integrals.crossed(s), -skew(self._masses[:, None] * w).swapaxes(0, 1))
+        return self._restricted(self._integrals.crossed(s), -self._turned_by(w))
 
     def by_shapes(self, z: Array) -> Array:
         """See `InertiaIntegrals.by_shapes`."""
@@ -72,8 +76,9 @@ class NodalInertia:
 
     def of_place(self, z: Array) -> tuple[Array, Array]:
         """See `InertiaIntegrals.of_place`."""
-        _, J, C, _ = self.products(z, np.zeros_like(z))
-        return J, C
+        s, w = self._parts(z)
+        (J, C), place = self._integrals.of_place(s), self._arms + w
+        return J + self._moments(self._masses[:, None] * place, place), self._restricted(C, self._turned_by(w))
 
     def inertia_form(self, weights: Array) -> Array:
         """See `InertiaIntegrals.inertia_form`."""
@@ -116,6 +121,10 @@ class NodalInertia:
         own = self._axes @ of_unit_mass @ self._axes.T
         form = scipy.linalg.block_diag(of_shapes, np.kron(np.diag(self._masses), own))
         return self._mean_axes.restrict(self._mean_axes.restrict(form).T).T
+
+    def _turned_by(self, w: Array) -> Array:
+        """Matrices of m w x, (3, k, 3), of the kept nodes' displacements, (k, 3)."""
+        return skew(self._masses[:, None] * w).swapaxes(0, 1)
 
     @staticmethod
     def _moments(weighted: Array, place: Array) -> Array:

@@ -21,12 +21,12 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from ._checks import read_only, validate_array, validate_positive, validate_vector
-from .basis import pressure
 from .body import ReducedBody
 from .contact.surface import closest_points
 from .errors import InputError, MeshError
 from .fem import TET_EDGES, FEModel
 from .linalg import FreeBodyFlexibility, mass_normalised, one_blas_thread
+from .loads import pressure
 from .material import Material
 from .tied import tie
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import exudyn_partition as ep
-from exudyn_partition import basis as bases
+from exudyn_partition import free_body, loads
 from exudyn_partition.errors import FrequencyRangeError, InputError
 from exudyn_partition.fem import rigid_modes
 
@@ -180,10 +180,10 @@ def test_contact_adapted_basis_grows_until_it_has_settled(bar_end):
     bar, end = bar_end
     f_cut = 40e3
     body = ep.reduce(bar, end, f_cut=f_cut)
-    load = bases.pressure(bar, end.patches[0])
+    load = loads.pressure(bar, end.patches[0])
     reduced_load = body.rows(np.arange(bar.n_nodes)).T @ load
     F = body.basis.flexibility
-    on_patch = bases.patch_rows(bar, end) @ load
+    on_patch = loads.patch_rows(bar, end) @ load
     got, expected = [], []
     for share in (0.05, 0.2, 0.45, 0.7, 0.95):
         s = 2 * np.pi * f_cut * share * (0.02 + 1j)
@@ -191,7 +191,7 @@ def test_contact_adapted_basis_grows_until_it_has_settled(bar_end):
         expected.append(s * (load @ full))
         modal = reduced_load**2 @ (1 / (body.stiffness.diagonal() + s**2))
         got.append(s * (modal + on_patch @ F @ on_patch))
-    assert relative(np.array(got), np.array(expected)) < bases._SETTLED
+    assert relative(np.array(got), np.array(expected)) < free_body._SETTLED
     assert body.n_dofs > 26
 
 

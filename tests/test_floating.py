@@ -128,7 +128,7 @@ def test_mean_axes(any_body):
     np.testing.assert_allclose(axes.of(axes.expand(z) + rng.standard_normal((3, 6)) @ body.rigid.T), z, atol=1e-10)
     np.testing.assert_allclose(axes.restrict(q), q @ E, atol=1e-12 * abs(E).max() * body.n_dofs)
     K = body.stiffness.toarray()
-    np.testing.assert_allclose(kinematics.elastic_stiffness(), E.T @ K @ E, atol=1e-12 * abs(E.T @ K @ E).max())
+    np.testing.assert_allclose(kinematics.elastic_stiffness, E.T @ K @ E, atol=1e-12 * abs(E.T @ K @ E).max())
     np.testing.assert_allclose(kinematics.elastic_force(z[0]), E.T @ K @ E @ z[0], rtol=1e-6, atol=1e-9 * abs(K).max())
 
 

@@ -12,8 +12,8 @@ import scipy.sparse.linalg
 from conftest import box, relative
 
 import exudyn_partition as ep
-from exudyn_partition import basis as bases
 from exudyn_partition.errors import EmptyRegionError, InputError
+from exudyn_partition.fem import node_dofs
 from exudyn_partition.tied import tie
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
@@ -187,7 +187,7 @@ def test_a_joint_s_first_frequency_is_that_of_the_full_model(link, basis):
     body = ep.reduce(link, partition, basis=basis, f_cut=F_CUT)
     hold = scipy.linalg.null_space(body.interface_rows("foot"))
     reduced = scipy.linalg.eigvalsh(hold.T @ body.stiffness @ hold, hold.T @ body.mass @ hold)[:4]
-    inner = np.delete(np.arange(link.n_dofs), bases.node_dofs(end(link, 0.0)))
+    inner = np.delete(np.arange(link.n_dofs), node_dofs(end(link, 0.0)))
     model = tie(link, partition)
     inner = np.setdiff1d(np.arange(model.n), model.interface_columns[:6])
     full = scipy.sparse.linalg.eigsh(

@@ -241,7 +241,8 @@ def all_runs(scene):
     for name, run in sorted(scene.runs.items(), key=lambda item: item[1]["error"]["force"]):
         on = ", ".join(title for title, names in fronts.items() if name in names)
         rows.append((
-            name, run["dofs"], f"{run.get('memory_MB', float('nan')):.1f} MB", f"{run['error']['force']:.3%}",
+            name, run["dofs"], f"{run['memory_MB']:.1f} MB" if "memory_MB" in run else "",
+            f"{run['error']['force']:.3%}",
             f"{run['peak_force_N'] / scene.reference['peak_force_N'] - 1:+.2%}",
             f"{run['offline_s']:.2f} s", f"{run['online_s']:.3g} s", on,
         ))  # fmt: skip

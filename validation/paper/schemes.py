@@ -75,7 +75,7 @@ def statements(errors):
     first, *_, last = free
     static = (
         "free modes hold nothing of the static field around the indentation, which decays as 1 / r only: the contact "
-        "is too stiff until the modes are many (more of them or a larger region: benchmarks/bases.json)"
+        "is too stiff until the modes are many (more of them or a larger region: error_against_time/rod_on_plate.json)"
     )
     rows = [
         statement("Fig. 11: scheme 1 deviates largely (force)", "large deviation", f"{free[first]['force']:.1%}",

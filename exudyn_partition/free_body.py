@@ -1,0 +1,127 @@
+"""The free body under its scene's loads: static answers, and the Krylov space that the contact-adapted basis is of."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ._progress import Progress
+from .errors import InputError
+from .fem import FEModel
+from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, RitzPairs, mass_normalised, orthonormal_complement
+from .loads import resultants, unit_loads
+from .partition import Partition
+from .tied import tie
+
+Array = np.ndarray
+
+DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
+_GROWTH = 10  # Krylov vectors between two looks at the mobility
+_SETTLED = 0.1  # relative change of each load's mobility over the band by the last growth, at most
+_MEMORY = 0.02  # of a frequency: decay rate at which the mobility is taken, so that no lone resonance decides
+# Of 2 pi f_cut, where the mobility is judged: the whole band, and each octave below, however little of the band it is.
+_BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
+_OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
+
+
+class FreeBody:
+    """An FE model with its rigid interfaces tied and its rigid motion mass-normalised: where all bases start.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+    mass : {"consistent", "lumped"}
+
+    Raises
+    ------
+    InputError
+        If a rigid interface holds all nodes.
+    """
+
+    def __init__(self, fem: FEModel, partition: Partition, mass: str = "consistent") -> None:
+        self.fem, self.partition = fem, partition
+        self.model = tie(fem, partition, mass)
+        if self.model.n == 6:
+            raise InputError(
+                "partition: a rigid interface holds all nodes, so that nothing deforms; take fewer nodes, "
+                "kind='averaged', or a rigid body of Exudyn"
+            )
+        self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
+
+    def static_answers(self) -> Array:
+        """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
+        flexibility = FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
+        return flexibility((unit_loads(self.fem, self.partition) @ self.model.expand).T.toarray())
+
+
+class AdaptedSpace(FreeBody):
+    """The Krylov space of a body's contact and interface loads, and their static answers.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+    f_shift : float
+        The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
+
+    Raises
+    ------
+    InputError
+        If there is neither a contact patch nor an interface.
+    """
+
+    def __init__(self, fem: FEModel, partition: Partition, f_shift: float) -> None:
+        if not partition.patches and not partition.interfaces:
+            raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
+        super().__init__(fem, partition)
+        K, M = self.model.stiffness, self.model.mass
+        self.combination = resultants(fem, partition)
+        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ self.combination)
+        shift = (np.pi * f_shift) ** 2
+        with ThreadPoolExecutor(1) as pool:
+            # SuperLU lets other threads run: the static answers take the second core.
+            static = pool.submit(self.static_answers)
+            solve = Factorisation(K + shift * M).solve
+            self.static = static.result()
+        lead = orthonormal_complement(self.static @ self.combination, M, self.rigid)
+        self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
+        self.krylov.grow(2 * _GROWTH)
+
+    def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
+        """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
+
+        That is the relative L2 change over the band, and the rms of the relative changes over all octaves: waves of low
+        frequency last longest, and the band's norm, in which its upper end is all that counts, lets them be wrong.
+        """
+        krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
+        s = omega_cut * np.vstack([_BAND, _OCTAVES])
+        static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
+        rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
+        mobility = np.zeros(rest.shape, dtype=complex)
+        while True:
+            omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
+            keep = omega < DROP_ABOVE * omega_cut
+            participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
+            # What modes answer beyond their static answer, at Laplace variables s.
+            previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
+            changes, whole = abs(mobility - previous), abs(mobility + rest)
+            band, octaves = slice(len(_BAND)), slice(len(_BAND), None)
+            change = np.maximum(
+                np.linalg.norm(changes[band], axis=0) / np.linalg.norm(whole[band], axis=0),
+                np.sqrt(np.mean((changes[octaves] / whole[octaves]) ** 2, axis=0)),
+            )
+            if progress:
+                progress(min(1.0, settled / change.max()) if change.any() else 1.0)
+            size = krylov.size
+            if change.max() <= settled:
+                return
+            if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:
+                return  # there is no more to find
+
+    def pairs(self, f_cut: float) -> RitzPairs:
+        """Ritz pairs below 1.5 times `f_cut`."""
+        omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
+        keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
+        return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
