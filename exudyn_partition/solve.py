@@ -33,6 +33,7 @@ from .step_control import LONGEST, UNRESOLVED, StepControl
 
 Array = np.ndarray
 
+_CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
@@ -187,6 +188,8 @@ def solve_dynamic(
         settings.timeIntegration.verboseMode = 0
         # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
         settings.timeIntegration.newton.absoluteTolerance = _RESIDUAL
+        # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
+        settings.timeIntegration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
         # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
         settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
     integration = settings.timeIntegration

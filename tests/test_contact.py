@@ -87,6 +87,19 @@ def test_gap_to_a_sphere(sphere):
         np.testing.assert_allclose(got.gap, height, atol=2e-8)
 
 
+@pytest.mark.parametrize("distance", [0.005, 0.5])
+def test_closest_point_from_afar(distance):
+    """Of a curved facet the foot of the normal, however far: Gauss and Newton's steps would go past it."""
+    nodes = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0, 0.03], [0.5, 0.5, 0.05], [0, 0.5, 0.04]]) * 1e-3
+    local = np.array([[0.2, 0.3], [0.5, 0.1], [0.1, 0.7]])
+    shape = shape_functions(local, 6) @ nodes
+    normal = np.cross(shape[:, 1], shape[:, 2])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    found = closest_points(shape[:, 0] + distance * normal, nodes[None])
+    np.testing.assert_allclose(found.local, local, atol=1e-9)
+    np.testing.assert_allclose(found.gap, distance, rtol=1e-12)
+
+
 @pytest.fixture(scope="module")
 def surfaces(sphere, other_sphere):
     fem, partition = sphere

@@ -233,6 +233,22 @@ def test_action_is_reaction_while_sliding(ball, plate):
     np.testing.assert_allclose(moment, 0, atol=1e-9 * size * SPHERE_RADIUS)
 
 
+def test_patches_far_apart_have_no_rows_and_are_hardly_searched(ball, plate, monkeypatch):
+    gaps = PatchGaps(inertial(ball), inertial(plate))
+    gaps.moving, searches = True, []
+    project = PatchGaps._project
+    monkeypatch.setattr(PatchGaps, "_project", lambda *a: searches.append(1) or project(*a))
+    far = np.r_[moved(inertial(ball), [0, 0, 0.3]), np.zeros(plate.n_dofs)]
+    for height in np.geomspace(0.3, 1e-6, 1000):
+        q = np.r_[moved(inertial(ball), [0.2e-3 * np.sin(1e3 * height), 0, height]), np.zeros(plate.n_dofs)]
+        gap = gaps.at(q)
+        if height > 1.5 * gaps.size:
+            assert not len(gap)
+    assert len(searches) < 60
+    assert 0 < gaps.closing(far, 0 * far, 0 * far)[0].min() < 0.301
+    assert gap.min() == pytest.approx(project(gaps, *gaps.places(q))[0].gap.min(), abs=1e-10)
+
+
 def test_pairs_freeze_again_when_the_sliding_stops(ball, plate):
     law = ComplianceContact(PatchGaps(inertial(ball), inertial(plate)))
     q = np.r_[moved(inertial(ball), [0.2e-3, 0, -4e-6]), np.zeros(plate.n_dofs)]

@@ -7,7 +7,7 @@ from functools import reduce
 import numpy as np
 
 from .rows import EDGE_TOLERANCE
-from .surface import Array, Projection, Surface, closest_points, corners_of, cross, shape_functions
+from .surface import Array, Projection, Surface, closest_points, corners_of, cross, newton_step, shape_functions
 
 _STEPS = 6
 _FOLLOWED = 1e-4  # of a facet: last step of Newton's iteration, by which normals lag, and way past a facet's edge
@@ -137,15 +137,10 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     shape = shape_functions(local, nodes.shape[1])
     frame = shape @ nodes
     miss = points - frame[:, 0]
-    a, b = frame[:, 1], frame[:, 2]
-    aa, ab, bb, am, bm = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b), (a, miss), (b, miss)))
-    squared = aa * bb - ab * ab
-    step = np.empty_like(local)
-    np.divide(bb * am - ab * bm, squared, out=step[:, 0])
-    np.divide(aa * bm - ab * am, squared, out=step[:, 1])
+    step, _, squared = newton_step(frame, nodes, miss)
     # What is left of the step changes the weights to first order, and the gap not at all.
     weights = shape[:, 0] + step[:, :1] * shape[:, 1] + step[:, 1:] * shape[:, 2]
-    normal = cross(a, b) / np.sqrt(squared)[:, None]
+    normal = cross(frame[:, 1], frame[:, 2]) / np.sqrt(squared)[:, None]
     gap = np.einsum("kd,kd->k", miss, normal)
     found = Projection(facet, local + step, weights, normal, gap, np.zeros(len(gap)))
     if steps > 1:

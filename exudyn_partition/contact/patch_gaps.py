@@ -8,7 +8,7 @@ decides, and nobody has to know it beforehand.
 
 Between searches only rows that can close are followed: all are projected, those with small gaps are taken, and that
 again when the rigid motion of the patches since then, and twice what deformation has changed of the gaps that are
-followed, could close another.
+followed, could close another. While the patches are more than a facet apart, there are no rows.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
 _STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again
 _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
-_NEAR = 1.0  # of a facet's size: gaps beyond which nothing is followed between searches
+_NEAR = 1.0  # of a facet's size: gaps beyond which nothing is followed between searches; closest points jump there
 _AHEAD = 0.006  # of a facet's size: gaps, beyond those that matter now, below which rows are followed
 
 
@@ -62,7 +62,7 @@ class PatchGaps(Gaps):
 
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""
-        self._since = 0
+        self._since, self._apart = 0, False
         self._searched_at: Array | None = None
         self._stood_at: Array | None = None
         if self.moving or self.held is not self._start:
@@ -124,6 +124,8 @@ class PatchGaps(Gaps):
         self._here = here = self._placed(x_s, x_m)
         if self._searched_at is None or abs(here - self._searched_at).max() > self._reach:
             self._search(x_s, x_m, here)
+        if self._apart:
+            return np.empty(0)
         gap = self._follow(x_s, x_m) if self._narrowed else None
         if gap is None or self._others_close(gap, here):
             gap = self._narrow(x_s, x_m, here)
@@ -152,8 +154,10 @@ class PatchGaps(Gaps):
         if not self.moving:
             return super().closing(q, q_t, q_tt)
         x_s, x_m = self.places(q)
-        gap = self._narrow(x_s, x_m, self._placed(x_s, x_m), _NEAR * self.size)
-        self._narrowed = False  # forces need fewer rows
+        gap = np.empty(0)
+        if not self._apart:
+            gap = self._narrow(x_s, x_m, self._placed(x_s, x_m), _NEAR * self.size)
+            self._narrowed = False  # forces need fewer rows
         H = self.jacobian(np.arange(len(gap)))
         beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
         of_slave, of_master = (
@@ -190,11 +194,17 @@ class PatchGaps(Gaps):
     def _search(self, x_s: Array, x_m: Array, here: Array) -> None:
         """Find the pairs of all points."""
         self._every, least = self._project(x_s, x_m)
-        self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
         self.unpaired = self._every.unpaired
         self._searched_at, self._narrowed = here, False
         # Far apart, the next search comes when the patches may have come near.
         self._reach = max(_SEARCHED * self.size, 0.25 * (least - _NEAR * self.size))
+        self._apart = least > _NEAR * self.size
+        if self._apart:
+            points, index = self._every.points.of_rows(np.empty(0, dtype=np.int64))
+            self._take(points, self._every.at_edge[:0])
+            self._meet(self._every.master[index], self._every.weights[index], self._every.normals[index])
+            return
+        self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
         # As the slave's nodes are seen from its witnesses, to tell how a rigid motion changes gaps.
         origin, axes = _triangle_frame(x_s[self._witnesses[0]])
         self._arms = (x_s[self._every.points.row_nodes] - origin) @ axes

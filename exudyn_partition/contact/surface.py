@@ -14,6 +14,8 @@ from ..partition import Patch
 Array = np.ndarray
 
 _NEWTON_STEPS = 30
+_CONVERGED = 1e-10  # of a facet: the last step
+_CONVEX = 0.1  # of the flat facet's: second derivatives of the distance below which curvature is left out
 _CANDIDATES = 8  # facets tried a point, nearest centroids first
 _TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # corners in the facet's coordinates
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -43,6 +45,8 @@ def _table(polynomials: list[list[int]]) -> Array:
 
 
 _TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _POLYNOMIALS.items()}
+# Second derivatives by rr, rs and ss, the same everywhere in a facet, (n, 3).
+_SECOND = {n_nodes: np.array(p, dtype=float)[:, 3:] * [2, 1, 2] for n_nodes, p in _POLYNOMIALS.items()}
 
 
 def corners_of(facets: Array) -> Array:
@@ -199,7 +203,7 @@ def cross(a: Array, b: Array) -> Array:
 def closest_points(points: Array, facets: Array) -> Projection:
     """Project points on a surface of triangles, flat or curved, or of bilinear quads.
 
-    Gauss-Newton in the facet's coordinates, clipped to the facet; the nearest of several candidate facets wins.
+    Newton in the facet's coordinates, clipped to the facet; the nearest of several candidate facets wins.
 
     Parameters
     ----------
@@ -213,6 +217,8 @@ def closest_points(points: Array, facets: Array) -> Projection:
     Projection
     """
     k, (nf, n_nodes, _) = len(points), facets.shape
+    centre = facets.mean(axis=(0, 1))
+    points, facets = points - centre, facets - centre  # for less round-off
     candidates = min(_CANDIDATES, nf)
     _, nearest = cKDTree(facet_corners(facets).mean(axis=1)).query(points, k=candidates)
     nearest = np.asarray(nearest).reshape(-1)
@@ -223,11 +229,11 @@ def closest_points(points: Array, facets: Array) -> Projection:
     left = np.arange(len(targets))  # what has not converged
     for _ in range(_NEWTON_STEPS):
         frame = shape_functions(local[left], n_nodes) @ nodes[left]
-        tangents = frame[:, 1:].transpose(0, 2, 1)
-        there = _clip(local[left], _tangent_step(tangents, targets[left] - frame[:, 0]), tangents, domain)
+        step, metric, _ = newton_step(frame, nodes[left], targets[left] - frame[:, 0])
+        there = _clip(local[left], step, metric, domain)
         change = abs(there - local[left]).max(axis=1)
         local[left] = there
-        left = left[change >= 1e-12]
+        left = left[change >= _CONVERGED]
         if not left.size:
             break
     miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
@@ -236,28 +242,60 @@ def closest_points(points: Array, facets: Array) -> Projection:
     return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
 
 
-def _tangent_step(tangents: Array, miss: Array) -> Array:
-    """Least-squares step towards the foot of `miss` on the tangent plane, (k, 2)."""
-    gram = np.einsum("kdi,kdj->kij", tangents, tangents)
-    return np.linalg.solve(gram, np.einsum("kdi,kd->ki", tangents, miss)[:, :, None])[:, :, 0]
+def newton_step(frame: Array, nodes: Array, miss: Array) -> tuple[Array, Array, Array]:
+    """Newton's step towards the closest point.
+
+    Where the distance is not convex, as inside a curved surface, it is Gauss and Newton's, which takes the facet as
+    flat: far outside that would go past the closest point, by distance over radius of curvature.
+
+    Parameters
+    ----------
+    frame : (k, 3, 3) array
+        Place and tangents on the facet [m].
+    nodes : (k, n, 3) array
+        Positions of the nodes of each point's facet [m].
+    miss : (k, 3) array
+        Way from the place to the point [m].
+
+    Returns
+    -------
+    (k, 2) array
+        In the facet's coordinates.
+    (3, k) array
+        Second derivatives of half the squared distance by rr, rs and ss [m2].
+    (k,) array
+        Squared area of the tangents' parallelogram [m4].
+    """
+    a, b = frame[:, 1], frame[:, 2]
+    aa, ab, bb, am, bm = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b), (a, miss), (b, miss)))
+    flat, squared = np.stack([aa, ab, bb]), aa * bb - ab * ab
+    metric = flat - (np.einsum("knd,kd->kn", nodes, miss) @ _SECOND[nodes.shape[1]]).T
+    det = metric[0] * metric[2] - metric[1] * metric[1]
+    convex = (det > _CONVEX * squared) & (metric[0] > _CONVEX * aa)
+    if not convex.all():
+        metric, det = np.where(convex, metric, flat), np.where(convex, det, squared)
+    step = np.empty((len(miss), 2))
+    np.divide(metric[2] * am - metric[1] * bm, det, out=step[:, 0])
+    np.divide(metric[0] * bm - metric[1] * am, det, out=step[:, 1])
+    return step, metric, squared
 
 
-def _clip(local: Array, step: Array, tangents: Array, domain: Array) -> Array:
-    """Closest point of the domain, corners (3 or 4, 2), to local + step, in the metric of the facet's tangents."""
+def _clip(local: Array, step: Array, metric: Array, domain: Array) -> Array:
+    """Closest point of the domain, corners (3 or 4, 2), to local + step, in a metric: rr, rs and ss, (3, k)."""
     target = local + step
     inside = (target >= 0).all(axis=1) & ((target.sum(axis=1) if len(domain) == 3 else target.max(axis=1)) <= 1)
     if inside.all():
         return target
     outside = np.flatnonzero(~inside)
-    aim, gram = target[outside], np.einsum("kdi,kdj->kij", tangents[outside], tangents[outside])
+    aim, metric = target[outside], metric.T[:, [0, 1, 1, 2]].reshape(-1, 2, 2)[outside]
     best, best_distance = aim.copy(), np.full(len(aim), np.inf)
     for start, end in zip(domain, np.roll(domain, -1, axis=0), strict=True):
         edge = end - start
-        weighted = gram @ edge
+        weighted = metric @ edge
         along = np.einsum("ki,ki->k", aim - start, weighted) / (weighted @ edge)
         foot = start + np.clip(along, 0, 1)[:, None] * edge
         miss = aim - foot
-        distance = np.einsum("ki,ki->k", miss, (gram @ miss[:, :, None])[:, :, 0])
+        distance = np.einsum("ki,ki->k", miss, (metric @ miss[:, :, None])[:, :, 0])
         closer = distance < best_distance
         best[closer], best_distance[closer] = foot[closer], distance[closer]
     target[outside] = best
