@@ -207,7 +207,7 @@ def penetration(run):
     contact = run.contacts[0]
     q = np.hstack([item.coordinates(run.result) for item, _ in contact.sides])
     contact.law.gaps.reset()
-    return float(max(0.0, *(-contact.law.gaps.at(x).min() for x in q)))
+    return float(max(-contact.law.gaps.at(x).min(initial=0.0) for x in q))
 
 
 def kept(run, *, energy=2e-3, momentum=None, solve=True):
