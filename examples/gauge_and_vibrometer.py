@@ -23,8 +23,7 @@ SPOT, TILT = 1e-3, np.radians(10)  # laser: radius of the spot [m], angle betwee
 
 def fe_models(quick):
     """FE models of ball and bar with their partitions."""
-    h = 0.25e-3 if quick else 0.12e-3
-    fine = ep.Refine((0, 0, 0), 0.5e-3, h)
+    fine = ep.Refine((0, 0, 0), radius=0.5e-3, h=0.25e-3 if quick else 0.12e-3)
     ball = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, -R_BALL), R_BALL), ep.STEEL, maxh=2e-3, refine=[fine])
     cylinder = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=R_BAR, h=LENGTH)
     bar = ep.fe_model(cylinder, ep.STEEL, maxh=5e-3 if quick else 4e-3, refine=[fine])
@@ -95,14 +94,13 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
 
     figure, axes = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
-    curves = {"contact": (force, "-"), "from the gauges": (by_gauges, "--"), "from the laser": (by_laser, ":")}
-    for label, (x, style) in curves.items():
+    for x, style, label in ((force, "-", "contact"), (by_gauges, "--", "from gauges"), (by_laser, ":", "from laser")):
         axes[0, 0].plot(1e6 * t[first], x[first], style, linewidth=2, label=label)
     axes[0, 0].legend()
     axes[0, 0].set(xlabel="time at the contact [µs]", ylabel="force [N]")
     axes[0, 1].plot(1e3 * t, 1e6 * strain, label=[gauge.name for gauge in gauges])
-    axes[0, 1].legend(loc="lower right")
-    axes[0, 1].set(xlabel="time [ms]", ylabel="strain in the middle [µm/m]", xlim=(0, 0.5))
+    axes[0, 1].legend(loc="lower right", ncols=2)
+    axes[0, 1].set(xlabel="time [ms]", ylabel="strain in the middle [µm/m]", xlim=(0, 0.5), ymargin=0.2)
     axes[1, 0].plot(1e3 * t, velocity)
     axes[1, 0].set(xlabel="time [ms]", ylabel="velocity along the beam [m/s]", xlim=(0, 0.5))
     axes[1, 1].semilogy(1e-3 * f, amplitude)

@@ -103,6 +103,7 @@ def main(argv=None):
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.5), layout="constrained")
     ep.plot.force(left, run)
     right.imshow(ep.view.picture(run, run.t[-1], [(part, fem)], field="velocity", scale=200, size=(900, 700)))
+    right.set_title(f"t = {1e3 * run.t[-1]:.3g} ms")
     right.set_axis_off()
     picture = options.out / "own_part.png"
     figure.savefig(picture, dpi=150)

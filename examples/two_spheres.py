@@ -52,7 +52,7 @@ def main(argv=None):
     mbs = exu.SystemContainer().AddSystem()
     upper = ep.CreatePartitionBody(mbs, bodies[0], name="upper", initialVelocity=[0, 0, -options.speed])
     lower = ep.CreatePartitionBody(mbs, bodies[1], name="lower")
-    contact = ep.CreatePartitionContact(mbs, upper, lower, name="balls")
+    contact = ep.CreatePartitionContact(mbs, upper, lower, name="contact")
     mbs.Assemble()
     run = ep.solve_dynamic(mbs, end_time=1.3 * hertz.duration)
 

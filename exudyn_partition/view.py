@@ -128,8 +128,8 @@ def picture(
     InputError
     """
     frame = result.at([time])
-    SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits)
-    turn = validate_array("rotation", rotation, (3,)).tolist()
+    turn = Rotation.from_rotvec(validate_array("rotation", rotation, (3,)).tolist())
+    SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
     general, view = SC.visualizationSettings.general, SC.visualizationSettings.view0
     view.window.renderWindowSize = [int(validate_positive("size", pixels)) for pixels in size]
     general.renderWindowString = f"t = {frame.t[0]:.6g} s"
@@ -141,8 +141,8 @@ def picture(
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     height = _MARGIN * float(np.linalg.norm(high - low))
-    centre = Rotation.from_rotvec(turn).apply((low + high) / 2)  # the renderer moves after it has turned
-    SC.renderer.SetModelView(height, turn, centre.tolist())
+    centre = turn.apply((low + high) / 2)  # the renderer moves after it has turned
+    SC.renderer.SetModelView(height, turn.as_rotvec().tolist(), centre.tolist())
     return np.array(SC.renderer.RedrawAndGetImage(useRaytracer=True))
 
 
@@ -211,6 +211,7 @@ def _scene(
     field: str,
     scale: float,
     limits: Sequence[float] | None,
+    turn: Rotation | None = None,
 ) -> tuple[Any, Any]:
     """System container and model that hold nothing but the bodies, at the sample that `now` names."""
     SC = require("exudyn").SystemContainer()
@@ -224,26 +225,32 @@ def _scene(
         q, q_t = histories[id(piece)]
         return piece.fields(q[i], q_t[i], piece.forces(loads, i))
 
-    _add(mbs, pieces, fields, field, scale, limits)
+    _add(mbs, pieces, fields, field, scale, limits, turn)
     mbs.Assemble()
     return SC, mbs
 
 
 def _add(
-    mbs: Any, pieces: list[BodyFields], fields: Fields, field: str, scale: float, limits: Sequence[float] | None
+    mbs: Any,
+    pieces: list[BodyFields],
+    fields: Fields,
+    field: str,
+    scale: float,
+    limits: Sequence[float] | None,
+    turn: Rotation | None = None,
 ) -> Any:
-    """Add the object that draws."""
+    """Add the object that draws, for a view that is turned."""
     items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
     given = None if limits is None else validate_array("limits", limits, (2,))
 
     def draw(mbs: Any, item: Any) -> list[dict[str, Any]]:
-        return _graphics(pieces, fields, field, scale, given)
+        return _graphics(pieces, fields, field, scale, given, turn or Rotation.identity())
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
 
 
 def _graphics(
-    pieces: list[BodyFields], fields: Fields, field: str, scale: float, limits: Array | None
+    pieces: list[BodyFields], fields: Fields, field: str, scale: float, limits: Array | None, turn: Rotation
 ) -> list[dict[str, Any]]:
     """Exudyn's graphics data of the deformed surfaces, and a text that says what the colours mean."""
     places, values = [], []
@@ -262,11 +269,12 @@ def _graphics(
         triangles = piece.cells[:, _SPLIT[piece.cells.shape[1]]].reshape(-1, 3)
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
     says = f"{field} {least:.3g} to {largest:.3g} {UNITS[field]}" + (f", deformed x {scale:g}" if scale != 1 else "")
-    drawn.append({"type": "Text", "text": says, "position": _corner(places)})
+    drawn.append({"type": "Text", "text": says, "position": _corner(places, turn)})
     return drawn
 
 
-def _corner(places: list[Array]) -> list[float]:
-    """Place above the bodies, (3,) [m]."""
-    low, high = (getattr(np.vstack(places), end)(axis=0) for end in ("min", "max"))
-    return [float(low[0]), float(high[1]), float(high[2] + 0.1 * (high - low).max())]
+def _corner(places: list[Array], turn: Rotation) -> list[float]:
+    """Place above the bodies, as they are seen, (3,) [m]."""
+    seen = turn.apply(np.vstack(places))  # to the right, up, and towards the eye
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    return turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()

@@ -107,3 +107,9 @@ def test_the_list_of_examples_is_complete():
     assert sorted(name for name, _ in listed) == sorted(
         path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb")
     )
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.rglob("*.py")), ids=lambda path: str(path.relative_to(EXAMPLES)))
+def test_examples_can_be_read_at_one_sitting(path):
+    """Who learns from an example reads all of it: 40 lines teach something, after 120 readers only skim."""
+    assert 40 <= len(path.read_text().splitlines()) <= 120

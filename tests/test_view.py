@@ -76,6 +76,18 @@ def test_a_picture_shows_the_bodies_and_their_colours(impact, ball, block):
     assert abs(image.astype(int) - other).mean() > 0.3  # the colours follow their limits
 
 
+@pytest.mark.parametrize("rotation", [(0, 0, 0), (-1.2, 0, 0.3), (0.4, 2.0, -0.5)])
+def test_the_text_stands_above_the_bodies_from_where_they_are_seen(impact, rotation):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
+    image = ep.view.picture(result, 0.0, rotation=rotation, size=(320, 240)).astype(int)
+    coloured = np.ptp(image, axis=2) > 30
+    text = ~coloured & (image.max(axis=2) < 100)
+    coloured[180:, :80] = text[180:, :80] = False  # the axes of space
+    assert text.any()
+    assert np.flatnonzero(text.any(axis=1)).max() < np.flatnonzero(coloured.any(axis=1)).min()
+
+
 def test_a_film_needs_a_screen(impact):
     mbs, *_ = impact
     result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)

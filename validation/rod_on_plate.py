@@ -43,9 +43,8 @@ def run(name, arguments):
 def reference_step_error():
     """Errors of the stored reference's 1 us steps over the first millisecond, against steps of half the length."""
     sys.path.insert(0, str(EXAMPLE.parent))
-    import rod_on_plate as example
-
     import exudyn_partition as ep
+    from models import rod_on_plate as example
 
     fems, partitions, _ = example.fe_models(quick=False)
     finer = example.full_reference(fems, partitions, end_time=1e-3, step=0.5e-6)

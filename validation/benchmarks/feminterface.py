@@ -28,7 +28,7 @@ import exudyn_partition as ep
 from exudyn_partition import linalg
 
 RESULTS = Path(__file__).with_suffix(".json")
-SIDE, THICKNESS, MAXH = 0.250, 0.005, 4.5e-3  # the plate of examples/rod_on_plate.py [m]
+SIDE, THICKNESS, MAXH = 0.250, 0.005, 4.5e-3  # the plate of examples/models/rod_on_plate.py [m]
 N_MODES = 20
 LIMITS = {"ratio": 3.0, "difference": 1e-6, "nodes": 40_000}
 

@@ -60,9 +60,9 @@ def reduce_both(fems, partitions, basis):
 def run_online(bodies, end_time=END_TIME):
     """Result of the impact in Exudyn."""
     import exudyn as exu
-    import rod_on_plate as example
 
     import exudyn_partition as ep
+    from models import rod_on_plate as example
 
     mbs = exu.SystemContainer().AddSystem()
     rod = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -example.SPEED])
@@ -78,7 +78,7 @@ def peak_memory():
 
 def size_case(maxh):
     """One mesh: off-line times, peak memory, and the median of the on-line runs."""
-    import rod_on_plate as example
+    from models import rod_on_plate as example
 
     fems, partitions, times = example.fe_models(quick=False, maxh=maxh)
     bodies = reduce_both(fems, partitions, "contact-adapted")
@@ -105,7 +105,7 @@ def size_case(maxh):
 
 def bases_case(maxh):
     """All bases on one mesh, off-line."""
-    import rod_on_plate as example
+    from models import rod_on_plate as example
 
     fems, partitions, times = example.fe_models(quick=False, maxh=maxh)
     result = {"maxh_m": maxh, "nodes": sum(fem.n_nodes for fem in fems), **times, "bases": {}}
@@ -124,7 +124,8 @@ def bases_case(maxh):
 def full_case(maxh):
     """The full FE model on one mesh: its steps, implicit and explicit, and the reduced bodies beside it."""
     import cost
-    import rod_on_plate as example
+
+    from models import rod_on_plate as example
 
     fems, partitions, _ = example.fe_models(quick=False, maxh=maxh)
     reference = example.full_reference(fems, partitions, COMPARED, STEP)

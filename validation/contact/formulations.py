@@ -26,7 +26,7 @@ import exudyn_partition as ep
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples"))
-import rod_on_plate as example  # noqa: E402
+from models import rod_on_plate as example  # noqa: E402
 
 RESULTS = Path(__file__).with_suffix(".json")
 END_TIME, STEP, F_CUT = 0.5e-3, 0.5e-6, 40e3

@@ -17,7 +17,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation/joints"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-import crank_slider as example
 import exudyn_own
 import measure
 from baselines import cms_blocks, cms_hertz_run, cms_run, hertz_run
@@ -25,8 +24,10 @@ from full_blocks import full_blocks
 from measure import Setting
 
 import exudyn_partition as ep
+from models import crank_slider as example
+from models.crank_slider_parts import CONTACT_ANGLE, FULL_MESH, PAPER_MESH, SPEED, Start, block, link
 
-ANGLE = example.CONTACT_ANGLE - 20e-6 * example.SPEED  # at the start
+ANGLE = CONTACT_ANGLE - 20e-6 * SPEED  # at the start
 LINK_CUT, MODES = 5e3, 16  # of the link [Hz]; of Exudyn's blocks
 
 
@@ -36,9 +37,9 @@ class CrankSlider:
     name, duration, step = "crank-slider", 0.4e-3, 0.5e-6
 
     def __init__(self, size=1.0):
-        h, region, maxh = example.FULL_MESH
-        self.models = [example.block(number, size * h, region, size * maxh) for number in (3, 4)]
-        self.link = ep.reduce(*example.link(), f_cut=LINK_CUT)
+        h, region, maxh = FULL_MESH
+        self.models = [block(number, size * h, region, size * maxh) for number in (3, 4)]
+        self.link = ep.reduce(*link(), f_cut=LINK_CUT)
         self.before_s = self.link.reduce_s
         self.default = Setting(method="implicit")
 
@@ -71,26 +72,26 @@ class CrankSlider:
         """Return the link and both blocks as a setting wants them."""
         found, models = [self.link], self.models
         if setting.basis in measure.WITH_MASS:
-            models = [example.block(number, *example.PAPER_MESH) for number in (3, 4)]
+            models = [block(number, *PAPER_MESH) for number in (3, 4)]
         for number, (fem, partition) in zip((3, 4), models, strict=True):
             if setting.region != 1.0:
                 back = ep.Partition.interface(fem, "back", "back", kind="averaged")
                 side = (1 if number == 3 else -1, 0, 0)
-                radius = setting.region * example.FULL_MESH[1]
+                radius = setting.region * FULL_MESH[1]
                 partition = ep.Partition.ball(fem, (0, 0, 0), radius, direction=side) | back
             found.append(ep.reduce(fem, partition, basis=setting.basis, f_cut=setting.f_cut))
         return found
 
     def reduced_to(self, tolerance):
         """Return blocks as the library chooses them, and the link."""
-        speed = example.Start(ANGLE).speed
+        speed = Start(ANGLE).speed
         return [*ep.reduce_pair(*self.models, tolerance=tolerance, speed=speed, duration=self.duration), self.link]
 
     def simulate(self, bodies, setting):
         """Return the history of a run of the library."""
-        link, *blocks = sorted(bodies, key=lambda body: body is not self.link)
+        link_body, *blocks = sorted(bodies, key=lambda body: body is not self.link)
         example.SCHEMES["this"] = setting.basis, setting.contact, setting.rows
-        model = example.mechanism(link, blocks, "this", ANGLE)
+        model = example.mechanism(link_body, blocks, "this", ANGLE)
         step = setting.step
         if setting.method == "explicit" and step is None:
             step = 0.5 * ep.stability_limit(model.mbs)

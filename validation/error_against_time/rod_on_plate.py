@@ -15,11 +15,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 import measure
-import rod_on_plate as example
 from measure import Setting
 from two_bodies import TwoBodies
 
 import exudyn_partition as ep
+from models import rod_on_plate as example
 
 
 def models(size=1.0, region=1.0):

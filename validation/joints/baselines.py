@@ -15,18 +15,20 @@ import exudyn_partition as ep
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-import crank_slider as example
 import exudyn_own
+
+from models import crank_slider as example
+from models.crank_slider_parts import LENGTHS, LINK_SIZE, RADIUS, STEEL, Start, link_shape
 
 
 def hertz_run(link_body, angle, window, step):
     """Baseline (b): rigid blocks with Hertz' force, the link as it is."""
-    mbs, start = exu.SystemContainer().AddSystem(), example.Start(angle)
+    mbs, start = exu.SystemContainer().AddSystem(), Start(angle)
     pins = example.add_link(mbs, link_body, start)[1]
-    radius, backs, heads = example.RADIUS, [], []
-    stiffness = 2 / 3 * example.STEEL.plane_strain_modulus * math.sqrt(radius / 2)
-    for head, speed, length, side in zip(start.heads, (start.speed, 0.0), example.LENGTHS, (1, -1), strict=True):
-        mass = example.STEEL.rho * math.pi * radius**2 * (length - radius / 3)
+    radius, backs, heads = RADIUS, [], []
+    stiffness = 2 / 3 * STEEL.plane_strain_modulus * math.sqrt(radius / 2)
+    for head, speed, length, side in zip(start.heads, (start.speed, 0.0), LENGTHS, (1, -1), strict=True):
+        mass = STEEL.rho * math.pi * radius**2 * (length - radius / 3)
         node = mbs.AddNode(
             items.NodeRigidBodyRxyz(
                 referenceCoordinates=[head - side * length / 2, 0, 0, 0, 0, 0], initialVelocities=[speed, 0, 0, 0, 0, 0]
@@ -62,7 +64,7 @@ def histories(mbs, sensor, column, drive, dofs, window, step):
 def cms_link(modes):
     """The link by Exudyn's FEMinterface, fixed-interface modes between its pins; and the time of its reduction."""
     begin = time.perf_counter()
-    mesh, fem, steel = ep.generate_mesh(example.link_shape(), maxh=example.LINK_SIZE), FEMinterface(), example.STEEL
+    mesh, fem, steel = ep.generate_mesh(link_shape(), maxh=LINK_SIZE), FEMinterface(), STEEL
     fem.ImportMeshFromNGsolve(
         mesh,
         density=steel.rho,
@@ -103,7 +105,7 @@ def cms_mechanism(link_body, parts, models, angle, apart=0.0):
 
     `parts` are FE model and partition of the blocks, `models` their modes; block 4 stands back by `apart` [m].
     """
-    mbs, start = exu.SystemContainer().AddSystem(), example.Start(angle)
+    mbs, start = exu.SystemContainer().AddSystem(), Start(angle)
     start.heads = start.heads[0], start.heads[1] + apart
     pins = example.add_link(mbs, link_body, start)[1]
     bodies = [
@@ -151,7 +153,7 @@ def cms_hertz_run(link_body, parts, models, angle, window, step):
         )
         for (body, _), tip in zip(bodies, tips, strict=True)
     ]
-    stiffness = 2 / 3 * example.STEEL.plane_strain_modulus * math.sqrt(example.RADIUS / 2)
+    stiffness = 2 / 3 * STEEL.plane_strain_modulus * math.sqrt(RADIUS / 2)
     gap = sum(side * fem.points[tip, 0] for side, (fem, _), tip in zip((-1, 1), parts, tips, strict=True))
     sensor = exudyn_own.add_hertz(mbs, markers, 0, stiffness, gap)
     return histories(mbs, sensor, 0, drive, dofs, window, step)

@@ -17,7 +17,6 @@ integrators within 1 %; baseline (a) at least 20 times slower at no smaller forc
 """
 
 import argparse
-import contextlib
 import json
 import math
 import os
@@ -25,20 +24,24 @@ import platform
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import matplotlib.pyplot as plt
 import numpy as np
 from baselines import add_cms_link, cms_blocks, cms_link, cms_run, hertz_run
-from full_blocks import example, full_blocks
+from full_blocks import full_blocks
 from rich.console import Console
 
 import exudyn_partition as ep
+from models import crank_slider as example
+from models.crank_slider_parts import CONTACT_ANGLE, FULL_MESH, PAPER_MESH, QUICK_MESH, SPEED, TURN, block, link
+from models.crank_slider_results import histories, imbalance
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 BEGIN, END = (f"<!-- validation/joints/crank_slider.py: {x} -->\n" for x in ("begin", "end"))
 BEFORE, WINDOW = 20e-6, 0.4e-3  # [s]
-ANGLE = example.CONTACT_ANGLE - BEFORE * example.SPEED
+ANGLE = CONTACT_ANGLE - BEFORE * SPEED
 LIMITS = {"peak": 0.01, "impulse": 0.01, "force": 0.03, "torque": 0.02, "energy": 0.005, "integrators": 0.01}
 F_CUT, STEP = 100e3, 2e-6  # recommended
 
@@ -46,14 +49,13 @@ F_CUT, STEP = 100e3, 2e-6  # recommended
 def partition_run(bodies, step, scheme="contact-adapted", method="implicit", angle=ANGLE, end_time=WINDOW):
     """Histories of a run; the torque is what the impact adds, the run without it subtracted."""
     found, results = [], []
-    for contact_angle in (example.CONTACT_ANGLE, math.pi):  # the second never touches in the window
-        with mock(example, "CONTACT_ANGLE", contact_angle):
-            model = example.mechanism(bodies[0], bodies[1:], scheme, angle)
+    for contact_angle in (CONTACT_ANGLE, math.pi):  # the second never touches in the window
+        model = example.mechanism(bodies[0], bodies[1:], scheme, angle, contact_angle)
         if method == "explicit":
             result = ep.solve_dynamic(model.mbs, end_time=end_time, step=step)
         else:
             result = example.run(model, end_time, step, scheme, free_step=step)
-        found.append(model.histories(result))
+        found.append(histories(model, result))
         results.append(result)
     t = found[0]["t"]
     return {
@@ -64,17 +66,6 @@ def partition_run(bodies, step, scheme="contact-adapted", method="implicit", ang
         "steps": results[0].steps,
         "dofs": model.mbs.systemData.ODE2Size(),
     }
-
-
-@contextlib.contextmanager
-def mock(module, name, value):
-    """Set a module's constant for a while."""
-    before = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, before)
 
 
 def errors(run, reference):
@@ -109,13 +100,13 @@ def entry(name, run, reference, offline_s):
 def window_runs(parts, report):
     """All runs around the first impact: rows of the table, and curves of some."""
     begin = time.perf_counter()
-    links = {f_cut: ep.reduce(*example.link(), f_cut=f_cut) for f_cut in (5e3, 10e3)}
+    links = {f_cut: ep.reduce(*link(), f_cut=f_cut) for f_cut in (5e3, 10e3)}
     link_s = time.perf_counter() - begin
     reduced, offline = {}, {}
     highest = 0.95 * min(fem.resolved_frequency for fem, _ in parts)
     for basis, f_cut in (*(("contact-adapted", f_cut) for f_cut in (50e3, F_CUT, highest)), ("free", F_CUT)):
         begin = time.perf_counter()
-        meshed = parts if basis != "free" else [example.block(number, *example.PAPER_MESH) for number in (3, 4)]
+        meshed = parts if basis != "free" else [block(number, *PAPER_MESH) for number in (3, 4)]
         reduced[basis, f_cut] = [ep.reduce(*part, basis=basis, f_cut=f_cut) for part in meshed]
         offline[basis, f_cut] = time.perf_counter() - begin + link_s
     recommended = [links[5e3], *reduced["contact-adapted", F_CUT]]
@@ -145,7 +136,7 @@ def window_runs(parts, report):
     run = partition_run([links[10e3], *recommended[1:]], STEP)
     add("contact-adapted, link to 10 kHz", run, offline["contact-adapted", F_CUT])
     fem, cms_s = cms_link(modes=14)  # and six static ones at each pin, less six rigid ones
-    with mock(example, "add_link", add_cms_link):
+    with mock.patch.object(example, "add_link", add_cms_link):
         run = partition_run([fem, *recommended[1:]], STEP)
     add("contact-adapted, link as Exudyn's CMS", run, offline["contact-adapted", F_CUT] - link_s + cms_s)
     explicit = partition_run(recommended, 0.5 * ep.stability_limit(model.mbs), method="explicit")
@@ -163,9 +154,8 @@ def window_runs(parts, report):
 def whole_turn(bodies):
     """One turn: run time, energy balance, and what happens."""
     model = example.mechanism(bodies[0], bodies[1:])
-    result = example.run(model, example.TURN, STEP)
-    found = model.histories(result)
-    balance = found["work"] - (found["stored"] - found["stored"][0]) - found["dissipated"]
+    result = example.run(model, TURN, STEP)
+    found = histories(model, result)
     return {
         "steps": result.steps,
         "online_s": result.time_s,
@@ -173,7 +163,7 @@ def whole_turn(bodies):
         "impulse_Ns": float(np.trapezoid(found["force"], found["t"])),
         "peak_N": float(found["force"].max()),
         "work_J": float(found["work"][-1]),
-        "energy_error": float(abs(balance).max() / abs(found["work"]).max()),
+        "energy_error": imbalance(found),
     }
 
 
@@ -240,8 +230,8 @@ def main():
     if options.table:
         write_table(json.loads(stored.read_text()))
         return
-    mesh = example.QUICK_MESH if options.quick else example.FULL_MESH
-    parts = [example.block(number, *mesh) for number in (3, 4)]
+    mesh = QUICK_MESH if options.quick else FULL_MESH
+    parts = [block(number, *mesh) for number in (3, 4)]
     console = Console(width=160)
 
     def report(row):

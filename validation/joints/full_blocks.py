@@ -17,7 +17,7 @@ from exudyn_partition.linalg import one_blas_thread
 from exudyn_partition.reference import _HHT
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-import crank_slider as example
+from models.crank_slider_parts import CONTACT_ANGLE, CRANK, DAMPING, LENGTHS, LINK, SPEED, STIFFNESS, slider
 
 
 class Structure(_HHT):
@@ -45,10 +45,10 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     """
     begin = time.perf_counter()
     (fem3, part3), (fem4, part4) = parts
-    x = example.slider(angle)[0]
-    pin = -example.CRANK * np.array([math.cos(angle), math.sin(angle), 0])
+    x = slider(angle)[0]
+    pin = -CRANK * np.array([math.cos(angle), math.sin(angle), 0])
     arm = np.array([x, 0, 0]) - pin
-    A = np.array([[arm[0], -arm[1], 0], [arm[1], arm[0], 0], [0, 0, example.LINK]]) / example.LINK
+    A = np.array([[arm[0], -arm[1], 0], [arm[1], arm[0], 0], [0, 0, LINK]]) / LINK
     ends = [np.kron(np.eye(2), A) @ link_body.interface_rows(name) for name in ("crank pin", "slider pin")]
     back3, back4 = interface_rows(fem3, part3, "back"), interface_rows(fem4, part4, "back")
 
@@ -66,7 +66,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     joints_b = back4[1:]
     spring = back4[:1]
 
-    heads = x + example.LENGTHS[0], example.slider(example.CONTACT_ANGLE)[0] + example.LENGTHS[0]
+    heads = x + LENGTHS[0], slider(CONTACT_ANGLE)[0] + LENGTHS[0]
     surfaces = [
         Surface.of(fem.points, part.patches[0], np.array([head, 0, 0]))
         for (fem, part), head in zip(parts, heads, strict=True)
@@ -87,7 +87,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     stiffness_a = sp.block_diag([fem3.stiffness, link_body.stiffness], format="csr")
     rows_a = sp.vstack([sp.hstack([wide[0], sp.csr_matrix((nc, n_link))]), joints_a], format="csr")
     rows_b = sp.vstack([wide[1], joints_b, spring], format="csr")
-    stiffness_b = sp.csr_matrix(fem4.stiffness + example.STIFFNESS * spring.T @ spring)
+    stiffness_b = sp.csr_matrix(fem4.stiffness + STIFFNESS * spring.T @ spring)
     a = Structure(mass_a, stiffness_a, rows_a, step, alpha)
     b = Structure(fem4.mass, stiffness_b, rows_b, step, alpha)
 
@@ -104,7 +104,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     setup_s, begin = time.perf_counter() - begin, time.perf_counter()
     damper = 0.0
     for n in range(1, steps + 1):
-        moved = example.slider(angle + example.SPEED * t[n])[0] - x
+        moved = slider(angle + SPEED * t[n])[0] - x
         ga, gb = a.predict(), b.predict()
         gb = gb + Fb[:, -1] * damper
         joint = [-np.linalg.solve(full[np.ix_(j, j)], g[j]) for full, j, g in ((Fa, ja, ga), (Fb, jb, gb))]
@@ -114,7 +114,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
         joint[1] -= np.linalg.solve(Fb[np.ix_(jb, jb)], Fb[jb][:, :nc] @ lam)
         a.correct(np.r_[lam, joint[0]])
         b.correct(np.r_[lam, joint[1], damper])
-        damper = -example.DAMPING * float((spring @ b.v)[0])
+        damper = -DAMPING * float((spring @ b.v)[0])
         force[n] = lam.sum()
         torque[n] = pin[0] * joint[0][1] - pin[1] * joint[0][0]  # what the drive gives the link by the pin
     mean = lambda x: np.r_[(x[:-1] + x[1:]) / 2, x[-1]]  # noqa: E731 multipliers are of the step that ends at t

@@ -14,7 +14,7 @@ import exudyn_partition as ep
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples"))
-import rod_on_plate as example  # noqa: E402
+from models import rod_on_plate as example  # noqa: E402
 
 F_CUT = 40e3  # [Hz], scheme 4
 PRINTED_RADIUS, PRINTED_FORCE = 0.49e-3, 800.0  # eq. 30 [m], [N]

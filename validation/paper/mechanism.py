@@ -19,7 +19,9 @@ import exudyn_partition as ep
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples"))
-import crank_slider as example  # noqa: E402
+from models import crank_slider as example  # noqa: E402
+from models.crank_slider_parts import CONTACT_ANGLE, DAMPING, FULL_MESH, QUICK_MESH, SPEED, STIFFNESS, TURN, block, link  # noqa: E402
+from models.crank_slider_results import histories, imbalance, integral  # noqa: E402
 
 STORED = ROOT / "validation" / "joints" / "crank_slider.json"
 F_CUT, LINK_F_CUT, STEP = 100e3, 5e3, 2e-6
@@ -58,7 +60,7 @@ def windows(t, x, start):
 
 def statements(model, result, found, impacts, quick):
     start, t, force = impacts[0].start, found["t"], found["force"]
-    due = (example.CONTACT_ANGLE - found["angle"][0]) / example.SPEED
+    due = (CONTACT_ANGLE - found["angle"][0]) / SPEED
     rise = float(t[force.argmax()] - start)
     longest = max(impacts, key=lambda i: i.end - i.start)
     settled = (t > start + 0.5 * (longest.end - start)) & (t < longest.end)
@@ -92,18 +94,17 @@ def statements(model, result, found, impacts, quick):
                       agrees=faster > ACTIVATED * fast)
         )  # fmt: skip
     # What block 4 took against what its spring-damper gave away and it kept: another way to the same force.
-    block = model.blocks[1]
-    spring = example.STIFFNESS * example.integral(t, found["block_4"])[-1]
-    damper = example.DAMPING * (found["block_4"][-1] - found["block_4"][0])
+    held = model.blocks[1]
+    spring = STIFFNESS * integral(t, found["block_4"])[-1]
+    damper = DAMPING * (found["block_4"][-1] - found["block_4"][0])
     impulse = float(np.trapezoid(force, t))
-    kept = block.momentum(result)[:, 0]
+    kept = held.momentum(result)[:, 0]
     balance = impulse / (spring + damper + kept[-1] - kept[0]) - 1
     rows.append(
         statement("crank slider: impulse of the contact force against block 4's spring, damper and momentum",
                   "equal (balance)", f"{impulse:.4g} N s", balance, LIMITS["impulse"])
     )  # fmt: skip
-    work = found["work"] - (found["stored"] - found["stored"][0]) - found["dissipated"]
-    energy = float(abs(work).max() / abs(found["work"]).max())
+    energy = imbalance(found)
     rows.append(
         statement("crank slider: energy", "equal (balance)", f"{energy:.2%} of the drive's work", energy,
                   None if quick else LIMITS["energy"])
@@ -148,16 +149,16 @@ def draw(found, start):
 
 def run(quick):
     """Rows of the report."""
-    mesh = example.QUICK_MESH if quick else example.FULL_MESH
-    parts = [example.block(number, *mesh) for number in (3, 4)]
+    mesh = QUICK_MESH if quick else FULL_MESH
+    parts = [block(number, *mesh) for number in (3, 4)]
     bodies = [
-        ep.reduce(*example.link(), f_cut=LINK_F_CUT),
+        ep.reduce(*link(), f_cut=LINK_F_CUT),
         *(ep.reduce(*part, basis="contact-adapted", f_cut=F_CUT) for part in parts),
     ]
-    angle, end_time = (example.CONTACT_ANGLE - 3e-3 * example.SPEED, 8e-3) if quick else (0.0, example.TURN)
+    angle, end_time = (CONTACT_ANGLE - 3e-3 * SPEED, 8e-3) if quick else (0.0, TURN)
     model = example.mechanism(bodies[0], bodies[1:], angle=angle)
     result = example.run(model, end_time, STEP)
-    found, impacts = model.histories(result), model.contact.impacts(result)
+    found, impacts = histories(model, result), model.contact.impacts(result)
     draw(found, impacts[0].start)
     return {
         "rows": [*mode_counts(parts), *statements(model, result, found, impacts, quick), *own_scheme()],
@@ -165,5 +166,5 @@ def run(quick):
         "link_modes": bodies[0].n_shapes - 6,
         "impacts": [{"start_s": i.start, "end_s": i.end, "impulse_Ns": i.impulse, "peak_N": i.peak} for i in impacts],
         "online_s": result.time_s,
-        "turned_deg": math.degrees(example.SPEED * end_time),
+        "turned_deg": math.degrees(SPEED * end_time),
     }

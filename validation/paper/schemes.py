@@ -20,7 +20,7 @@ import exudyn_partition as ep
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples"))
-import rod_on_plate as example  # noqa: E402
+from models import rod_on_plate as example  # noqa: E402
 
 SCHEMES = {5e3: (21, 30), 10e3: (32, 56), 20e3: (54, 124), 40e3: (94, 276)}  # Table 2: modes of rod and plate
 REGION, ROWS = 1e-3, "node-to-segment"  # radius of the impact region [m]
