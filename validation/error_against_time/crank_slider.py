@@ -17,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation/joints"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
+import exudyn as exu
 import exudyn_own
 import measure
 from baselines import cms_blocks, cms_hertz_run, cms_run, hertz_run
@@ -105,6 +106,17 @@ class CrankSlider:
         info["dofs"] = model.mbs.systemData.ODE2Size()
         return ep.History(result.t, model.contact.force(result), {}, info)
 
+    def explicit(self):
+        """The full FE blocks, lumped, no joints, by the paper's explicit scheme: what a step takes, times steps."""
+        mbs, start = exu.SystemContainer().AddSystem(), Start(ANGLE)
+        blocks = [
+            ep.CreatePartitionBody(mbs, body, referencePosition=[head, 0, 0], initialVelocity=[speed, 0, 0])
+            for body, head, speed in zip(measure.lumped(self.models), start.heads, (start.speed, 0.0), strict=True)
+        ]
+        ep.CreatePartitionContact(mbs, *blocks, formulation="lagrange")
+        mbs.Assemble()
+        return None, measure.explicit_cost(mbs, self.duration)
+
     def own(self, record, step, stiffness):
         """The baselines of ../joints/baselines.py."""
 
@@ -152,6 +164,7 @@ def main():
     record.tolerances((1e-1, 1e-2, 1e-3))
     scene.own(record, 1e-6, (1e4, 3e4, 1e5))
     record.settings([Setting(basis, 100e3) for basis in measure.WITH_MASS])
+    record.add("full FE, explicit", "full FE", scene.explicit)
     measure.finish(record)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import exudyn_partition as ep
 
 Z = 2
-EXPLICIT_STEPS = 200  # of the full FE model, to tell what a step takes
 RADIUS = 0.1e-3  # of the spheres of GeneralContact [m]
 
 
@@ -115,17 +114,8 @@ class TwoBodies:
 
     def explicit(self):
         """The full FE model, lumped, by the paper's explicit scheme: what a step takes, times the number of steps."""
-        bodies = [
-            ep.reduce(fem, replace(p, nodes=np.arange(fem.n_nodes)), basis="free", f_cut=1e3) for fem, p in self.models
-        ]
-        mbs, *_ = self.assemble(bodies, _Lagrange)
-        step = 0.9 * ep.stability_limit(mbs)
-        result = ep.solve_dynamic(mbs, end_time=EXPLICIT_STEPS * step, step=step, sample_period=EXPLICIT_STEPS * step)
-        steps = math.ceil(self.duration / step)
-        return None, {
-            "status": "extrapolated", "dofs": self.fe_dofs, "step_s": step, "steps": steps,
-            "online_s": result.time_s / result.steps * steps, "offline_s": 0.0, "measured_steps": result.steps,
-        }  # fmt: skip
+        mbs, *_ = self.assemble(measure.lumped(self.models), _Lagrange)
+        return None, measure.explicit_cost(mbs, self.duration)
 
     def hertz_stiffness(self):
         """Of Hertz' force over approach^(3/2) [N/m^(3/2)]."""
