@@ -50,9 +50,13 @@ class FreeBody:
             )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
 
-    def static_answers(self) -> Array:
+    def flexibility(self) -> FreeBodyFlexibility:
+        """Its elastic flexibility, which costs a factorisation."""
+        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
+
+    def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> Array:
         """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
-        flexibility = FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
+        flexibility = flexibility or self.flexibility()
         return flexibility((unit_loads(self.fem, self.partition) @ self.model.expand).T.toarray())
 
 
@@ -77,17 +81,24 @@ class AdaptedSpace(FreeBody):
             raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
         super().__init__(fem, partition)
         K, M = self.model.stiffness, self.model.mass
-        self.combination = resultants(fem, partition)
-        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ self.combination)
+        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition))
         shift = (np.pi * f_shift) ** 2
-        with ThreadPoolExecutor(1) as pool:
-            # SuperLU lets other threads run: the static answers take the second core.
-            static = pool.submit(self.static_answers)
-            solve = Factorisation(K + shift * M).solve
-            self.static = static.result()
-        lead = orthonormal_complement(self.static @ self.combination, M, self.rigid)
+        # SuperLU lets other threads run: a second core takes the flexibility, and its answers while the space grows.
+        pool = ThreadPoolExecutor(1)
+        waiting = pool.submit(self.flexibility)
+        solve = Factorisation(K + shift * M).solve
+        flexibility = waiting.result()
+        self._lead = flexibility(self.loads)
+        self._static = pool.submit(self.static_answers, flexibility)
+        pool.shutdown(wait=False)
+        lead = orthonormal_complement(self._lead, M, self.rigid)
         self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
         self.krylov.grow(2 * _GROWTH)
+
+    @property
+    def static(self) -> Array:
+        """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
+        return self._static.result()
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
@@ -97,7 +108,7 @@ class AdaptedSpace(FreeBody):
         """
         krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
         s = omega_cut * np.vstack([_BAND, _OCTAVES])
-        static = np.einsum("ij,ij->j", self.loads, self.static @ self.combination)
+        static = np.einsum("ij,ij->j", self.loads, self._lead)
         rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
         mobility = np.zeros(rest.shape, dtype=complex)
         while True:
