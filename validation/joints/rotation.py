@@ -27,14 +27,14 @@ import exudyn_partition as ep
 LIMITS = {"angular_momentum": 1e-6, "energy": 1e-6, "angular_velocity": 1e-4, "modal_coordinates": 1e-3}
 SPIN = np.array([100.0, 200.0, 200.0])  # rad/s, 300 in all
 TURN, TURNS = 2 * np.pi / 300, 100  # [s]
-F_CUT = 20e3  # [Hz]
-STEPS = {"contact-adapted": 2e-6, "residual": 2e-6, "craig-bampton": 0.5e-6, "free": 0.5e-6}  # [s]
+F_CUT = 10e3  # [Hz]
+STEPS = {"contact-adapted": 2e-6, "residual": 2e-6, "craig-bampton": 1.25e-6, "free": 1.25e-6}  # [s]
 
 
 def plank():
-    """200 x 30 x 20 mm, with a patch at one end."""
-    fem = ep.fe_model(occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.2, 0.03, 0.02)), ep.STEEL, maxh=0.015)
-    return fem, ep.Partition.ball(fem, (0.2, 0.015, 0.01), 8e-3)
+    """400 x 60 x 40 mm, with a patch at one end."""
+    fem = ep.fe_model(occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.4, 0.06, 0.04)), ep.STEEL, maxh=0.03)
+    return fem, ep.Partition.ball(fem, (0.4, 0.03, 0.02), 16e-3)
 
 
 def spinning(body):
