@@ -214,7 +214,9 @@ class ContactResults(dict):
         """What the contact leaves out, in sentences."""
         unpaired = self.law.gaps.unpaired
         said = ["tangential rows: the contact is frictionless"]
-        if unpaired:
+        if not self.law.gaps.faced:
+            said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
+        elif unpaired:
             slave = self.slave.name or "the slave"
             said.append(f"{unpaired} contact points of {slave} that face no facet of the master patch")
         return said

@@ -22,6 +22,8 @@ Array = np.ndarray
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
+_LARGE = 0.1  # of the largest impulse: impacts below are not looked at
+_STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
 _LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
 _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
@@ -198,6 +200,8 @@ def reviewed(mbs: Any, result: Result) -> Result:
         for contact in contacts:
             _warn_of_patch(contact, result)
             _warn_of_overlap(contact, result)
+            _warn_of_steps(contact, result)
+            _warn_of_missing(contact, result)
     return result
 
 
@@ -205,6 +209,10 @@ def cut(result: Result, count: int) -> Result:
     """Keep the first samples of a result."""
     sensors = {number: data[:count] for number, data in result.sensors.items()}
     return replace(result, t=result.t[:count], sensors=sensors)
+
+
+def _name(contact: PartitionContact) -> str:
+    return f"contact {contact.name!r}" if contact.name else "the contact"
 
 
 def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
@@ -230,10 +238,45 @@ def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
     largest = max(item.energy(result).max() for item, _ in contact.sides)
     if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
         warnings.warn(
-            f"contact {contact.name!r} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
+            f"{_name(contact)} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
             f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
             "them apart. Move one by that much (referencePosition)",
             ModelLimitWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
+    """Implicit steps over a contact force that comes and goes within a few of them make energy, however stable."""
+    every_step = len(result.t) > 1 and np.diff(result.t).min() < 1.5 * result.step
+    if result.method != "implicit" or contact.multipliers or not every_step:
+        return
+    impacts = contact.impacts(result)
+    largest = max((impact.impulse for impact in impacts), default=0.0)
+    for impact in impacts:
+        steps = round((impact.end - impact.start) / result.step) + 1
+        if impact.impulse > _LARGE * largest and steps < _STEPS_AN_IMPACT and impact.end < result.t[-1]:
+            warnings.warn(
+                f"{_name(contact)} at t = {impact.start:.6g} s: the impact is over within {steps} steps of "
+                f"{result.step:.4g} s, which do not resolve its force; implicit steps that long give bodies energy. "
+                "Take a twentieth of the impact's duration or less, see ep.hertz.impact; without `step` the library "
+                "chooses",
+                ModelLimitWarning,
+                stacklevel=4,
+            )
+            return
+
+
+def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
+    """Bodies that turn may face each other later; those that never do may have been placed wrongly."""
+    gaps = contact.law.gaps
+    if not gaps.faced and not contact.force(result).any():
+        patch = gaps.slave.surface
+        warnings.warn(
+            f"{_name(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m with "
+            f"outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
+            "referenceRotation and the partitions, or run longer",
+            ContactPatchWarning,
             stacklevel=4,
         )
 
@@ -254,11 +297,11 @@ def warn_of_turns(result: Result) -> None:
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
-    name = f"contact {contact.name!r}" if contact.name else "the contact"
     if contact.reached_edge_at is not None:
         warnings.warn(
-            f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, {contact.reached_edge} m; "
-            "the force is too small from then on. Enlarge the contact radius of both partitions",
+            f"{_name(contact)} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, "
+            f"{contact.reached_edge} m; the force is too small from then on. Enlarge the contact radius of both "
+            "partitions",
             ContactPatchWarning,
             stacklevel=4,
         )

@@ -174,7 +174,9 @@ def solve_dynamic(
     validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    check_joints(mbs, {m: point for item in partition_items(mbs)[0] for m, point in item.point_markers.items()})
+    items = partition_items(mbs)[0]
+    size = min((float(np.ptp(item.body.points, axis=0).max()) for item in items), default=math.inf)
+    check_joints(mbs, {m: point for item in items for m, point in item.point_markers.items()}, size)
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from exudyn_partition.contact.points import ROWS, contact_points
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.surface import closest_points
 from exudyn_partition.contact.two_pass import TwoPass
-from exudyn_partition.errors import InputError, MeshError, PenetrationError
+from exudyn_partition.errors import ContactPatchWarning, InputError, MeshError, PenetrationError
 from exudyn_partition.kinematics import FloatingKinematics, InertialKinematics
 
 
@@ -247,6 +248,44 @@ def test_patches_far_apart_have_no_rows_and_are_hardly_searched(ball, plate, mon
     assert len(searches) < 60
     assert 0 < gaps.closing(far, 0 * far, 0 * far)[0].min() < 0.301
     assert gap.min() == pytest.approx(project(gaps, *gaps.places(q))[0].gap.min(), abs=1e-10)
+
+
+@pytest.mark.parametrize("surface", [None, ep.RigidPlane()])
+def test_a_body_that_faces_away_turns_until_it_hits(ball, plate, surface):
+    """A rolling ball of which the patch points aside at first, against the same when it nearly faces the plate."""
+    omega, speed, late = 200.0, 0.5, 0.2  # [rad/s], [m/s], rad before the patch is lowest
+    forces = []
+    for angle in (1.6, late):
+        wait = (angle - late) / omega
+        turn = ep.floating.rotation_matrix(np.array([angle, 0.0, 0.0]))
+        centre = np.array([0.0, 0.0, SPHERE_RADIUS + 1e-6 + speed * angle / omega])
+        mbs = exu.SystemContainer().AddSystem()
+        roll, down = [-omega, 0.0, 0.0], [0.0, 0.0, -speed]
+        slave = ep.CreatePartitionBody(
+            mbs, ball, frame="floating", referencePosition=centre - turn @ ball.centre_of_mass,
+            referenceRotation=turn, initialVelocity=down, initialAngularVelocity=roll,
+        )  # fmt: skip
+        contact = ep.CreatePartitionContact(mbs, slave, surface or ep.CreatePartitionBody(mbs, plate))
+        mbs.Assemble()
+        assert contact.law.gaps.faced == (angle == late)
+        assert any("do not face" in sentence for sentence in contact.left_out) == (angle != late)
+        limit = ep.stability_limit(mbs)
+        result = ep.solve_dynamic(mbs, end_time=wait + 1.2e-3, step=0.4e-6)
+        force = contact.force(result)[result.t > wait]
+        forces.append((force.max(), force.sum() * result.step, limit))
+        assert slave.energy(result)[0] > 0
+    np.testing.assert_allclose(forces[0][:2], forces[1][:2], rtol=5e-3)
+    assert forces[0][2] == pytest.approx(forces[1][2], rel=0.03)
+    assert forces[0][0] > 100
+
+
+def test_a_contact_that_never_faces_says_so(ball):
+    mbs = exu.SystemContainer().AddSystem()
+    slave = ep.CreatePartitionBody(mbs, ball, frame="floating", initialVelocity=[0, 0, -1])
+    ep.CreatePartitionContact(mbs, slave, ep.RigidPlane((0, 0, 0.1), (0, 0, -1)), name="ceiling")
+    mbs.Assemble()
+    with pytest.warns(ContactPatchWarning, match="'ceiling' never closed, and at the start .* did not face"):
+        ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6)
 
 
 def test_pairs_freeze_again_when_the_sliding_stops(ball, plate):

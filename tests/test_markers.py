@@ -481,3 +481,11 @@ def test_initial_velocities_that_violate_a_joint(body, frame):
         else:
             with pytest.raises(InputError, match=r"JointGeneric .* violated by the initial velocities, by 0\.\d+"):
                 ep.solve_dynamic(mbs, end_time=2e-5, step=2e-6, method="implicit")
+
+
+@pytest.mark.parametrize("method", ["implicit", "explicit"])
+def test_a_joint_whose_markers_do_not_meet(body, frame, method):
+    mbs, *_ = jointed(body, frame, HINGE, referencePosition=[0.2, 0, 0])
+    mbs.Assemble()
+    with pytest.raises(InputError, match=r"JointGeneric .* is open by 0\.2 \(m or rad\) at the start, where bodies"):
+        ep.solve_dynamic(mbs, end_time=2e-5, step=2e-6, method=method)

@@ -3,6 +3,7 @@
 import itertools
 import os
 import signal
+import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 import exudyn_partition as ep
 from exudyn_partition import solve
-from exudyn_partition.errors import InputError, StoppedRunWarning
+from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
 from exudyn_partition.step_control import LONGEST, first_root
 
 GRAVITY = 9.81
@@ -442,3 +443,15 @@ def test_vibration_that_need_not_be_resolved(body):
     assert steps[1] < 0.5 * steps[0]
     with pytest.raises(InputError, match="unresolved: equal steps have none"):
         ep.solve_dynamic(mbs, end_time=1e-6, unresolved=1e-2)
+
+
+def test_implicit_steps_that_do_not_resolve_an_impact_warn(body):
+    """The ball leaves with another energy than it came with; with the default step with the same."""
+    mbs, item, _ = fall(body, 4e-6, gravity=0.0, velocity=(0, 0, -0.2))
+    with pytest.warns(ModelLimitWarning, match=r"the impact is over within \d steps of 4e-05 s"):
+        result = ep.solve_dynamic(mbs, end_time=0.4e-3, step=40e-6, method="implicit")
+    assert abs(item.energy(result)[-1] / item.energy(result)[0] - 1) > 0.02
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ModelLimitWarning)
+        result = ep.solve_dynamic(mbs, end_time=0.4e-3, method="implicit")
+    assert item.energy(result)[-1] == pytest.approx(item.energy(result)[0], rel=2e-3)

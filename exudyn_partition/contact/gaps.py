@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
 
 from ..body import ReducedBody
 from ..fem import node_dofs
@@ -56,9 +57,30 @@ class Side:
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
         own = kinematics.at(body.partition.patches[patch].nodes)
+        side = cls(surface, own, None if body.basis.flexibility is None else body.flexibility(patch))
         start = np.zeros(body.n_dofs)
-        placed = replace(surface, points=own.place(start), direction=own.frame(start)[1] @ surface.direction)
-        return cls(placed, own, None if body.basis.flexibility is None else body.flexibility(patch))
+        return replace(side, surface=side._placed(start, surface.direction))
+
+    def at(self, q: Array) -> Surface:
+        """The patch at coordinates q, (n,)."""
+        return self._placed(q, self.kinematics.frame(np.zeros(self.n))[1].T @ self.surface.direction)
+
+    def _placed(self, q: Array, direction: Array) -> Surface:
+        """The patch at coordinates q, (n,); `direction`, (3,), is in the body's axes."""
+        return replace(self.surface, points=self.kinematics.place(q), direction=self.kinematics.frame(q)[1] @ direction)
+
+    def turned_to(self, point: Array, normal: Array, distance: float) -> Array:
+        """Coordinates, (n,), of a floating body whose patch faces a point, (3,), of a surface with that normal, (3,).
+
+        The patch's centre is `distance` [m] along the normal from there.
+        """
+        way = np.zeros(self.n)
+        turn = Rotation.align_vectors(-normal[None], self.surface.direction[None])[0]
+        start = Rotation.from_rotvec(self.kinematics.rotation)
+        way[3:6] = (start.inv() * turn * start).as_rotvec()
+        q = self.kinematics.moved(np.zeros(self.n), way)
+        q[:3] += point + distance * normal - self.kinematics.place(q).mean(axis=0)
+        return q
 
 
 class Gaps:
@@ -88,6 +110,9 @@ class Gaps:
         Contact points that face nothing.
     approach : (3,) array
         Unit vector along which the slave approached at the start.
+    faced : bool
+        Whether the slave faced what it is to meet at the start. If not, rows at the start are those of a pose in which
+        it does: they tell flexibility and stiffness, and the first evaluation finds others.
     """
 
     sides: tuple[Side, ...]
@@ -101,6 +126,7 @@ class Gaps:
     normals: Array
     unpaired: int
     approach: Array
+    faced: bool = True
     H: Any
     _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import ComplementarityError
+from ..errors import ComplementarityError, EmptyRegionError
 from .gaps import BULGE, Gaps, Side, dense
 from .pairs import MovingPairs
 from .points import ContactPoints, contact_points
@@ -51,9 +51,17 @@ class PatchGaps(Gaps):
     def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
         self.sides = (slave, master)
         self._all = contact_points(slave.surface, kind)
-        self._start = pair_surfaces(slave.surface, master.surface, kind)
-        self.size, self.approach = self._start.facet_size, self._start.approach
         self.n = sum(side.n for side in self.sides)
+        self._start_q = np.zeros(self.n)
+        try:
+            self._start = pair_surfaces(slave.surface, master.surface, kind)
+        except EmptyRegionError:
+            # Bodies that turn may come to face each other.
+            self.faced, self._start_q = False, self._facing_pose()
+            if not self._start_q.any():
+                raise
+            self._start = pair_surfaces(*map(Side.at, self.sides, self.split(self._start_q)), kind)
+        self.size, self.approach = self._start.facet_size, self._start.approach
         self._linear = slave.kinematics.linear and master.kinematics.linear
         self._witnesses = [_spread(side.surface.points) for side in self.sides]
         self._here = np.zeros((3, 3))
@@ -66,8 +74,19 @@ class PatchGaps(Gaps):
         self._searched_at: Array | None = None
         self._stood_at: Array | None = None
         if self.moving or self.held is not self._start:
-            self._hold(self._start, np.zeros(self.n))
+            self._hold(self._start, self._start_q)
             self.moving = not self._linear
+
+    def _facing_pose(self) -> Array:
+        """Coordinates, (n,), at which a side that can turn faces the other; zero if none can."""
+        parts = [np.zeros(side.n) for side in self.sides]
+        radii = [float(np.linalg.norm(np.ptp(side.surface.points, axis=0))) for side in self.sides]
+        for i, (side, other) in enumerate((self.sides, self.sides[::-1])):
+            if not side.kinematics.linear:
+                surface = other.surface
+                parts[i] = side.turned_to(surface.points.mean(axis=0), surface.direction, sum(radii))
+                break
+        return np.concatenate(parts)
 
     # Frozen pairs.
 

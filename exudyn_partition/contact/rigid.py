@@ -155,7 +155,7 @@ class RigidGaps(Gaps):
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
-        self._q = np.zeros(self.n)
+        self._q = self._start_q = np.zeros(self.n)
         start = self._evaluate(slave.surface.points)
         self._check_start(start)
         self.moving, self.held = True, None
@@ -165,7 +165,7 @@ class RigidGaps(Gaps):
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
-        self.at(np.zeros(self.n))  # for the normals
+        self.at(self._start_q)  # for the normals
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
@@ -200,7 +200,8 @@ class RigidGaps(Gaps):
     def _check_start(self, gap: Array) -> None:
         deepest, surface = int(gap.argmin()), self.slave.surface
         self.approach = -self.normal[deepest]
-        if self.approach @ surface.direction <= 0:
+        self.faced = bool(self.approach @ surface.direction > 0)
+        if not self.faced and self.slave.kinematics.linear:
             raise InputError(
                 f"master: the slave's patch, with outward normal {surface.direction}, faces away from the rigid "
                 f"surface, whose normal there is {-self.approach}; turn the normal, or choose another patch"
@@ -211,3 +212,6 @@ class RigidGaps(Gaps):
                 f"{-gap[deepest]:.4g} m at {surface.points[self.row_nodes[deepest]]} m. Move the body by at least that "
                 "(referencePosition)"
             )
+        if not self.faced:  # a body that turns may come to face it
+            nearest = surface.points[self.row_nodes[deepest]] + gap[deepest] * self.approach
+            self._start_q = self.slave.turned_to(nearest, -self.approach, gap[deepest])
