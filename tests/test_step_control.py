@@ -448,8 +448,8 @@ def test_vibration_that_need_not_be_resolved(body):
 def test_implicit_steps_that_do_not_resolve_an_impact_warn(body):
     """The ball leaves with another energy than it came with; with the default step with the same."""
     mbs, item, _ = fall(body, 4e-6, gravity=0.0, velocity=(0, 0, -0.2))
-    with pytest.warns(ModelLimitWarning, match=r"the impact is over within \d steps of 4e-05 s"):
-        result = ep.solve_dynamic(mbs, end_time=0.4e-3, step=40e-6, method="implicit")
+    with pytest.warns(ModelLimitWarning, match=r"is over within \d steps of 0.0001 s"):
+        result = ep.solve_dynamic(mbs, end_time=0.4e-3, step=100e-6, method="implicit")
     assert abs(item.energy(result)[-1] / item.energy(result)[0] - 1) > 0.02
     with warnings.catch_warnings():
         warnings.simplefilter("error", ModelLimitWarning)
