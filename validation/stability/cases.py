@@ -633,7 +633,8 @@ def far_above_limit(method):
     at_limit(method, 10)
 
 
-@case("step at 10 times the limit", "pushed back; momentum; no energy made", methods=("implicit",), quick=True)
+@case("step at 10 times the limit", "warns of it; pushed back; momentum; no energy made", methods=("implicit",),
+      warns=("ModelLimitWarning",), quick=True)  # fmt: skip
 def far_above_limit_implicit(method):
     run = at_limit(method, 10)
     made = float(max(run.energy.max() / run.energy[0] - 1, 0.0))
@@ -762,7 +763,7 @@ def stiff_penalty(method):
     layer = {"formulation": "penalty"}
     gaps = strike(method, ball(), contact=layer, end_time=1e-6).contacts[0].law.gaps
     layer["stiffness"] = 1e4 * bed_stiffness(gaps)
-    run = strike(method, ball(), contact=layer, end_time=80e-6, step=0.1e-6 if method == "implicit" else None)
+    run = strike(method, ball(), contact=layer, end_time=80e-6, step=0.02e-6 if method == "implicit" else None)
     return kept(run, energy=0.02, momentum=0.02) | {"speed after": error(run.velocity()[-1, 2], 1.0, 0.05)}
 
 
