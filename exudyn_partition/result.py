@@ -13,6 +13,7 @@ import numpy as np
 from ._checks import validate_array, validate_positive
 from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
+from .contact_results import ContactResults
 from .errors import ContactPatchWarning, InputError, ModelLimitWarning, RunError, StoppedRunWarning
 from .history import History
 from .partition_body import PartitionBody, partition_items
@@ -51,6 +52,8 @@ class Result:
         The model's.
     contacts : tuple of PartitionContact
         The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
+    runs : tuple of object
+        `run` of each contact when the result was made.
     """
 
     t: Array
@@ -63,6 +66,7 @@ class Result:
     sensors: Mapping[int, Array] = field(repr=False)
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
+    runs: tuple[object, ...] = field(default=(), repr=False)
 
     def sensor(self, number: Any) -> Array:
         """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
@@ -75,6 +79,37 @@ class Result:
         if int(number) not in self.sensors:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
+
+    def sensor_of(self, item: PartitionBody | ContactResults, number: Any) -> Array:
+        """Samples of a sensor of `item`, as `sensor`; another model has the same numbers for other things.
+
+        Raises
+        ------
+        InputError
+            If the item was not in the model that was run.
+        """
+        if not any(item is known for known in (*self.bodies, *self.contacts)):
+            raise InputError(
+                f"result: expected one of the model that {_called(item)} belongs to, got one of another model, or of "
+                "a run before it was added; take what solve_dynamic or collect returns for its own"
+            )
+        return self.sensor(number)
+
+    def check_last_run(self, contact: ContactResults) -> None:
+        """Raise unless what `contact` keeps itself, beside its sensors, is of this run.
+
+        Raises
+        ------
+        InputError
+            If the contact is of another model, or this one has been run again.
+        """
+        self.sensor_of(contact, contact["sForce"])
+        runs = [run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact]
+        if runs[0] is not contact.run:
+            raise InputError(
+                "result: forces of rows, pressures and contact areas are kept of the last run only; the model of "
+                f"{_called(contact)} has been run again since this one. Ask for them before, or repeat this run"
+            )
 
     def at(self, times: Sequence[float] | Array | int) -> Result:
         """Return the samples nearest to some times, each once: for frames of a film.
@@ -170,6 +205,7 @@ def samples(mbs: Any) -> Result:
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
         bodies=tuple(bodies),
         contacts=tuple(contacts),
+        runs=tuple(contact.run for contact in contacts),
     )
 
 
@@ -253,8 +289,13 @@ def warn_of_turns(result: Result) -> None:
                 )
 
 
+def _called(item: PartitionBody | ContactResults) -> str:
+    kind = "body" if isinstance(item, PartitionBody) else "contact"
+    return f"{kind} {item.name!r}" if item.name else f"the {kind}"
+
+
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
-    name = f"contact {contact.name!r}" if contact.name else "the contact"
+    name = _called(contact)
     if contact.reached_edge_at is not None:
         warnings.warn(
             f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, {contact.reached_edge} m; "
