@@ -297,9 +297,10 @@ def _called(item: PartitionBody | ContactResults) -> str:
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     name = _called(contact)
     if contact.reached_edge_at is not None:
+        partitions = "both partitions" if len(contact.sides) > 1 else "the partition"
         warnings.warn(
             f"{name} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, {contact.reached_edge} m; "
-            "the force is too small from then on. Enlarge the contact radius of both partitions",
+            f"the force is too small from then on. Enlarge the contact radius of {partitions}",
             ContactPatchWarning,
             stacklevel=4,
         )

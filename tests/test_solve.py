@@ -400,9 +400,16 @@ def test_contact_at_the_rim_of_its_patch_warns(ball, block, top):
     small = ep.Partition.ball(ball[0], (0, 0, 0), 0.3e-3)
     bodies = [ep.reduce(*pair, basis="residual", f_cut=150e3) for pair in ((ball[0], small), (block, top))]
     mbs, *_ = collide(bodies)
-    with pytest.warns(ContactPatchWarning, match=r"reached the edge of its patch .* Enlarge the contact") as caught:
+    with pytest.warns(
+        ContactPatchWarning, match="reached the edge .* Enlarge the contact radius of both partitions$"
+    ) as caught:
         ep.solve_dynamic(mbs, end_time=END)
     assert caught[0].filename == __file__
+    mbs = exu.SystemContainer().AddSystem()
+    ep.CreatePartitionContact(mbs, ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -1]), ep.RigidPlane())
+    mbs.Assemble()
+    with pytest.warns(ContactPatchWarning, match="Enlarge the contact radius of the partition$"):
+        ep.solve_dynamic(mbs, end_time=END)
 
 
 def test_whole_faces_have_no_rim(block):
