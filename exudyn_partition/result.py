@@ -68,6 +68,10 @@ class Result:
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
     runs: tuple[object, ...] = field(default=(), repr=False)
 
+    def __repr__(self) -> str:
+        step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
+        return f"Result({self.status}: {self.message}; {step}{len(self.t)} samples)"
+
     def sensor(self, number: Any) -> Array:
         """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
 
@@ -81,7 +85,7 @@ class Result:
         return self.sensors[int(number)]
 
     def sensor_of(self, item: PartitionBody | ContactResults, number: Any) -> Array:
-        """Samples of a sensor of `item`, as `sensor`; another model has the same numbers for other things.
+        """Samples of the sensor `number` of `item`; another model has the same numbers for other things.
 
         Raises
         ------

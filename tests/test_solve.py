@@ -364,6 +364,12 @@ def test_bodies_of_another_model(impact, bodies):
         ep.CreatePartitionContact(other, impact[1], ep.CreatePartitionBody(other, bodies[1]))
 
 
+def test_a_result_prints_itself_in_a_line(impact):
+    result = ep.solve_dynamic(impact[0], end_time=1e-6, step=0.5e-6)
+    assert repr(result) == "Result(finished: reached 1e-06 s; 2 steps of 5e-07 s, explicit, 3 samples)"
+    assert str(ep.collect(impact[0])) == "Result(finished: samples of the model's last run; 3 samples)"
+
+
 def test_a_result_of_another_model_is_refused(bodies):
     """Sensors of equal models have equal numbers: what they stored would pass for the other's."""
     (mbs, *_), (_, striker, _, contact) = collide(bodies), collide(bodies)
