@@ -85,7 +85,7 @@ class Result:
         return self.sensors[int(number)]
 
     def sensor_of(self, item: PartitionBody | ContactResults, number: Any) -> Array:
-        """Samples of the sensor `number` of `item`; another model has the same numbers for other things.
+        """Samples of the sensor `number` of `item`, (n, k); another model has the same numbers for other things.
 
         Raises
         ------
