@@ -14,8 +14,10 @@ Array = np.ndarray
 
 
 def validate_array(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
-    """Return `value` as a read-only float array of `shape` (None: any length), all finite."""
+    """Return `value` as a read-only float array of `shape` (None: any length), all finite; text is no number."""
     try:
+        if np.asarray(value).dtype.kind in "SU":  # NumPy reads numbers from text
+            raise TypeError
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: expected numbers of shape {_show(shape)}, got {value!r}") from error

@@ -217,13 +217,17 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     return reduced
 
 
-def adapted_basis(space: AdaptedSpace, f_cut: float) -> ReducedBasis:
-    """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that."""
+def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises that") -> ReducedBasis:
+    """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that.
+
+    `remedy` says how a user keeps more.
+    """
     found = space.pairs(f_cut)
     pairs = _with_attachments(space, found, space.static[:, n_rows(space.partition) :])
     left_out = (
         f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
-        f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz (f_cut raises that)",
+        f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz, {DROP_ABOVE:g} f_cut "
+        f"({remedy})",
     )
     return _with_residual_flexibility("contact-adapted", space, pairs, len(found.omega), space.static, left_out)
 
@@ -240,7 +244,8 @@ def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
     size = np.ptp(fem.points, axis=0).max()
     return FrequencyRangeError(
         f"f_cut: no elastic mode lies below {f_cut:.6g} Hz. The body is {size:.4g} m long, longitudinal waves cross it "
-        f"{fem.material.bar_wave_speed / (2 * size):.4g} times a second there and back; take f_cut well above that"
+        f"{fem.material.bar_wave_speed / (2 * size):.4g} times a second there and back; take f_cut well above that, "
+        "or tolerance= (reduce_pair), which takes such a body as rigid but for its contact"
     )
 
 

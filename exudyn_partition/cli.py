@@ -24,7 +24,7 @@ import numpy as np
 from ._optional import require
 from ._version import __version__
 from .body import ReducedBody, load_body
-from .errors import InputError, PartitionError, PartitionWarning
+from .errors import CallError, InputError, PartitionError, PartitionWarning
 from .estimate import STEPS_A_PERIOD
 from .hertz import effective, impact
 from .material import ALUMINIUM, STEEL, Material
@@ -82,7 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 code, found = options.run(options)
         except PartitionError as error:
             print(f"error: {error}", file=sys.stderr)
-            code, found = 1, {"error": type(error).__name__, "message": str(error)}
+            code = 2 if isinstance(error, CallError) else 1
+            found = {"error": type(error).__name__, "message": str(error)}
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return 130
@@ -121,19 +122,19 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--material", required=True, type=_material, help="steel, aluminium, or E,nu,rho [Pa, 1, kg/m3]")
     xyz = ("X", "Y", "Z")
     one.add_argument("--at", required=True, action="append", type=float, nargs=3, metavar=xyz, help="contact point [m]")
-    one.add_argument("--radius", required=True, action="append", type=float, help="of the impact region there [m]")
+    one.add_argument("--radius", required=True, action="append", type=_positive, help="of the impact region there [m]")
     one.add_argument("--name", action="append", help="of the patch")
     cut = one.add_mutually_exclusive_group(required=True)
-    cut.add_argument("--f-cut", type=float, metavar="HZ", help="keep what moves below this frequency")
+    cut.add_argument("--f-cut", type=_positive, metavar="HZ", help="keep what moves below this frequency")
     cut.add_argument(
-        "--tolerance", type=float, help="or grow the body until its estimated error is below, such as 0.01"
+        "--tolerance", type=_positive, help="or grow the body until its estimated error is below, such as 0.01"
     )
-    one.add_argument("--speed", type=float, default=1.0, help="of the impact that --tolerance judges [m/s]")
+    one.add_argument("--speed", type=_positive, default=1.0, help="of the impact that --tolerance judges [m/s]")
     one.add_argument("--basis", default="contact-adapted", choices=BASES)
-    one.add_argument("--scale", type=float, default=1.0, help="factor on the file's lengths: 1e-3 for millimetres")
+    one.add_argument("--scale", type=_positive, default=1.0, help="factor on the file's lengths: 1e-3 for millimetres")
     one.add_argument("--order", type=int, choices=(1, 2), help="of the elements")
-    one.add_argument("--maxh", type=float, metavar="M", help="largest element, for STEP files [m]")
-    one.add_argument("--h", type=float, metavar="M", help="elements within the impact region, for STEP files [m]")
+    one.add_argument("--maxh", type=_positive, metavar="M", help="largest element, for STEP files [m]")
+    one.add_argument("--h", type=_positive, metavar="M", help="elements within the impact region, for STEP files [m]")
 
     one = command("info", _info, "Say what a body file holds.")
     one.add_argument("body", type=Path, metavar="BODY.npz")
@@ -144,13 +145,24 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--first", required=True, nargs=3, metavar=three, help=said)
     said = "the same; inf for a mass that is held or a flat surface (default: a rigid wall)"
     one.add_argument("--second", default=("inf", "inf", "rigid"), nargs=3, metavar=three, help=said)
-    one.add_argument("--speed", required=True, type=float, help="of approach [m/s]")
+    one.add_argument("--speed", required=True, type=_positive, help="of approach [m/s]")
     one.add_argument(
-        "--impedance", type=float, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
+        "--impedance", type=_positive, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
     )
 
     command("doctor", _doctor, "Check the installation by versions and by a small impact.")
     return parser
+
+
+def _positive(text: str) -> float:
+    """Number above zero."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"expected a number above zero, got {text!r}")
+    return number
 
 
 def _material(text: str) -> Material:
@@ -169,13 +181,11 @@ def _material(text: str) -> Material:
 
 def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     if len(options.radius) not in (1, len(options.at)):
-        raise InputError(
-            f"--radius: expected one, or one for each of {len(options.at)} --at, got {len(options.radius)}"
-        )
+        raise CallError(f"--radius: expected one, or one for each of {len(options.at)} --at, got {len(options.radius)}")
     radii = options.radius * (len(options.at) if len(options.radius) == 1 else 1)
     names = options.name or [""] * len(options.at)
     if len(names) != len(options.at):
-        raise InputError(f"--name: expected one for each of {len(options.at)} --at, got {len(names)}")
+        raise CallError(f"--name: expected one for each of {len(options.at)} --at, got {len(names)}")
     if not options.out.parent.is_dir():
         raise InputError(f"--out: there is no folder {options.out.parent}; make it first")
     places = [(np.array(at), radius) for at, radius in zip(options.at, radii, strict=True)]
@@ -245,7 +255,7 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
         _hertz_body(f"--{name}", getattr(options, name)) for name in ("first", "second")
     )
     if material_1 is None:
-        raise InputError("--first: expected a material, only the second body may be rigid")
+        raise CallError("--first: expected a material, only the second body may be rigid")
     mass = effective(mass_1, mass_2)
     found = impact(mass, options.speed, radius_1, radius_2, material_1, material_2, impedance=options.impedance)
     result = {
@@ -265,12 +275,12 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
 def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Material | None]:
     mass, radius, material = values
     try:
-        number = load_body(mass).total_mass if mass.endswith(".npz") else float(mass)
-        return number, float(radius), None if material == "rigid" else _material(material)
+        number = load_body(mass).total_mass if mass.endswith(".npz") else _positive(mass)
+        return number, _positive(radius), None if material == "rigid" else _material(material)
     except (ValueError, argparse.ArgumentTypeError) as error:
         if isinstance(error, PartitionError):
             raise
-        raise InputError(f"{option}: expected MASS RADIUS MATERIAL, such as 0.03 0.01 steel: {error}") from error
+        raise CallError(f"{option}: expected MASS RADIUS MATERIAL, such as 0.03 0.01 steel: {error}") from error
 
 
 def _doctor(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:

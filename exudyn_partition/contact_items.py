@@ -65,6 +65,7 @@ class PartitionContact(ContactResults):
             (self.law if len(self.group) == 1 else self.together).reset()
         self.reached_edge_at: float | None = None
         self.reached_edge: Array | None = None
+        self.run = object()
         self._sampled_at = self._stepped_to = t
         self._impulse = np.zeros(4)
         self._samples: list[tuple[float, Array, Array]] = []

@@ -47,18 +47,23 @@ class ContactResults(dict):
 
     Attributes
     ----------
+    name : str
     slave : PartitionBody
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     law : ContactLaw or TwoPass
     laws : dict of str to ContactLaw
         Of multipliers, that of explicit runs and that of implicit ones, which take turns as `law`.
+    run : object
+        A new one for each run, by which results know whether what is kept here is theirs.
     group : list of ContactResults
         Contacts that are solved together; `together` solves them if there are several.
     """
 
+    name: str
     slave: PartitionBody
     sides: tuple[tuple[PartitionBody, int], ...]
+    run: object
     law: Any  # which one decides what it can do
     laws: dict[str, Any]
     group: list[Any]
@@ -81,7 +86,7 @@ class ContactResults(dict):
 
     def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
         """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
-        samples = result.sensor(self["sForce"])
+        samples = result.sensor_of(self, self["sForce"])
         if not self.ahead or len(result.t) < 2:
             return samples[:, forces]
         impulse = samples[:, impulses]
@@ -98,11 +103,11 @@ class ContactResults(dict):
         """
         if "sMoment" not in self:
             raise InputError("contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble()")
-        return result.sensor(self["sMoment"])
+        return result.sensor_of(self, self["sMoment"])
 
     def closed_rows(self, result: Result) -> Array:
         """Number of closed contact rows, (n,)."""
-        return result.sensor(self["sForce"])[:, 1].astype(int)
+        return result.sensor_of(self, self["sForce"])[:, 1].astype(int)
 
     def gap(self, result: Result) -> Array:
         """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it.
@@ -110,13 +115,19 @@ class ContactResults(dict):
         Integrated rows have mean gaps around nodes: a convex tip touches when the first mean closes, after its lowest
         point by the order of a facet's size squared over the radius.
         """
-        return result.sensor(self["sForce"])[:, 5]
+        return result.sensor_of(self, self["sForce"])[:, 5]
 
     def row_forces(self, result: Result) -> sp.csr_matrix:
         """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
 
         With two passes, those of the master's patch nodes follow; both halves together are the total force.
+
+        Raises
+        ------
+        InputError
+            If the model has been run again since `result`: forces of rows are kept of the last run only.
         """
+        result.check_last_run(self)
         place = {t: i for i, t in enumerate(result.t)}
         kept = [(place[t], nodes, lam) for t, nodes, lam in self._samples if t in place]
         at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)

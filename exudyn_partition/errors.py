@@ -9,6 +9,10 @@ class InputError(PartitionError, ValueError):
     """An argument has the wrong type, shape, range or a value that is not finite."""
 
 
+class CallError(InputError):
+    """Arguments of the command line that no command takes."""
+
+
 class MeshError(InputError):
     """A mesh or FE model that cannot be used: wrong elements, inconsistent matrices, several parts."""
 

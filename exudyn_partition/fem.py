@@ -31,6 +31,8 @@ _HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 /
 # Volume of the regular tetrahedron or of the cube with edges of length one.
 _UNIT_VOLUME = {4: 2**-0.5 / 6, 10: 2**-0.5 / 6, 8: 1.0}
 
+# Speeds of waves in bars, sqrt(E / rho), in metres and in millimetres a second: from foam to beyond diamond.
+_WAVE_SPEEDS = ((10.0, 2e4), (1e6, 2e7))
 # A material with less than this is not given in SI units: foam rubber has E = 1e5 Pa, aerogel rho = 50 kg/m3.
 _SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
 _LINEAR_NU = 0.49  # Poisson's ratio up to which linear elements are usable
@@ -127,11 +129,22 @@ class FEModel:
             )
 
     def warn_if_units_slipped(self) -> None:
-        """Warn (`UnitsWarning`) if size and density give an implausible frequency or mass: millimetres for metres."""
+        """Warn (`UnitsWarning`) of a material of no solid, or of a size and density with an implausible frequency."""
+        speed = self.material.bar_wave_speed
+        dimensionless = 1.0 in (self.material.E, self.material.rho)
+        if not dimensionless and not any(low <= speed <= high for low, high in _WAVE_SPEEDS):
+            warnings.warn(
+                f"material: the speed of waves in a bar, sqrt(E / rho), is {speed:.3g}, that of no solid: expected "
+                f"10 to 2e4 in m/s, or 1e6 to 2e7 in mm/s, got E={self.material.E:.6g} and rho={self.material.rho:.6g}."
+                " Steel has E=210e9 and rho=7800 in SI units, 210e3 and 7.8e-9 in mm, t and s",
+                UnitsWarning,
+                stacklevel=3,
+            )
+            return
         if self.material.E < _SOFTEST_SI or self.material.rho < _LIGHTEST_SI:
             return  # another system of units, mm-t-s or dimensionless
         size = np.ptp(self.points, axis=0).max()
-        lowest = self.material.bar_wave_speed / (2 * size)
+        lowest = speed / (2 * size)
         if lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:
             warnings.warn(
                 f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, its first "

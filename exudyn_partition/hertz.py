@@ -50,6 +50,12 @@ class HertzImpact:
     def __post_init__(self) -> None:
         read_only(self.t, self.force)
 
+    def __repr__(self) -> str:
+        return (
+            f"HertzImpact(peak force {self.peak_force:.4g} N, approach {self.approach:.4g} m, duration "
+            f"{self.duration:.4g} s, rise time {self.rise_time:.4g} s, contact radius {self.contact_radius:.4g} m)"
+        )
+
     def truncation_frequency(self, *, tolerance: float = 0.01) -> float:
         """Truncation frequency that the force asks for, before any run (paper, section 5.2).
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import scipy.sparse as sp
 from ._checks import validate_file, validate_positive, validate_vector
 from ._optional import require
 from ._progress import pulsing
-from .errors import InputError, MeshError
+from .errors import InputError, MeshError, UnitsWarning
 from .fem import TET_EDGES, FEModel, facet_corners
 from .material import Material
 from .mesh_files import VolumeMesh, inverted, read_mesh
@@ -21,6 +22,7 @@ from .mesh_files import VolumeMesh, inverted, read_mesh
 Array = np.ndarray
 
 _STEP_ENDINGS = (".step", ".stp")
+_MOST_POINTS = 1e7  # of a ball's grid: Netgen takes minutes to mesh that
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,11 @@ class Refine:
         object.__setattr__(self, "center", validate_vector("center", self.center))
         validate_positive("radius", self.radius, "m")
         validate_positive("h", self.h, "m")
+
+    @property
+    def n_points(self) -> float:
+        """Number of `points`, estimated without making them."""
+        return 4 / 3 * np.pi * (self.radius / self.h + 0.5) ** 3
 
     def points(self) -> Array:
         """(n, 3) array: a grid of spacing h that fills the ball [m]."""
@@ -75,21 +82,32 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     Raises
     ------
     InputError
-        If the shape is no OCC shape or a size is not above zero.
+        If the shape is no OCC shape, a size is not above zero, or a ball takes more elements than memory holds.
     MeshError
         If Netgen cannot mesh the shape with this size.
     MissingPackageError
         If ngsolve is not installed.
+
+    Warns
+    -----
+    UnitsWarning
+        If `maxh` is longer than the body, or a ball misses it or has no effect.
     """
+    return _meshed(shape, maxh, refine, grading)
+
+
+def _meshed(shape: Any, maxh: float, refine: Iterable[Refine], grading: float) -> Any:
+    """What `generate_mesh` does, as far from the caller's line, which warnings name, as from that of `fe_model`."""
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
     validate_positive("maxh", maxh, "m")
     validate_positive("grading", grading)
     if not isinstance(shape, occ.TopoDS_Shape):
         raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
-    regions = [refine] if isinstance(refine, Refine) else list(refine)
+    regions: list[Refine] = [refine] if isinstance(refine, Refine) else list(refine)
     for region in regions:
         if not isinstance(region, Refine):
             raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
+    size = _checked_size(shape, maxh, regions)
     parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
     for region in regions:
         for x, y, z in region.points():
@@ -102,8 +120,47 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
             f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
             "elements not much larger than they are thick"
         ) from error
+    vertices = mesh.ngmesh.Coordinates()
+    for region in regions:
+        distance = np.linalg.norm(vertices - region.center, axis=1).min()
+        if distance > region.radius + region.h:
+            warnings.warn(
+                f"refine: the ball of radius {region.radius:g} m at {tuple(map(float, region.center))} misses the "
+                f"body, of {size:.4g} m, by {distance - region.radius:.3g} m. Give its centre in the shape's own "
+                "coordinates and unit, metres",
+                UnitsWarning,
+                stacklevel=3,
+            )
     mesh.Curve(2)
     return mesh
+
+
+def _checked_size(shape: Any, maxh: float, regions: list[Refine]) -> float:
+    """Size of a shape [m], with element sizes judged beside it."""
+    low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
+    size = float((high - low).max())
+    if maxh > size:
+        warnings.warn(
+            f"maxh: {maxh:g} m is longer than the body, {size:.4g} m; lengths are those of the shape, metres: give "
+            "maxh in them, or scale=1e-3 of fe_model for a shape in millimetres",
+            UnitsWarning,
+            stacklevel=4,
+        )
+    for region in regions:
+        if region.n_points > _MOST_POINTS:
+            raise InputError(
+                f"refine: a ball of radius {region.radius:g} m with elements of {region.h:g} m takes "
+                f"{region.n_points:.2g} of them, expected at most {_MOST_POINTS:g}; the body is {size:.4g} m long. Is "
+                "a length in millimetres? Give radius and h in metres"
+            )
+        if region.h >= maxh:
+            warnings.warn(
+                f"refine: h={region.h:g} m has no effect, it is not below maxh={maxh:g} m; the body is {size:.4g} m "
+                "long. Is it in millimetres? Give it in metres",
+                UnitsWarning,
+                stacklevel=4,
+            )
+    return size
 
 
 def fe_model(
@@ -149,7 +206,8 @@ def fe_model(
     Warns
     -----
     UnitsWarning
-        If size and density give an implausible frequency or mass.
+        If the material is that of no solid, size and density give an implausible frequency or mass, `maxh` is longer
+        than the body, or a ball of `refine` misses it or has no effect.
     """
     ngsolve = require("ngsolve")
     if order not in (None, 1, 2):
@@ -169,7 +227,7 @@ def fe_model(
         else:
             if maxh is None:
                 raise InputError("maxh: a shape needs a largest element size [m]")
-            mesh = generate_mesh(_scaled(mesh, scale), maxh=maxh, refine=refine, grading=grading)
+            mesh = _meshed(_scaled(mesh, scale), maxh, refine, grading)
         with pulsing("assemble"):
             fem = _from_mesh(ngsolve, mesh, material, order or 2)
     fem.warn_if_units_slipped()

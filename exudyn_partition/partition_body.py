@@ -174,11 +174,11 @@ class PartitionBody(dict):
 
     def coordinates(self, result: Result) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
-        return np.hstack([result.sensor(s) for s in self["sCoordinates"]])
+        return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates"]])
 
     def coordinates_t(self, result: Result) -> Array:
         """Velocities of the coordinates, (n, n_dofs), at the times of `result`."""
-        return np.hstack([result.sensor(s) for s in self["sCoordinates_t"]])
+        return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
 
     def displacement(self, result: Result, point: Array) -> Array:
         """Displacement of the node nearest to `point`, (n, 3) [m]; point (3,) in the body's own coordinates [m]."""

@@ -23,6 +23,8 @@ from .floating import InertiaIntegrals
 from .linalg import one_blas_thread
 from .partition import Partition
 
+_OVERSIZE = 2  # times maxh is what Netgen's largest elements come out as
+
 BASES = {
     "free": bases.free,
     "craig-bampton": bases.craig_bampton,
@@ -167,8 +169,13 @@ def reduce_pair(
     ToleranceWarning, CacheWarning
         As `reduce`.
     """
-    for fem, partition in (slave, master):
-        _validate_partition(fem, partition)
+    for name, model in (("slave", slave), ("master", master)):
+        if not isinstance(model, tuple | list) or len(model) != 2:
+            raise InputError(
+                f"{name}: expected (FEModel, Partition), got {type(model).__name__}; call "
+                "reduce_pair((fem, partition), (fem, partition), ...)"
+            )
+        _validate_partition(*model)
     numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
     options = _impact_options(tolerance, speed, duration)
     models = [slave, master]
@@ -191,10 +198,11 @@ def _validate_partition(fem: FEModel, partition: Partition) -> None:
 def _resolved(fem: FEModel, f_cut: float) -> float:
     f_cut = validate_positive("f_cut", f_cut, "Hz")
     if f_cut > fem.resolved_frequency:
+        wanted = fem.max_size * fem.resolved_frequency / f_cut
         raise FrequencyRangeError(
             f"f_cut: the mesh resolves {fem.resolved_frequency:.4g} Hz (four node spacings a shear wave in its largest "
             f"element, of size {fem.max_size:.4g} m), got {f_cut:.6g} Hz. Refine it to elements of "
-            f"{fem.max_size * fem.resolved_frequency / f_cut:.3g} m or lower f_cut"
+            f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut"
         )
     return f_cut
 
@@ -226,7 +234,7 @@ def _reduce_to_tolerance(
     begin = time.perf_counter()
     with one_blas_thread():
         spaces, estimate = grow_to_tolerance(models, patches, **options, progress=progress)
-        reduced = [bases.adapted_basis(space, estimate.f_cut) for space in spaces]
+        reduced = [bases.adapted_basis(space, estimate.f_cut, "a smaller tolerance keeps more") for space in spaces]
         bodies = [_body(*model, r, estimate.f_cut, begin, estimate) for model, r in zip(models, reduced, strict=True)]
     share = (time.perf_counter() - begin) / len(bodies)
     return tuple(replace(body, reduce_s=share) for body in bodies)

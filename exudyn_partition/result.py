@@ -13,6 +13,7 @@ import numpy as np
 from ._checks import validate_array, validate_positive
 from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
+from .contact_results import ContactResults
 from .errors import ContactPatchWarning, InputError, ModelLimitWarning, RunError, StoppedRunWarning
 from .history import History
 from .partition_body import PartitionBody, partition_items
@@ -53,6 +54,8 @@ class Result:
         The model's.
     contacts : tuple of PartitionContact
         The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
+    runs : tuple of object
+        `run` of each contact when the result was made.
     """
 
     t: Array
@@ -65,6 +68,11 @@ class Result:
     sensors: Mapping[int, Array] = field(repr=False)
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
+    runs: tuple[object, ...] = field(default=(), repr=False)
+
+    def __repr__(self) -> str:
+        step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
+        return f"Result({self.status}: {self.message}; {step}{len(self.t)} samples)"
 
     def sensor(self, number: Any) -> Array:
         """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
@@ -77,6 +85,37 @@ class Result:
         if int(number) not in self.sensors:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
+
+    def sensor_of(self, item: PartitionBody | ContactResults, number: Any) -> Array:
+        """Samples of the sensor `number` of `item`, (n, k); another model has the same numbers for other things.
+
+        Raises
+        ------
+        InputError
+            If the item was not in the model that was run.
+        """
+        if not any(item is known for known in (*self.bodies, *self.contacts)):
+            raise InputError(
+                f"result: expected one of the model that {_called(item)} belongs to, got one of another model, or of "
+                "a run before it was added; take what solve_dynamic or collect returns for its own"
+            )
+        return self.sensor(number)
+
+    def check_last_run(self, contact: ContactResults) -> None:
+        """Raise unless what `contact` keeps itself, beside its sensors, is of this run.
+
+        Raises
+        ------
+        InputError
+            If the contact is of another model, or this one has been run again.
+        """
+        self.sensor_of(contact, contact["sForce"])
+        runs = [run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact]
+        if runs[0] is not contact.run:
+            raise InputError(
+                "result: forces of rows, pressures and contact areas are kept of the last run only; the model of "
+                f"{_called(contact)} has been run again since this one. Ask for them before, or repeat this run"
+            )
 
     def at(self, times: Sequence[float] | Array | int) -> Result:
         """Return the samples nearest to some times, each once: for frames of a film.
@@ -172,6 +211,7 @@ def samples(mbs: Any) -> Result:
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
         bodies=tuple(bodies),
         contacts=tuple(contacts),
+        runs=tuple(contact.run for contact in contacts),
     )
 
 
@@ -211,10 +251,6 @@ def cut(result: Result, count: int) -> Result:
     return replace(result, t=result.t[:count], sensors=sensors)
 
 
-def _name(contact: PartitionContact) -> str:
-    return f"contact {contact.name!r}" if contact.name else "the contact"
-
-
 def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
     angle = np.linalg.norm(item.rigid_motion(item.coordinates(result))[:, 3:], axis=1)
     if angle.max() > _LARGEST_ROTATION:
@@ -238,7 +274,7 @@ def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
     largest = max(item.energy(result).max() for item, _ in contact.sides)
     if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
         warnings.warn(
-            f"{_name(contact)} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
+            f"{_called(contact)} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
             f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
             "them apart. Move one by that much (referencePosition)",
             ModelLimitWarning,
@@ -257,7 +293,7 @@ def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
         steps = round((impact.end - impact.start) / result.step) + 1
         if impact.impulse > _LARGE * largest and steps < _STEPS_AN_IMPACT and impact.end < result.t[-1]:
             warnings.warn(
-                f"{_name(contact)} at t = {impact.start:.6g} s: the impact is over within {steps} steps of "
+                f"{_called(contact)} at t = {impact.start:.6g} s: the impact is over within {steps} steps of "
                 f"{result.step:.4g} s, which do not resolve its force; implicit steps that long give bodies energy. "
                 "Take a twentieth of the impact's duration or less, see ep.hertz.impact; without `step` the library "
                 "chooses",
@@ -273,8 +309,8 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
     if not gaps.faced and not contact.force(result).any():
         patch = gaps.slave.surface
         warnings.warn(
-            f"{_name(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m with "
-            f"outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
+            f"{_called(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m "
+            f"with outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
             "referenceRotation and the partitions, or run longer",
             ContactPatchWarning,
             stacklevel=4,
@@ -296,12 +332,18 @@ def warn_of_turns(result: Result) -> None:
                 )
 
 
+def _called(item: PartitionBody | ContactResults) -> str:
+    kind = "body" if isinstance(item, PartitionBody) else "contact"
+    return f"{kind} {item.name!r}" if item.name else f"the {kind}"
+
+
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     if contact.reached_edge_at is not None:
+        partitions = "both partitions" if len(contact.sides) > 1 else "the partition"
         warnings.warn(
-            f"{_name(contact)} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, "
-            f"{contact.reached_edge} m; the force is too small from then on. Enlarge the contact radius of both "
-            "partitions",
+            f"{_called(contact)} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, "
+            f"{contact.reached_edge} m; the force is too small from then on. Enlarge the contact radius of "
+            f"{partitions}",
             ContactPatchWarning,
             stacklevel=4,
         )

@@ -1,11 +1,13 @@
 """The bases against the full FE model: reduced matrices, static exactness, dynamics, full-basis limit."""
 
+import re
+
 import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse.linalg
-from conftest import relative
+from conftest import box, relative
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -212,9 +214,24 @@ def test_frequency_above_what_the_mesh_resolves(block, top):
         ep.reduce(block, top, f_cut=1e7)
 
 
+def test_the_proposed_maxh_resolves_the_frequency(block, top):
+    f_cut = 2 * block.resolved_frequency
+    with pytest.raises(FrequencyRangeError, match="with a maxh of about") as caught:
+        ep.reduce(block, top, f_cut=f_cut)
+    maxh = float(re.search(r"maxh of about ([^,]*),", str(caught.value))[1])
+    assert ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, maxh=maxh).resolved_frequency > f_cut
+
+
+def test_what_is_left_out_above_says_how_to_keep_it(block, top):
+    (said,) = (s for s in ep.reduce(block, top, f_cut=80e3).left_out if s.startswith("the dynamics"))
+    assert "motion above 120000 Hz, 1.5 f_cut (f_cut raises that)" in said
+    (said,) = (s for s in ep.reduce(block, top, tolerance=0.5).left_out if s.startswith("the dynamics"))
+    assert "(a smaller tolerance keeps more)" in said
+
+
 @pytest.mark.parametrize("basis", BASES)
 def test_no_mode_below_the_truncation_frequency(block, top, basis):
-    with pytest.raises(FrequencyRangeError, match="no elastic mode lies below 100 Hz"):
+    with pytest.raises(FrequencyRangeError, match=r"no elastic mode lies below 100 Hz.*tolerance="):
         ep.reduce(block, top, basis=basis, f_cut=100.0)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 
@@ -62,7 +63,7 @@ def test_two_patches_and_a_tolerance(step_file, tmp_path, capsys):
 def test_a_wrong_number_of_radii(step_file, tmp_path, capsys):
     arguments = ["reduce", step_file, *BLOCK, "--radius", 1e-3, "--radius", 1e-3, "--f-cut", 8e4, "-o", tmp_path / "b"]
     code, found, err = call(capsys, *arguments)
-    assert (code, found["error"]) == (1, "InputError")
+    assert (code, found["error"]) == (2, "CallError")
     assert "--radius: expected one, or one for each of 1 --at, got 3" in err
 
 
@@ -140,7 +141,9 @@ def test_errors_go_to_stderr_and_warnings_too(tmp_path, capsys):
         ([], "the following arguments are required"),
         (["reduce", "x.step"], "-o/--out, --material, --at, --radius"),
         (["reduce", "x.step", "--material", "gold"], "expected steel, aluminium or E,nu,rho such as 210e9,0.3,7800"),
-        (["estimate", "--speed", "fast", "--first", "1", "1", "steel"], "invalid float value: 'fast'"),
+        (["estimate", "--speed", "fast", "--first", "1", "1", "steel"], "expected a number above zero, got 'fast'"),
+        (["estimate", "--speed", "-1", "--first", "1", "1", "steel"], "expected a number above zero, got '-1'"),
+        (["reduce", "x.step", "--f-cut", "nan"], "expected a number above zero, got 'nan'"),
     ],
 )
 def test_wrong_calls_end_with_2(arguments, message, capsys):
@@ -148,6 +151,21 @@ def test_wrong_calls_end_with_2(arguments, message, capsys):
         cli.main(arguments)
     assert ended.value.code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("first", "message"),
+    [
+        (["1", "0.01", "gold"], "--first: expected MASS RADIUS MATERIAL, .* got 'gold'"),
+        (["1", "0.01", "rigid"], "--first: expected a material, only the second body may be rigid"),
+        (["-1", "0.01", "steel"], "--first: expected MASS RADIUS MATERIAL, .* above zero, got '-1'"),
+        (["1", "0", "steel"], "--first: expected MASS RADIUS MATERIAL, .* above zero, got '0'"),
+    ],
+)
+def test_bodies_of_an_estimate_that_are_none_end_with_2(first, message, capsys):
+    code, found, _ = call(capsys, "estimate", "--speed", 1, "--first", *first)
+    assert (code, found["error"]) == (2, "CallError")
+    assert re.match(message, found["message"])
 
 
 @pytest.mark.parametrize("command", [[], ["reduce"], ["info"], ["estimate"], ["doctor"]])

@@ -221,8 +221,8 @@ def test_elements_that_curving_turns_inside_out():
 
 def test_a_shape_that_netgen_cannot_mesh():
     shell = occ.Sphere(occ.Pnt(0, 0, 0), 0.01) - occ.Sphere(occ.Pnt(0, 0, 0), 0.0097)
-    with pytest.raises(MeshError, match=r"Netgen could not mesh it with maxh=0.05 m .* Take a smaller maxh"):
-        ep.generate_mesh(shell, maxh=0.05, grading=0.9)
+    with pytest.raises(MeshError, match=r"Netgen could not mesh it with maxh=0.02 m .* Take a smaller maxh"):
+        ep.generate_mesh(shell, maxh=0.02, grading=0.9)
 
 
 def test_a_mesh_that_is_curved_beyond_the_elements_order():

@@ -1,6 +1,7 @@
 """Hertz's formulas and Zener's impacts against the values of cases.md, closed forms and limits."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -217,3 +218,9 @@ def test_bad_input_of_impedances():
         hertz.plate_impedance(STEEL, -1.0)
     with pytest.raises(InputError, match="second"):
         hertz.effective(1.0, 0.0)
+
+
+def test_an_impact_prints_itself_in_a_line():
+    text = str(hertz.impact(0.03, 1.0, 0.01, math.inf, ep.STEEL))
+    assert re.fullmatch(r"HertzImpact\(peak force \d+ N, approach \S+ m, .*, contact radius \S+ m\)", text)
+    assert len(text) < 140

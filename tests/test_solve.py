@@ -364,6 +364,37 @@ def test_bodies_of_another_model(impact, bodies):
         ep.CreatePartitionContact(other, impact[1], ep.CreatePartitionBody(other, bodies[1]))
 
 
+def test_a_result_prints_itself_in_a_line(impact):
+    result = ep.solve_dynamic(impact[0], end_time=1e-6, step=0.5e-6)
+    assert repr(result) == "Result(finished: reached 1e-06 s; 2 steps of 5e-07 s, explicit, 3 samples)"
+    assert str(ep.collect(impact[0])) == "Result(finished: samples of the model's last run; 3 samples)"
+
+
+def test_a_result_of_another_model_is_refused(bodies):
+    """Sensors of equal models have equal numbers: what they stored would pass for the other's."""
+    (mbs, *_), (_, striker, _, contact) = collide(bodies), collide(bodies)
+    result = ep.solve_dynamic(mbs, end_time=1e-6)
+    for ask in (striker.energy, striker.momentum, contact.force, contact.closed_rows, contact.gap, contact.row_forces):
+        with pytest.raises(InputError, match=r"result: .* model that (the contact|the body) belongs to, .* another"):
+            ask(result)
+
+
+def test_what_a_contact_keeps_itself_is_of_the_last_run(impact):
+    mbs, _, _, contact = impact
+    first = ep.solve_dynamic(mbs, end_time=20e-6)
+    force, rows = contact.force(first), contact.row_forces(first)
+    assert force.max() > 0
+    np.testing.assert_allclose(contact.row_forces(first.at(3)).sum(axis=1).A1, contact.force(first.at(3)))
+    np.testing.assert_array_equal(contact.row_forces(ep.collect(mbs)).data, rows.data)
+    second = ep.solve_dynamic(mbs, end_time=2e-6)
+    np.testing.assert_array_equal(contact.force(first), force)
+    for ask in (contact.row_forces, contact.pressure, contact.area, contact.radius):
+        ask(second)
+        for old in (first, first.at(3)):
+            with pytest.raises(InputError, match="kept of the last run only; the model of contact 'tip' has been run"):
+                ask(old)
+
+
 def test_two_contacts_on_one_patch(impact, bodies):
     mbs, _, target, _ = impact
     second = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP)
@@ -375,9 +406,16 @@ def test_contact_at_the_rim_of_its_patch_warns(ball, block, top):
     small = ep.Partition.ball(ball[0], (0, 0, 0), 0.3e-3)
     bodies = [ep.reduce(*pair, basis="residual", f_cut=150e3) for pair in ((ball[0], small), (block, top))]
     mbs, *_ = collide(bodies)
-    with pytest.warns(ContactPatchWarning, match=r"reached the edge of its patch .* Enlarge the contact") as caught:
+    with pytest.warns(
+        ContactPatchWarning, match="reached the edge .* Enlarge the contact radius of both partitions$"
+    ) as caught:
         ep.solve_dynamic(mbs, end_time=END)
     assert caught[0].filename == __file__
+    mbs = exu.SystemContainer().AddSystem()
+    ep.CreatePartitionContact(mbs, ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -1]), ep.RigidPlane())
+    mbs.Assemble()
+    with pytest.warns(ContactPatchWarning, match="Enlarge the contact radius of the partition$"):
+        ep.solve_dynamic(mbs, end_time=END)
 
 
 def test_whole_faces_have_no_rim(block):

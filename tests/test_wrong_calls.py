@@ -7,6 +7,7 @@ Elsewhere: forgot Assemble, body used twice, unknown frame and formulation (test
 
 import subprocess
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import exudyn as exu
@@ -19,6 +20,8 @@ from conftest import TOP, box
 import exudyn_partition as ep
 from exudyn_partition import _progress
 from exudyn_partition.errors import EmptyRegionError, FrequencyRangeError, InputError, RunError, UnitsWarning
+
+BLOCK = box(0.01, 0.02, 0.03)
 
 
 @pytest.fixture
@@ -38,6 +41,42 @@ def test_millimetres_for_metres_and_what_the_warning_proposes(step_file):
         EmptyRegionError, match=r"no node lies within 6 m of \(0, 0, 30\): .* the body spans .* 0.03\) m"
     ):
         ep.Partition.ball(fem, (0, 0, 30), 6)
+
+
+@pytest.mark.parametrize("units", [{"E": 210.0}, {"E": 210e3}, {"rho": 7.8}])
+def test_a_material_of_no_solid(units):
+    slipped = ep.Material(**({"E": 210e9, "nu": 0.3, "rho": 7800.0} | units))
+    with pytest.warns(
+        UnitsWarning, match="speed of waves in a bar, .*, that of no solid: expected 10 to 2e4"
+    ) as caught:
+        ep.fe_model(BLOCK, slipped, maxh=1e-2)
+    assert (len(caught), caught[0].filename) == (1, __file__)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "message"),
+    [
+        ({"maxh": 2}, r"maxh: 2 m is longer than the body, 0\.03 m; lengths are"),
+        (
+            {"refine": ep.Refine((0, 0, 0), 0.5, 0.2)},
+            r"refine: h=0\.2 m has no effect, .* maxh=0\.01 m; .* 0\.03 m long",
+        ),
+        (
+            {"refine": ep.Refine((0, 0, 30), 5e-3, 2e-3)},
+            r"refine: the ball .* at \(0\.0, 0\.0, 30\.0\) misses the body",
+        ),
+    ],
+)
+def test_mesh_sizes_in_millimetres(sizes, message):
+    for call in (partial(ep.generate_mesh, BLOCK), partial(ep.fe_model, BLOCK, ep.STEEL)):
+        with pytest.warns(UnitsWarning, match=message) as caught:
+            call(**{"maxh": 1e-2, **sizes})
+        assert (len(caught), caught[0].filename) == (1, __file__)
+
+
+def test_a_ball_of_more_elements_than_memory_holds():
+    with pytest.raises(InputError, match=r"radius 0\.5 m with elements of 0\.0002 m takes 6\.5e\+10 of them, .*metres"):
+        ep.fe_model(BLOCK, ep.STEEL, maxh=1e-2, refine=[ep.Refine((0, 0, 0), 0.5, 0.2e-3)])
 
 
 def test_scale_of_shapes_meshes_and_files(step_file, tmp_path, block):
@@ -95,6 +134,14 @@ def test_what_belongs_where(mbs, block, top, bodies):
             r"fem: expected what fe_model\(\) returns, a FEModel, got Partition",
         ),
         (lambda: ep.reduce_pair((block, None), (block, top), tolerance=0.1, speed=1), "partition: expected what Part"),
+        (
+            lambda: ep.reduce_pair(block, top, tolerance=0.1, speed=1),
+            r"slave: expected \(FEModel, Partition\), got FEModel",
+        ),
+        (
+            lambda: ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=["0", "0", "-1"]),
+            r"initialVelocity: expected numbers of shape \(3,\), got \['0', '0', '-1'\]",
+        ),
         (
             lambda: ep.Partition.ball(bodies[0], (0, 0, 0), 1e-3),
             r"fem: expected what fe_model\(\) returns, .*ReducedBody",

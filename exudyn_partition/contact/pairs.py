@@ -137,7 +137,7 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     shape = shape_functions(local, nodes.shape[1])
     frame = shape @ nodes
     miss = points - frame[:, 0]
-    step, _, squared = newton_step(frame, nodes, miss)
+    step, _, squared = newton_step(frame, miss)
     # What is left of the step changes the weights to first order, and the gap not at all.
     weights = shape[:, 0] + step[:, :1] * shape[:, 1] + step[:, 1:] * shape[:, 2]
     normal = cross(frame[:, 1], frame[:, 2]) / np.sqrt(squared)[:, None]

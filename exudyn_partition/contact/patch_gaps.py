@@ -60,7 +60,8 @@ class PatchGaps(Gaps):
             self.faced, self._start_q = False, self._facing_pose()
             if not self._start_q.any():
                 raise
-            self._start = pair_surfaces(*map(Side.at, self.sides, self.split(self._start_q)), kind)
+            q_s, q_m = self.split(self._start_q)
+            self._start = pair_surfaces(slave.at(q_s), master.at(q_m), kind)
         self.size, self.approach = self._start.facet_size, self._start.approach
         self._linear = slave.kinematics.linear and master.kinematics.linear
         self._witnesses = [_spread(side.surface.points) for side in self.sides]

@@ -229,8 +229,8 @@ def closest_points(points: Array, facets: Array) -> Projection:
     left = np.arange(len(targets))  # what has not converged
     for _ in range(_NEWTON_STEPS):
         frame = shape_functions(local[left], n_nodes) @ nodes[left]
-        step, metric, _ = newton_step(frame, nodes[left], targets[left] - frame[:, 0])
-        there = _clip(local[left], step, metric, domain)
+        step, (rr, rs, ss), _ = newton_step(frame, targets[left] - frame[:, 0], nodes[left])
+        there = _clip(local[left], step, np.stack([rr, rs, rs, ss], axis=1).reshape(-1, 2, 2), domain)
         change = abs(there - local[left]).max(axis=1)
         local[left] = there
         left = left[change >= _CONVERGED]
@@ -242,52 +242,54 @@ def closest_points(points: Array, facets: Array) -> Projection:
     return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
 
 
-def newton_step(frame: Array, nodes: Array, miss: Array) -> tuple[Array, Array, Array]:
+def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[Array, tuple[Array, ...], Array]:
     """Newton's step towards the closest point.
 
     Where the distance is not convex, as inside a curved surface, it is Gauss and Newton's, which takes the facet as
-    flat: far outside that would go past the closest point, by distance over radius of curvature.
+    flat: far outside that would go past the closest point, by distance over radius of curvature; nearby it will do.
 
     Parameters
     ----------
     frame : (k, 3, 3) array
         Place and tangents on the facet [m].
-    nodes : (k, n, 3) array
-        Positions of the nodes of each point's facet [m].
     miss : (k, 3) array
         Way from the place to the point [m].
+    nodes : (k, n, 3) array, optional
+        Positions of the nodes of each point's facet, which curve it [m]. Default: it is flat.
 
     Returns
     -------
     (k, 2) array
         In the facet's coordinates.
-    (3, k) array
+    three (k,) arrays
         Second derivatives of half the squared distance by rr, rs and ss [m2].
     (k,) array
         Squared area of the tangents' parallelogram [m4].
     """
     a, b = frame[:, 1], frame[:, 2]
     aa, ab, bb, am, bm = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b), (a, miss), (b, miss)))
-    flat, squared = np.stack([aa, ab, bb]), aa * bb - ab * ab
-    metric = flat - (np.einsum("knd,kd->kn", nodes, miss) @ _SECOND[nodes.shape[1]]).T
-    det = metric[0] * metric[2] - metric[1] * metric[1]
-    convex = (det > _CONVEX * squared) & (metric[0] > _CONVEX * aa)
-    if not convex.all():
-        metric, det = np.where(convex, metric, flat), np.where(convex, det, squared)
+    rr, rs, ss = aa, ab, bb
+    squared = det = aa * bb - ab * ab
+    if nodes is not None:
+        curved = (np.einsum("knd,kd->kn", nodes, miss) @ _SECOND[nodes.shape[1]]).T
+        rr, rs, ss = np.stack([aa, ab, bb]) - curved
+        det = rr * ss - rs * rs
+        convex = (det > _CONVEX * squared) & (rr > _CONVEX * aa)
+        rr, rs, ss, det = (np.where(convex, *p) for p in ((rr, aa), (rs, ab), (ss, bb), (det, squared)))
     step = np.empty((len(miss), 2))
-    np.divide(metric[2] * am - metric[1] * bm, det, out=step[:, 0])
-    np.divide(metric[0] * bm - metric[1] * am, det, out=step[:, 1])
-    return step, metric, squared
+    np.divide(ss * am - rs * bm, det, out=step[:, 0])
+    np.divide(rr * bm - rs * am, det, out=step[:, 1])
+    return step, (rr, rs, ss), squared
 
 
 def _clip(local: Array, step: Array, metric: Array, domain: Array) -> Array:
-    """Closest point of the domain, corners (3 or 4, 2), to local + step, in a metric: rr, rs and ss, (3, k)."""
+    """Closest point of the domain, corners (3 or 4, 2), to local + step, in a metric, (k, 2, 2)."""
     target = local + step
     inside = (target >= 0).all(axis=1) & ((target.sum(axis=1) if len(domain) == 3 else target.max(axis=1)) <= 1)
     if inside.all():
         return target
     outside = np.flatnonzero(~inside)
-    aim, metric = target[outside], metric.T[:, [0, 1, 1, 2]].reshape(-1, 2, 2)[outside]
+    aim, metric = target[outside], metric[outside]
     best, best_distance = aim.copy(), np.full(len(aim), np.inf)
     for start, end in zip(domain, np.roll(domain, -1, axis=0), strict=True):
         edge = end - start
