@@ -25,7 +25,7 @@ def peak_memory():
 
 
 def summary(bodies, contact, run, history, reference):
-    """What the run itself says of itself, for result.json."""
+    """What the run says of itself, for result.json."""
     errors = ep.compare(history, reference)
     energy = sum(item.energy(run) for item in (*bodies, contact))
     change = [body.momentum(run)[-1, 2] - body.momentum(run)[0, 2] for body in bodies]

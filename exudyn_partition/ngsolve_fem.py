@@ -22,7 +22,7 @@ from .mesh_files import VolumeMesh, inverted, read_mesh
 Array = np.ndarray
 
 _STEP_ENDINGS = (".step", ".stp")
-_MOST_POINTS = 1e7  # of a ball's grid: Netgen takes minutes to mesh that
+_MOST_POINTS = 1e7  # of a ball's grid: more than an FE model in memory has nodes
 
 
 @dataclass(frozen=True)

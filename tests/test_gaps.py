@@ -273,7 +273,6 @@ def test_a_body_that_faces_away_turns_until_it_hits(ball, plate, surface):
         result = ep.solve_dynamic(mbs, end_time=wait + 1.2e-3, step=0.4e-6)
         force = contact.force(result)[result.t > wait]
         forces.append((force.max(), force.sum() * result.step, limit))
-        assert slave.energy(result)[0] > 0
     np.testing.assert_allclose(forces[0][:2], forces[1][:2], rtol=5e-3)
     assert forces[0][2] == pytest.approx(forces[1][2], rel=0.03)
     assert forces[0][0] > 100

@@ -100,7 +100,7 @@ def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4):
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
     newton = settings.timeIntegration.newton
-    newton.absoluteTolerance, newton.relativeTolerance = 1e-8, 1e-5  # forces change by 1e-5, run time by a third
+    newton.absoluteTolerance, newton.relativeTolerance = 1e-8, 1e-5  # forces stay, iterations are saved
     newton.modifiedNewtonContractivity = 0.02  # a new Jacobian costs less than the iterations that an old one takes
     # What rings on after the impact, undamped, holds less than 1 % of the energy; without contact it is not resolved.
     adaptive = {"adaptive": True, "free_step": free_step, "unresolved": 1e-2}
