@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,15 +65,21 @@ class Factorisation:
                 f"the matrix of order {matrix.shape[0]} cannot be factorised: {error}"
             ) from error
 
-    def solve(self, rhs: Array) -> Array:
-        """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks."""
+    def solve(self, rhs: Array, threads: int = 2) -> Array:
+        """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks, as many at a time as `threads`."""
         result = np.empty(rhs.shape, order="F")
         if rhs.ndim == 1:
             result[self._order] = self._lu.solve(rhs[self._order])
             return result
-        for start in range(0, rhs.shape[1], _BLOCK):
-            block = slice(start, start + _BLOCK)
+
+        def solve_block(block: slice) -> None:
             result[self._order, block] = self._lu.solve(np.asfortranarray(rhs[self._order, block]))
+
+        n = rhs.shape[1]
+        count = min(n, threads * -(-n // (threads * _BLOCK)))
+        bounds = np.linspace(0, n, count + 1).astype(int)
+        with ThreadPoolExecutor(threads) as pool:  # SuperLU lets other threads run
+            list(pool.map(solve_block, map(slice, bounds[:-1], bounds[1:])))
         return result
 
     def negative_pivots(self) -> int:
@@ -163,7 +170,8 @@ class FreeBodyFlexibility:
         """Elastic displacements of `loads`, (n, k)."""
         balanced = loads - self._mass_rigid @ (self._rigid.T @ loads)
         result = np.zeros(loads.shape, order="F")
-        result[self._free] = self._factor.solve(balanced[self._free])
+        # One thread: a Krylov space grows beside it (`AdaptedSpace`).
+        result[self._free] = self._factor.solve(balanced[self._free], threads=1)
         result -= self._rigid @ (self._mass_rigid.T @ result)
         return result
 

@@ -183,7 +183,7 @@ def pareto(d):
         for key, limit in (("faster", "faster than CMS"), ("less_error", "less error than CMS")):
             worst = min(found[key] for found in scene["against_cms"].values())
             rows.append(Row(f"{name}: times {limit}", "Exudyn, GeneralContact", limits[limit], worst, at_most=False))
-    return rows  # fmt: skip
+    return rows
 
 
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
