@@ -1,8 +1,13 @@
-"""Validation of user input: small functions that return the checked value or raise `InputError`."""
+"""Validation of user input: small functions that return the checked value or raise `InputError`.
+
+Every public function calls them before it does anything, so that a wrong argument is named and nothing is half done.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import operator
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +17,17 @@ from .errors import InputError
 
 Array = np.ndarray
 
+_LONGEST_SHOWN = 120  # characters of a wrong value in a message
+
 
 def validate_array(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
     """Return `value` as a read-only float array of `shape` (None: any length), all finite; text is no number."""
     try:
-        if np.asarray(value).dtype.kind in "SU":  # NumPy reads numbers from text
+        if np.asarray(value).dtype.kind in "SUc":  # NumPy reads numbers from text, and drops imaginary parts
             raise TypeError
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: expected numbers of shape {_show(shape)}, got {value!r}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name}: expected numbers of shape {_show(shape)}, got {_called(value)}") from error
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise InputError(f"{name}: expected shape {_show(shape)}, got {array.shape}")
     if not np.isfinite(array).all():
@@ -36,13 +43,13 @@ def validate_vector(name: str, value: Any) -> Array:
 
 
 def validate_number(name: str, value: Any, expected: str = "a finite number") -> float:
-    """Return `value` as a finite float; text that reads like a number is none."""
+    """Return `value` as a finite float; text that reads like a number is none, nor is a truth value."""
     try:
-        number = float("nan") if isinstance(value, str | bytes) else float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: expected {expected}, got {value!r}") from error
+        number = float("nan") if isinstance(value, str | bytes | bool | np.bool_) else float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name}: expected {expected}, got {_called(value)}") from error
     if not np.isfinite(number):
-        raise InputError(f"{name}: expected {expected}, got {value!r}")
+        raise InputError(f"{name}: expected {expected}, got {_called(value)}")
     return number
 
 
@@ -55,30 +62,104 @@ def validate_positive(name: str, value: Any, unit: str = "") -> float:
     return number
 
 
+def validate_integer(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
+    """Return `value` as an int from `least` to `most`; NumPy's integers are some, 2.0 and True are none."""
+    bounds = f" of at least {least}" * (least is not None) + f" of at most {most}" * (most is not None)
+    if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
+        raise InputError(f"{name}: expected a whole number{bounds}, got {_called(value)}")
+    try:
+        number = operator.index(value)
+    except TypeError as error:  # an array of several
+        raise InputError(f"{name}: expected a whole number{bounds}, got {_called(value)}") from error
+    if (least is not None and number < least) or (most is not None and number > most):
+        raise InputError(f"{name}: expected a whole number{bounds}, got {number}")
+    return number
+
+
+def validate_flag(name: str, value: Any) -> bool:
+    """Return `value` if it is True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}: expected True or False, got {_called(value)}")
+    return bool(value)
+
+
+def validate_text(name: str, value: Any) -> str:
+    """Return `value` if it is text, without the character NUL, which Exudyn and file systems take for its end."""
+    if not isinstance(value, str):
+        raise InputError(f"{name}: expected text, got {_called(value)}")
+    if "\0" in value:
+        raise InputError(f"{name}: expected text without the character NUL, got {_called(value)}")
+    return value
+
+
+def validate_path(name: str, value: Any) -> Path:
+    """Return `value` as a path, if it can be one."""
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"{name}: expected a path as text or pathlib.Path, got {_called(value)}")
+    text = os.fspath(value)
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise InputError(f"{name}: expected a path as text that is not empty and has no character NUL, got {text!r}")
+    return Path(text)
+
+
+def validate_file(name: str, path: Path) -> None:
+    """Raise unless there is a file at `path`."""
+    try:
+        there = path.is_file()
+    except OSError as error:  # a name that is too long
+        raise InputError(f"{name}: {_shown(path)} cannot be read: {error.strerror}") from error
+    if not there:
+        raise InputError(f"{name}: expected a file, there is none at {_shown(path)} (working directory {Path.cwd()})")
+
+
 def validate_type(name: str, value: Any, kind: type, source: str) -> None:
     """Raise unless `value` is of a kind, which `source` returns."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: expected what {source} returns, a {kind.__name__}, got {type(value).__name__}")
 
 
+def validate_items(name: str, values: Any, kind: type, source: str) -> list[Any]:
+    """Return `values` as a list, each of a kind, which `source` returns."""
+    expected = f"a list of what {source} returns, each a {kind.__name__}"
+    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise InputError(f"{name}: expected {expected}, got {_called(values)}")
+    items = list(values)
+    for i, item in enumerate(items):
+        if not isinstance(item, kind):
+            raise InputError(f"{name}: expected {expected}, got {type(item).__name__} at index {i}")
+    return items
+
+
+def validate_callable(name: str, value: Any, expected: str) -> None:
+    """Raise unless `value` can be called; `expected` says with what."""
+    if not callable(value):
+        raise InputError(f"{name}: expected {expected}, got {_called(value)}")
+
+
 def validate_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     """Return `value` if it is one of `choices`."""
     options = list(choices)
-    if value not in options:
-        raise InputError(f"{name}: expected one of {', '.join(map(repr, options))}, got {value!r}")
+    if not isinstance(value, str) or value not in options:
+        raise InputError(f"{name}: expected one of {', '.join(map(repr, options))}, got {_called(value)}")
     return value
-
-
-def validate_file(name: str, path: Path) -> None:
-    """Raise unless there is a file at `path`."""
-    if not path.is_file():
-        raise InputError(f"{name}: expected a file, there is none at {path} (working directory {Path.cwd()})")
 
 
 def read_only(*arrays: Array) -> None:
     """Make arrays read-only, as the fields of frozen dataclasses are."""
     for array in arrays:
         array.flags.writeable = False
+
+
+def _called(value: Any) -> str:
+    """Plain values as they are written, all others by their type: a model says nothing of itself that helps."""
+    if isinstance(value, str | bytes | int | float | complex | list | tuple | dict | set | np.ndarray | None):
+        return _shown(repr(value))
+    return type(value).__name__
+
+
+def _shown(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}... ({len(text)} characters)"
 
 
 def _show(shape: tuple[int | None, ...]) -> str:
