@@ -10,8 +10,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
-import secrets
 import struct
 import zipfile
 import zlib
@@ -24,6 +22,7 @@ import scipy.sparse as sp
 
 from ._version import __version__
 from .errors import InputError
+from .files import replacing
 
 Array = np.ndarray
 
@@ -75,13 +74,10 @@ class Format:
         Raises
         ------
         InputError
-            If the folder does not exist, or `path` is one.
+            If no file can stand at `path`: there is no such folder, or it is a folder, a device or a pipe.
+        OutputError
+            If the system cannot write; the old file is kept.
         """
-        path = Path(path)
-        if not path.parent.is_dir():
-            raise InputError(f"path: there is no folder {path.parent} to write {path.name} into; make it first")
-        if path.is_dir():
-            raise InputError(f"path: expected the name of a file, got the folder {path}")
         arrays: dict[str, Any] = {}
         about = {
             "format": self._title,
@@ -90,16 +86,8 @@ class Format:
             "units": self.units,
             "content": _describe(value, "", arrays),
         }
-        # Not tempfile: its files are for their owner's eyes alone, and stay so under their final name.
-        temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-        try:
-            with temporary.open("xb") as file:
-                np.savez(file, about=np.array(json.dumps(about)), **arrays)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with replacing(path) as file:
+            np.savez(file, about=np.array(json.dumps(about)), **arrays)
 
     def load(self, path: str | Path) -> Any:
         """Read what `save` wrote.

@@ -1,0 +1,124 @@
+"""Files that are written whole or not at all, and never over what is no file."""
+
+import os
+import resource
+import stat
+
+import pytest
+
+from exudyn_partition.errors import InputError, OutputError
+from exudyn_partition.files import replacing
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def full_disk():
+    """No file can grow beyond 100 bytes, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_bytes_and_text_arrive(tmp_path):
+    with replacing(tmp_path / "bytes") as file:
+        file.write(b"\x00\xff")
+    with replacing(str(tmp_path / "text"), "w") as file:
+        file.write("µ\n")
+    assert (tmp_path / "bytes").read_bytes() == b"\x00\xff"
+    assert (tmp_path / "text").read_text(encoding="utf-8") == "µ\n"
+    assert names(tmp_path) == ["bytes", "text"]
+
+
+def test_the_old_file_stands_until_the_new_one_is_whole(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("old")
+    with replacing(path, "w") as file:
+        file.write("new")
+        file.flush()
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_block_that_raises_changes_nothing(tmp_path, error):
+    (tmp_path / "file").write_text("old")
+
+    def write_half(path):
+        with replacing(path, "w") as file:
+            file.write("half")
+            raise error
+
+    for name in ("file", "none"):
+        with pytest.raises(error):
+            write_half(tmp_path / name)
+    assert names(tmp_path) == ["file"]
+    assert (tmp_path / "file").read_text() == "old"
+
+
+def test_a_full_disk_is_named_and_the_old_file_is_kept(tmp_path, full_disk):
+    (tmp_path / "file").write_text("old")
+    for name, kept in (("file", "The file that was there is unchanged"), ("none", "No file was left there")):
+        message = rf"path: .*{name} cannot be written: File too large\. {kept}"
+        with pytest.raises(OutputError, match=message), replacing(tmp_path / name) as file:
+            file.write(bytes(1000))
+    assert names(tmp_path) == ["file"]
+    assert (tmp_path / "file").read_text() == "old"
+
+
+def test_links_and_modes_survive(tmp_path):
+    (tmp_path / "folder").mkdir()
+    target = tmp_path / "folder" / "file"
+    target.write_text("old")
+    target.chmod(0o640)
+    (tmp_path / "link").symlink_to("folder/file")
+    (tmp_path / "dangling").symlink_to("folder/other")
+    for name in ("link", "dangling"):
+        with replacing(tmp_path / name, "w") as file:
+            file.write("new")
+        assert (tmp_path / name).is_symlink()
+    assert target.read_text() == (tmp_path / "folder" / "other").read_text() == "new"
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+    assert names(tmp_path / "folder") == ["file", "other"]
+
+
+def test_a_new_file_has_the_mode_that_any_file_would_have(tmp_path):
+    (tmp_path / "plain").touch()
+    with replacing(tmp_path / "file"):
+        pass
+    assert (tmp_path / "file").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_the_longest_name_that_the_system_takes(tmp_path):
+    name = "x" * 251 + ".npz"
+    with replacing(tmp_path / name):
+        pass
+    assert names(tmp_path) == [name]
+
+
+def test_what_is_no_file_is_refused_and_stays(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "protected").touch(0o444)
+    (tmp_path / "circle").symlink_to("circle")
+    before = names(tmp_path)
+    for path, message in (
+        (tmp_path / "pipe", "a device or a pipe"),
+        ("/dev/null", "a device or a pipe"),
+        (tmp_path / "folder", "got the folder"),
+        (tmp_path / "protected", "protected against writing"),
+        (tmp_path / "circle", "no file can have the name"),
+        (tmp_path / "nowhere" / "file", "no folder .*nowhere to write file into; make it first"),
+        (tmp_path / ("x" * 400), "no file can have the name .*too long"),
+        ("a\0b", "no file can have the name .*null"),
+        ("", "expected the path of a file, got ''"),
+        (None, "expected the path of a file, got None"),
+        (3, "expected the path of a file, got 3"),
+    ):
+        with pytest.raises(InputError, match=message), replacing(path):
+            raise AssertionError("the file was opened")
+    assert names(tmp_path) == before
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)  # noqa: PTH116, for it is a device
