@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from ._checks import validate_number, validate_text
 from ._optional import require
+from .errors import InputError
 
 Progress = Callable[[float], None]  # takes the share done, 0 to 1
 
@@ -25,19 +27,27 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     after : float
         How long it has to run before a bar appears [s].
 
+    Raises
+    ------
+    InputError
+        If an argument, or the share, is no such thing.
+
     Examples
     --------
     >>> from exudyn_partition import progress
     >>> with progress("stepping") as report:
     ...     report(0.5)
     """
+    validate_text("title", title)
+    if validate_number("after", after, "a time in s") < 0:
+        raise InputError(f"after: expected a time of at least zero, got {after!r}")
     bar = _bar()
-    task, begin = bar.add_task(title, total=1.0), time.perf_counter()
+    task, begin = bar.add_task(_plain(title), total=1.0), time.perf_counter()
 
     def report(share: float) -> None:
         if not bar.live.is_started and time.perf_counter() - begin >= after:
             bar.start()
-        bar.update(task, completed=share)
+        bar.update(task, completed=validate_number("share", share))
 
     try:
         if not after:
@@ -64,6 +74,11 @@ def pulsing(title: str) -> Iterator[None]:
         if timer.ident is not None:
             timer.join()  # or it might start the bar after it was stopped
         _stop(bar)
+
+
+def _plain(title: str) -> str:
+    """Text that rich shows as it is: brackets are its markup."""
+    return str(require("rich.markup").escape(title))
 
 
 def _bar() -> Any:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import read_only
+from ._checks import validate_array, validate_file, validate_number, validate_path, validate_text
 from .errors import InputError
+from .files import replacing
 
 Array = np.ndarray
 
 _FORMAT = 1
+# What NumPy and zipfile raise on bytes that are no history.
+_DAMAGE = (OSError, EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 
 
 def at_times(t: Array, means: Array) -> Array:
@@ -48,13 +53,18 @@ class History:
     Parameters
     ----------
     t : (n,) array
-        Time [s].
+        Time [s], ascending; at least one sample.
     force : (n,) array
         Total normal contact force [N], >= 0.
     velocity : dict of str to (n, 3) array
         Velocities of named points [m/s].
     info : dict
         What is worth knowing of the run: `time_s`, `dofs`, `step_s`, versions; JSON types.
+
+    Raises
+    ------
+    InputError
+        If there is no sample, a number is not finite, times descend, or lengths differ.
     """
 
     t: Array
@@ -63,10 +73,24 @@ class History:
     info: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        read_only(self.t, self.force, *self.velocity.values())
-        for name, array in {"force": self.force, **self.velocity}.items():
-            if len(array) != len(self.t):
-                raise InputError(f"{name}: expected {len(self.t)} samples, one a time, got {len(array)}")
+        t = validate_array("t", self.t, (None,))
+        if not len(t):
+            raise InputError("t: expected at least one sample, got none; the run kept nothing")
+        if (np.diff(t) < 0).any():
+            i = int((np.diff(t) < 0).argmax())
+            raise InputError(f"t: expected times that ascend, got {t[i + 1]:.6g} s after {t[i]:.6g} s")
+        if not isinstance(self.velocity, Mapping):
+            raise InputError(
+                f"velocity: expected a dict of names and (n, 3) arrays, got {type(self.velocity).__name__}"
+            )
+        if not isinstance(self.info, dict):
+            raise InputError(f"info: expected a dict, got {type(self.info).__name__}")
+        velocity = {
+            validate_text("velocity", name): validate_array(name, v, (len(t), 3)) for name, v in self.velocity.items()
+        }
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "force", validate_array("force", self.force, (len(t),)))
+        object.__setattr__(self, "velocity", velocity)
 
     @property
     def impulse(self) -> float:
@@ -87,26 +111,38 @@ class History:
         return float(np.gradient(self.t, np.arange(len(self.t)))[in_contact].sum())  # half the steps on both sides
 
     def until(self, end_time: float) -> History:
-        """Return the part up to `end_time` [s]."""
-        keep = self.t <= end_time * (1 + 1e-9)
-        return History(
-            self.t[keep].copy(),
-            self.force[keep].copy(),
-            {k: v[keep].copy() for k, v in self.velocity.items()},
-            self.info,
-        )
+        """Return the part up to `end_time` [s].
+
+        Raises
+        ------
+        InputError
+            If there is no sample until then.
+        """
+        end_time = validate_number("end_time", end_time, "a time in s")
+        keep = self.t <= end_time + 1e-9 * abs(end_time)
+        if not keep.any():
+            raise InputError(f"end_time: the history begins at {self.t[0]:.6g} s, got {end_time:.6g} s")
+        return History(self.t[keep], self.force[keep], {k: v[keep] for k, v in self.velocity.items()}, self.info)
 
     def save(self, path: str | Path) -> None:
-        """Write to an npz file at `path`, in single precision but for the times."""
+        """Write to an npz file at `path`, a name that is taken as it is, in single precision but for the times.
+
+        Raises
+        ------
+        InputError
+            If no file can stand there, or `info` holds what JSON has no word for.
+        OutputError
+            If the disk is full or protected; the file that was there is kept.
+        """
+        try:
+            info = json.dumps(self.info)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"info: expected text, numbers, lists and dicts, which JSON can hold: {error}") from error
         arrays: dict[str, Any] = {f"velocity_{k}": v.astype(np.float32) for k, v in self.velocity.items()}
-        np.savez_compressed(
-            path,
-            format=_FORMAT,
-            t=self.t,
-            force=self.force.astype(np.float32),
-            info=json.dumps(self.info),
-            **arrays,
-        )
+        with replacing(path) as file:
+            np.savez_compressed(
+                file, format=_FORMAT, t=self.t, force=self.force.astype(np.float32), info=info, **arrays
+            )
 
     @classmethod
     def load(cls, path: str | Path) -> History:
@@ -115,12 +151,19 @@ class History:
         Raises
         ------
         InputError
-            If the file is missing, or of another format.
+            If the file is missing, damaged, or of another format.
         """
-        if not Path(path).is_file():
-            raise InputError(f"path: expected a history file, but there is no {path}")
-        with np.load(path, allow_pickle=False) as data:
-            if int(data.get("format", -1)) != _FORMAT:
-                raise InputError(f"path: {path} is no history of format {_FORMAT}; compute it anew")
-            velocity = {k.removeprefix("velocity_"): data[k].astype(float) for k in data if k.startswith("velocity_")}
-            return cls(data["t"], data["force"].astype(float), velocity, json.loads(str(data["info"])))
+        path = validate_path("path", path)
+        validate_file("path", path)
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                if isinstance(data, np.lib.npyio.NpzFile) and int(data.get("format", -1)) == _FORMAT:
+                    named = {k.removeprefix("velocity_"): data[k] for k in data if k.startswith("velocity_")}
+                    velocity = {name: array.astype(float) for name, array in named.items()}
+                    return cls(data["t"], data["force"].astype(float), velocity, json.loads(str(data["info"])))
+        except _DAMAGE as error:
+            # NumPy takes what it does not know for pickled objects, and advises to load those, which runs their code.
+            raise InputError(
+                f"path: {path} is no history, or a damaged one. Restore it from a copy, or compute and save it anew"
+            ) from error
+        raise InputError(f"path: {path} is no history of format {_FORMAT}; compute and save it anew")

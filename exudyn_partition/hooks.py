@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from ._interrupt import Interrupt, interruptible
 from ._optional import require
 from ._progress import Progress
 from .central_differences import MultiplierStep
@@ -19,9 +18,14 @@ from .step_control import StepControl
 class Watch:
     """What the hook before each step knows: how many there were, and whether the user asked to stop."""
 
-    def __init__(self) -> None:
+    def __init__(self, interrupt: Interrupt) -> None:
         self.steps = 0
-        self.interrupted = False
+        self._interrupt = interrupt
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user asked to stop."""
+        return self._interrupt.asked
 
 
 @contextlib.contextmanager
@@ -78,7 +82,7 @@ def watched(
     mbs: Any, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
 ) -> Iterator[Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
-    watch, last_start = Watch(), None
+    last_start = None
     own_function = _function(mbs.GetPreStepUserFunction())
     contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
     with_joints = [stepper for stepper in steppers if stepper.joints is not None]
@@ -89,8 +93,8 @@ def watched(
         if t >= next_report:
             next_report = t + end_time / 100
             progress(min(t / end_time, 1.0))
-        start, previous = start_of_step(mbs), last_start
-        if watch.interrupted or start > end_time - 1e-6 * step:
+        start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
+        if start > end_time - 1e-6 * step:
             return False
         for stepper in contacts_alone:  # also where the model's own function was set after them
             stepper.before_step(mbs, t)
@@ -99,20 +103,15 @@ def watched(
             stepper.before_step(mbs, t)
         watch.steps += start != previous  # not those that are taken again, shorter
         last_start = start
-        return go_on
+        return go_on and not stop  # Exudyn still takes this step, so that all that belongs to one was done above
 
-    def interrupt(number: int, frame: Any) -> None:
-        watch.interrupted = True
-
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    previous = signal.signal(signal.SIGINT, interrupt) if in_main_thread else None
-    mbs.SetPreStepUserFunction(before_step)
-    try:
-        yield watch
-    finally:
-        mbs.SetPreStepUserFunction(own_function or 0)
-        if in_main_thread:
-            signal.signal(signal.SIGINT, previous)
+    with interruptible() as interrupt:
+        watch = Watch(interrupt)
+        mbs.SetPreStepUserFunction(before_step)
+        try:
+            yield watch
+        finally:
+            mbs.SetPreStepUserFunction(own_function or 0)
 
 
 @contextlib.contextmanager

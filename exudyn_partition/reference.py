@@ -3,24 +3,39 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import validate_choice, validate_positive, validate_vector
+from ._checks import (
+    validate_callable,
+    validate_choice,
+    validate_integer,
+    validate_items,
+    validate_number,
+    validate_positive,
+    validate_text,
+    validate_type,
+    validate_vector,
+)
+from ._interrupt import interruptible
 from ._progress import Progress
 from .contact.complementarity import Complementarity
+from .contact.points import ROWS
 from .contact.rows import ContactRows, pair_surfaces
 from .contact.surface import Surface
-from .errors import InputError
+from .errors import InputError, StoppedRunWarning
 from .fem import FEModel, node_dofs
 from .history import History, at_times
 from .linalg import Factorisation, one_blas_thread
 from .partition import Partition, Patch
 
 Array = np.ndarray
+
+_MOST_STEPS = 100_000_000  # beyond which the histories alone take gigabytes, and the run weeks
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +54,11 @@ class FullBody:
     velocity : (3,) array
         Initial velocity [m/s].
     mass : {"consistent", "lumped"}
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, or the partition is of another mesh.
     """
 
     fem: FEModel
@@ -49,6 +69,13 @@ class FullBody:
     patch: int | str | None = None
 
     def __post_init__(self) -> None:
+        validate_type("fem", self.fem, FEModel, "fe_model()")
+        validate_type("partition", self.partition, Partition, "Partition.ball()")
+        if self.partition.n_nodes != self.fem.n_nodes:
+            raise InputError(
+                f"partition: is of a mesh with {self.partition.n_nodes} nodes, the FE model has {self.fem.n_nodes}; "
+                "make it of this one"
+            )
         object.__setattr__(self, "position", validate_vector("position", self.position))
         object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
         validate_choice("mass", self.mass, ("consistent", "lumped"))
@@ -148,25 +175,35 @@ def simulate(
     History
         The force at a time is the mean of the steps before and after it. `info` holds `time_s` (stepping), `setup_s`
         (factorisations), `step_s`, `steps`, `dofs`, `contact_nodes`, `energy_error`. After Ctrl-C it ends where the
-        run was.
+        run was, once the factorisations are done.
 
     Raises
     ------
     InputError
-        If there are not two bodies, or a number is out of range.
+        If there are not two bodies, a number is out of range, or given rows are of other patches.
+    EmptyRegionError, PenetrationError
+        If the patches do not face each other, or overlap.
+
+    Warns
+    -----
+    StoppedRunWarning
+        If Ctrl-C ended the run.
     """
-    if len(bodies) != 2:
-        raise InputError(f"bodies: expected two, slave and master, got {len(bodies)}")
-    if not 0 <= alpha <= 1 / 3:
+    slave, master = bodies = _two(bodies)
+    if not 0 <= validate_number("alpha", alpha) <= 1 / 3:
         raise InputError(f"alpha: expected 0 to 1/3, got {alpha!r}")
-    steps = round(validate_positive("end_time", end_time, "s") / validate_positive("step", step, "s"))
-    points = points or {}
+    steps = _count(end_time, step)
+    points = _validate_points(points)
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
     begin = time.perf_counter()
-    slave, master = bodies
-    if isinstance(rows, str):
-        rows = pair_surfaces(slave.surface, master.surface, rows)
+    patch_nodes = [len(body.contact.nodes) for body in bodies]
+    if isinstance(rows, ContactRows):
+        _validate_rows(rows, *patch_nodes)
+    else:
+        rows = pair_surfaces(slave.surface, master.surface, validate_choice("rows", rows, ROWS))
     sides = []
-    for body, G in zip(bodies, rows.matrices(*(len(b.contact.nodes) for b in bodies)), strict=True):
+    for body, G in zip(bodies, rows.matrices(*patch_nodes), strict=True):
         wide = G @ _selection(node_dofs(body.contact.nodes), body.fem.n_dofs)
         sides.append(_HHT(body, wide, step, alpha))
     contact = Complementarity(sides[0].compliance() + sides[1].compliance())
@@ -180,8 +217,9 @@ def simulate(
     energy = sum(side.energy() for side in sides)
     setup_s, begin = time.perf_counter() - begin, time.perf_counter()
     done = 0
-    try:
-        for n in range(1, steps + 1):
+    with interruptible() as interrupt:
+        while done < steps and not interrupt.asked:
+            n = done + 1
             gap = rows.gap + sum(side.predict() for side in sides)
             lam = contact.solve(gap)
             for side in sides:
@@ -192,8 +230,9 @@ def simulate(
             done = n
             if progress:
                 progress(n / steps)
-    except KeyboardInterrupt:
-        pass  # what has been computed is returned; info["steps"] says how far it came
+    if done < steps:
+        message = f"interrupted by the user; the history is kept up to t = {t[done]:.6g} s of {end_time:.6g} s"
+        warnings.warn(message, StoppedRunWarning, stacklevel=3)
     kept = slice(0, done + 1)
     info = {
         "label": "full FE",
@@ -207,6 +246,52 @@ def simulate(
         "energy_error": sum(side.energy() for side in sides) / energy - 1 if energy else 0.0,
     }
     return History(t[kept], at_times(t[kept], force[kept]), {name: v[kept] for name, v in velocity.items()}, info)
+
+
+def _two(bodies: Sequence[FullBody]) -> tuple[FullBody, FullBody]:
+    found = validate_items("bodies", bodies, FullBody, "FullBody()")
+    if len(found) != 2:
+        raise InputError(f"bodies: expected two, slave and master, got {len(found)}")
+    return found[0], found[1]
+
+
+def _count(end_time: float, step: float) -> int:
+    """Number of steps."""
+    end_time, step = validate_positive("end_time", end_time, "s"), validate_positive("step", step, "s")
+    if step > end_time * (1 + 1e-9):
+        raise InputError(f"step: expected at most the end time, {end_time:.4g} s, got {step:.4g} s")
+    if end_time / step > _MOST_STEPS:
+        raise InputError(
+            f"step: {end_time:.4g} s in steps of {step:.4g} s are {end_time / step:.3g} steps, expected at most "
+            f"{_MOST_STEPS:.3g}. Are both in seconds?"
+        )
+    return round(end_time / step)
+
+
+def _validate_points(points: Mapping[str, tuple[int, Array]] | None) -> dict[str, tuple[int, Array]]:
+    """Return the points with the number of their body."""
+    expected = "points: expected a dict of name: (number of the body, 0 or 1, and a point, (3,) [m])"
+    if points is None:
+        return {}
+    if not isinstance(points, Mapping):
+        raise InputError(f"{expected}, got {type(points).__name__}")
+    found = {}
+    for name, entry in points.items():
+        if not isinstance(entry, tuple | list) or len(entry) != 2:
+            raise InputError(f"{expected}, got {entry!r} for {name!r}")
+        index = validate_integer(f"points[{name!r}][0]", entry[0], 0, 1)
+        found[validate_text("points", name)] = index, validate_vector(f"points[{name!r}][1]", entry[1])
+    return found
+
+
+def _validate_rows(rows: ContactRows, n_slave: int, n_master: int) -> None:
+    """Raise if rows are of patches with other nodes."""
+    of_slave, of_master = int(rows.points.nodes.max(initial=-1)), int(rows.master.max(initial=-1))
+    if of_slave >= n_slave or of_master >= n_master:
+        raise InputError(
+            f"rows: are of other patches, with more nodes than these bodies' {n_slave} and {n_master}; make them by "
+            "contact.rows.pair_surfaces of these bodies' surfaces, slave first"
+        )
 
 
 def _selection(dofs: Array, n: int) -> sp.csr_matrix:

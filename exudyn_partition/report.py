@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ._checks import validate_choice, validate_number, validate_type
 from .errors import InputError
 from .history import History
 
@@ -29,7 +30,12 @@ class Comparison:
     time_s, reference_time_s : float
         Run times of both [s].
     end_time : float
-        Common time [s].
+        End of the common time [s].
+
+    Raises
+    ------
+    InputError
+        If an error is no number of at least zero, or a time is none; a run time that is not known is nan.
     """
 
     error: dict[str, float]
@@ -37,14 +43,24 @@ class Comparison:
     reference_time_s: float
     end_time: float
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.error, Mapping):
+            raise InputError(f"error: expected a dict of names and numbers, got {type(self.error).__name__}")
+        for name, value in self.error.items():
+            if validate_number(f"error[{name!r}]", value) < 0:
+                raise InputError(f"error[{name!r}]: expected at least zero, got {value!r}")
+        for name, value in (("time_s", self.time_s), ("reference_time_s", self.reference_time_s)):
+            object.__setattr__(self, name, _run_time(name, value))
+        validate_number("end_time", self.end_time, "a time in s")
+
     @property
     def speedup(self) -> float:
-        """The reference's run time over the run's."""
-        return self.reference_time_s / self.time_s
+        """The reference's run time over the run's; nan where one is not known."""
+        return self.reference_time_s / self.time_s if self.time_s else math.nan
 
 
 def compare(run: History, reference: History) -> Comparison:
-    """Relative L2 errors of a run over the time that both cover, on the reference's samples.
+    """Relative L2 errors of a run over the time that both cover, on the reference's samples there.
 
     Parameters
     ----------
@@ -58,27 +74,29 @@ def compare(run: History, reference: History) -> Comparison:
     Raises
     ------
     InputError
-        If a named point is missing, or the runs have no time in common.
+        If a named point is missing, the runs have no time in common, or the reference has no force or a point of it
+        keeps its velocity then: a relative error of nothing is no number.
     """
+    for name, history in (("run", run), ("reference", reference)):
+        validate_type(name, history, History, "Result.history(), reference.simulate() or History.load()")
     missing = set(reference.velocity) - set(run.velocity)
     if missing:
         raise InputError(f"run: has no velocity of {', '.join(sorted(missing))}, which the reference has")
-    end = min(run.t[-1], reference.t[-1]) if len(run.t) else 0.0
-    if end <= 0:
-        raise InputError("run, reference: they have no time in common")
-    full = reference
-    reference = reference.until(end)
-    error = {"force": _relative(_resample(run.force, run.t, reference.t), reference.force)}
-    for name, expected in reference.velocity.items():
-        got = _resample(run.velocity[name], run.t, reference.t)
-        error[name] = _relative(got - got[0], expected - expected[0])
-    share = len(reference.t) / len(full.t)
-    return Comparison(
-        error,
-        float(run.info.get("time_s", np.nan)),
-        float(reference.info.get("time_s", np.nan)) * share,
-        float(end),
-    )
+    begin, end = max(run.t[0], reference.t[0]), min(run.t[-1], reference.t[-1])
+    slack = 1e-9 * abs(end)
+    common = (reference.t >= begin - slack) & (reference.t <= end + slack)
+    if not begin < end or common.sum() < 2:
+        raise InputError(
+            f"run, reference: expected a time in common, with samples of the reference. The run goes from "
+            f"{run.t[0]:.6g} to {run.t[-1]:.6g} s, the reference from {reference.t[0]:.6g} to {reference.t[-1]:.6g} s"
+        )
+    t = reference.t[common]
+    error = {"force": _relative("contact force", _resample(run.force, run.t, t), reference.force[common])}
+    for name, velocity in reference.velocity.items():
+        got, expected = _resample(run.velocity[name], run.t, t), velocity[common]
+        error[name] = _relative(f"change of the velocity of {name}", got - got[0], expected - expected[0])
+    run_s, reference_s = (_run_time("info['time_s']", h.info.get("time_s", math.nan)) for h in (run, reference))
+    return Comparison(error, run_s, reference_s * len(t) / len(reference.t), float(end))
 
 
 def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
@@ -89,7 +107,13 @@ def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
     runs : mapping of str to Comparison
     quantity : str
         Whose error: "force" or the name of a point.
+
+    Raises
+    ------
+    InputError
+        If a run is no Comparison, or has no such error.
     """
+    validate_runs(runs, quantity)
     best, names = math.inf, []
     for name, run in sorted(runs.items(), key=lambda item: (item[1].time_s, item[1].error[quantity])):
         if run.error[quantity] < best:
@@ -98,9 +122,30 @@ def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
     return names
 
 
-def _relative(x: Array, x_ref: Array) -> float:
+def validate_runs(runs: Mapping[str, Comparison], quantity: str) -> None:
+    """Raise unless all runs have an error of that quantity."""
+    if not isinstance(runs, Mapping):
+        raise InputError(f"runs: expected a dict of labels and comparisons, got {type(runs).__name__}")
+    for run in runs.values():
+        validate_type("runs", run, Comparison, "compare()")
+        validate_choice("quantity", quantity, run.error)
+
+
+def _relative(name: str, x: Array, x_ref: Array) -> float:
     size = np.linalg.norm(x_ref)
-    return float(np.linalg.norm(x - x_ref) / size) if size else float(np.linalg.norm(x) > 0)
+    if not size:
+        raise InputError(f"reference: has no {name} in the common time, so that no relative error of it is defined")
+    return float(np.linalg.norm(x - x_ref) / size)
+
+
+def _run_time(name: str, value: Any) -> float:
+    """Run time [s], nan where it is not known."""
+    seconds = (
+        math.nan if isinstance(value, float) and math.isnan(value) else validate_number(name, value, "a time in s")
+    )
+    if seconds < 0:
+        raise InputError(f"{name}: expected a time in s of at least zero, got {seconds!r}")
+    return seconds
 
 
 def _resample(x: Array, t: Array, t_new: Array) -> Array:

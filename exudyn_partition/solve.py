@@ -14,6 +14,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive
+from ._interrupt import interruptible
 from ._optional import require
 from ._progress import LONG, Progress
 from ._progress import progress as progress_bar
@@ -168,6 +169,43 @@ def solve_dynamic(
     ContactPatchWarning
         If a contact reached the edge of its patch.
     """
+    with interruptible():  # from before the first step until after the last look at the results
+        result = _run(
+            mbs,
+            end_time=end_time,
+            step=step,
+            method=method,
+            sample_period=sample_period,
+            spectral_radius=spectral_radius,
+            adaptive=adaptive,
+            free_step=free_step,
+            gap_tolerance=gap_tolerance,
+            unresolved=unresolved,
+            settings=settings,
+            progress=progress,
+        )
+        result = reviewed(mbs, result)
+        if not adaptive:
+            warn_of_turns(result)
+        return result
+
+
+def _run(
+    mbs: Any,
+    *,
+    end_time: float,
+    step: float | None,
+    method: str,
+    sample_period: float | None,
+    spectral_radius: float,
+    adaptive: bool,
+    free_step: float | None,
+    gap_tolerance: float | None,
+    unresolved: float | None,
+    settings: Any,
+    progress: Progress | None,
+) -> Result:
+    """Run of `solve_dynamic`, with what its sensors stored as it is."""
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
@@ -237,17 +275,12 @@ def solve_dynamic(
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
         result = cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
-    if watch.interrupted:
-        status, message = "interrupted", "interrupted by the user"
-    elif status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
-        status = "interrupted"
-        message = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
+    if status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
+        user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
+        status, message = "interrupted", "interrupted by the user" if watch.interrupted else user
     elif status == "finished" and progress is not None:
         progress(1.0)
-    result = reviewed(mbs, replace(result, status=status, message=message))
-    if not adaptive:
-        warn_of_turns(result)
-    return result
+    return replace(result, status=status, message=message)
 
 
 def collect(mbs: Any) -> Result:

@@ -19,9 +19,9 @@ from exudyn_partition.errors import MissingPackageError
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
-    "_version", "errors", "_checks", "_optional", "_progress", "files", "archive", "cache", "material", "fem",
-    "mesh_files", "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "loads", "free_body",
-    "basis", "contact.surface",
+    "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "files", "archive", "cache", "material",
+    "fem", "mesh_files", "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "loads",
+    "free_body", "basis", "contact.surface",
     "contact.points", "contact.rows", "contact.complementarity", "estimate", "mean_axes", "floating",
     "nodal_inertia", "body", "reduction",
     "kinematics", "recovery", "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",

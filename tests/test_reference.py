@@ -1,11 +1,16 @@
 """The full FE reference on a case with a closed answer, and histories."""
 
+import os
+import signal
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
+from exudyn_partition.contact.rows import pair_surfaces
+from exudyn_partition.errors import InputError, StoppedRunWarning
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +53,33 @@ def test_histories_survive_saving(impact, tmp_path):
     assert loaded.info == impact.info
 
 
+def test_a_history_is_found_by_the_name_it_was_saved_under(impact, tmp_path):
+    """NumPy appends npz to a name without it, so that "run" was there and could not be loaded."""
+    impact.save(tmp_path / "run")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    np.testing.assert_array_equal(ep.History.load(tmp_path / "run").t, impact.t)
+
+
+@pytest.mark.parametrize("content", [b"", b"text", b"\x93NUMPY\x01\x00", b"PK\x03\x04damaged"])
+def test_what_is_no_history_is_not_taken_for_a_pickle(content, tmp_path):
+    path = tmp_path / "odd"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="is no history, or a damaged one") as caught:
+        ep.History.load(path)
+    assert "pickle" not in str(caught.value)
+
+
+def test_a_history_that_was_cut_off_is_not_loaded(impact, tmp_path):
+    impact.save(tmp_path / "run")
+    whole = (tmp_path / "run").read_bytes()
+    for end in np.linspace(1, len(whole) - 1, 20).astype(int):
+        (tmp_path / "run").write_bytes(whole[:end])
+        with pytest.raises(InputError, match="damaged"):
+            ep.History.load(tmp_path / "run")
+
+
 def test_unreadable_histories(tmp_path):
-    with pytest.raises(InputError, match="there is no"):
+    with pytest.raises(InputError, match="there is none at"):
         ep.History.load(tmp_path / "missing.npz")
     np.savez(tmp_path / "other.npz", x=1)
     with pytest.raises(InputError, match="is no history of format 1"):
@@ -61,11 +91,33 @@ def test_ctrl_c_ends_the_reference_with_what_it_has(bars):
 
     def stop(share):
         if share > 0.4:
-            raise KeyboardInterrupt
+            os.kill(os.getpid(), signal.SIGINT)
 
-    history = ep.reference.simulate(bodies, end_time=1.0, step=0.1, progress=stop)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.warns(StoppedRunWarning, match=r"interrupted by the user; .* kept up to t = 0\.5 s of 1 s"):
+        history = ep.reference.simulate(bodies, end_time=1.0, step=0.1, progress=stop)
+    assert signal.getsignal(signal.SIGINT) is before
     assert history.info["steps"] == 5
     assert len(history.t) == 6
+
+
+def test_steps_that_are_none(bars):
+    bodies = [ep.reference.FullBody(*bar) for bar in bars]
+    with pytest.raises(InputError, match=r"step: expected at most the end time, 1 s, got 2 s"):
+        ep.reference.simulate(bodies, end_time=1.0, step=2.0)
+    with pytest.raises(InputError, match=r"step: 1 s in steps of 1e-20 s are 1e\+20 steps"):
+        ep.reference.simulate(bodies, end_time=1.0, step=1e-20)
+
+
+def test_rows_of_other_bodies(bars):
+    """They used to reach beyond the end of the smaller patch's matrix."""
+    full = [ep.reference.FullBody(*bar) for bar in bars]
+    rows = pair_surfaces(full[0].surface, full[1].surface)
+    small = [ep.reference.FullBody(fem, ep.Partition.ball(fem, (0, 0, 0), 0.8)) for fem, _ in bars]
+    with pytest.raises(InputError, match="rows: are of other patches"):
+        ep.reference.simulate(small, end_time=1.0, step=0.1, rows=rows)
+    with pytest.raises(InputError, match="partition: is of a mesh with"):
+        ep.reference.FullBody(bars[0][0], bars[1][1])
 
 
 def test_bad_arguments(bars):
@@ -91,3 +143,50 @@ def test_errors_of_a_history():
     assert ep.compare(half, reference).reference_time_s == pytest.approx(10 * 51 / 101)
     with pytest.raises(InputError, match="has no velocity of P"):
         ep.compare(ep.History(t.copy(), t.copy(), {}), reference)
+
+
+def wave(start, end, force=1.0, speed=1.0):
+    """A history of 101 samples."""
+    t = np.linspace(start, end, 101)
+    return ep.History(t, force * np.sin(t) ** 2, {"P": speed * np.column_stack([0 * t, 0 * t, np.sin(t)])})
+
+
+def test_histories_that_share_no_time_are_not_compared():
+    """They gave an error of zero or one, of no sample or of the first run's last value held on."""
+    for other in (wave(2, 3), wave(-2, -1), wave(1, 2)):
+        with pytest.raises(InputError, match=r"expected a time in common.* from 0 to 1 s"):
+            ep.compare(wave(0, 1), other)
+    later = ep.compare(wave(0, 2), wave(1, 3))  # on the samples of the second that lie within the first
+    assert later.error["force"] < 1e-3
+    assert later.end_time == 2
+
+
+def test_nothing_has_no_relative_error():
+    with pytest.raises(InputError, match="reference: has no contact force in the common time"):
+        ep.compare(wave(0, 1), wave(0, 1, force=0.0))
+    with pytest.raises(InputError, match="reference: has no change of the velocity of P"):
+        ep.compare(wave(0, 1), wave(0, 1, speed=0.0))
+
+
+def test_histories_of_finite_ascending_samples():
+    t = np.linspace(0, 1, 11)
+    for bad, message in (
+        ((t, np.full(11, np.nan), {}), "force: expected finite numbers, got nan"),
+        ((t[::-1], t, {}), "t: expected times that ascend"),
+        ((t, t, {"P": t}), r"P: expected shape \(11, 3\)"),
+        ((t, t[:5], {}), r"force: expected shape \(11,\)"),
+        ((t[:0], t[:0], {}), "t: expected at least one sample"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ep.History(*bad)
+    mine = np.zeros(11)
+    ep.History(t, mine, {})
+    mine[0] = 1.0  # what was given stays its owner's
+
+
+def test_an_unknown_run_time():
+    """Of `collect`, or of a run that the clock did not see."""
+    assert np.isnan(ep.Comparison({"force": 0.1}, float("nan"), 1.0, 1.0).speedup)
+    assert np.isnan(ep.Comparison({"force": 0.1}, 0.0, 1.0, 1.0).speedup)
+    with pytest.raises(InputError, match=r"time_s'\]: expected a time in s"):
+        ep.compare(wave(0, 1), replace(wave(0, 1), info={"time_s": "fast"}))
