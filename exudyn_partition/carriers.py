@@ -48,6 +48,38 @@ def motion(mbs: Any, body: Any) -> Any:
     return motion_now
 
 
+class Carrier:
+    """The body that carries a rigid surface, by its Exudyn nodes.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    body : exudyn.ObjectIndex
+    """
+
+    def __init__(self, mbs: Any, body: Any) -> None:
+        found = mbs.GetObject(body)
+        nodes = [found["nodeNumber"]] if "nodeNumber" in found else found.get("nodeNumbers", [])
+        self.nodes = [node for node in nodes if "Ground" not in mbs.GetNode(node)["nodeType"]]
+        self._motion_now = motion(mbs, body)
+
+    def by_coordinates(self, mbs: Any) -> Array:
+        """Velocity and angular velocity in space, (6, k), by those of the k coordinates of the nodes."""
+        exu, data = require("exudyn"), mbs.systemData
+        q_t, columns = data.GetODE2Coordinates_t(copy=False), []
+        before = q_t.copy()
+        try:
+            for node in self.nodes:
+                start = mbs.GetNodeODE2Index(node)
+                for coordinate in range(len(mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))):
+                    q_t[:] = 0.0
+                    q_t[start + coordinate] = 1.0
+                    columns.append(np.concatenate(self._motion_now()))
+        finally:
+            q_t[:] = before
+        return np.array(columns).T
+
+
 def load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
     """Put the contact's reaction on the body that carries the rigid surface, as loads.
 

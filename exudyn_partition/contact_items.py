@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy.sparse.linalg
 
 from ._checks import validate_choice, validate_positive, validate_vector
 from ._optional import require
-from .carriers import load_carrier, motion, pose
+from .carriers import Carrier, load_carrier, motion, pose
 from .central_differences import MultiplierStep
 from .contact.compliance import ComplianceContact
 from .contact.gaps import Side
@@ -22,11 +22,11 @@ from .contact.points import ROWS
 from .contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from .contact.stabilised import StabilisedContact
 from .contact.two_pass import TwoPass
+from .contact_elements import add_element, add_links
 from .contact_results import ContactResults
 from .coupling import check_shared_bodies
 from .errors import InputError, RunError
-from .kinematics import FloatingKinematics
-from .partition_body import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit, start_of_step
+from .partition_body import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit
 
 Array = np.ndarray
 
@@ -55,6 +55,7 @@ class PartitionContact(ContactResults):
         self.laws = {}
         self.group = [self]
         self.stepper: Any = None  # MultiplierStep of multipliers
+        self.carrier: Carrier | None = None
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run; the next one begins at time t [s]."""
@@ -132,8 +133,11 @@ class PartitionContact(ContactResults):
     def force_in_group(self, mbs: Any) -> Array:
         """Generalised force of this contact, (n,), solved together with those that move its patches."""
         data = mbs.systemData.GetODE2Coordinates(copy=False)
-        coordinates = [np.concatenate([data[s] for s in contact.slices(mbs)]) for contact in self.group]
-        return self.together.forces(coordinates)[self.group.index(self)]
+
+        def coordinates() -> list[Array]:
+            return [np.concatenate([data[s] for s in contact.slices(mbs)]) for contact in self.group]
+
+        return self.together.forces_at(data, coordinates)[self._place_in_group]
 
     def rows_on(self, item: PartitionBody) -> sp.csr_matrix:
         """Gap rows of multipliers on the coordinates of `item`, one of the bodies, (nr, n_dofs)."""
@@ -263,15 +267,16 @@ def CreatePartitionContact(
     if formulation == "lagrange":
         contact.laws = {"explicit": contact.law, "implicit": StabilisedContact(contact.law.gaps)}
         contact.stepper = MultiplierStep([contact])
+    if masterBody is not None:
+        contact.carrier = Carrier(mbs, masterBody)
     contact.restart()
     check_shared_bodies(contact, contacts)
     if contact.multipliers:
         _chain_before_step(mbs, contact)
-        contact["oContact"] = _add_element(mbs, contact, *_stabilised_functions(contact))
-    else:
-        contact["oContact"] = _add_element(mbs, contact, *_law_functions(contact))
+    contact["oContact"] = add_element(mbs, contact)
     if masterBody is not None:
         load_carrier(mbs, contact, masterBody)
+    add_links(mbs, contact)
     items = require("exudyn.itemInterface")
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(
@@ -332,90 +337,6 @@ def _highest_frequency(body: Any) -> float:
     start = np.ones(K.shape[0])
     largest = scipy.sparse.linalg.eigsh(K, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
     return float(np.sqrt(largest))
-
-
-Functions = tuple[Callable[..., Any], Callable[..., Any]]
-
-
-def _law_functions(contact: PartitionContact) -> Functions:
-    """Force of a law of the coordinates alone, and its Jacobian."""
-    exu = require("exudyn")
-    law: Any = contact.law
-    on_constant_mass = _on_constant_mass(contact)
-
-    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
-        q = np.asarray(q)
-        f = law.force(q) if len(contact.group) == 1 else contact.force_in_group(mbs)
-        return on_constant_mass(q, f) if law.index.size else f
-
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
-        if len(contact.group) == 1:
-            law.force(np.asarray(q))
-        return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
-
-    return force, jacobian
-
-
-def _on_constant_mass(contact: PartitionContact) -> Callable[[Array, Array], Array]:
-    """Return what makes of forces those on the constant mass of floating frames."""
-    floating = [
-        (s, item.kinematics) for s, item in _own_slices(contact) if isinstance(item.kinematics, FloatingKinematics)
-    ]
-
-    def function(q: Array, f: Array) -> Array:
-        f = f.copy() if floating else f
-        for own, kinematics in floating:
-            f[own] = kinematics.on_constant_mass(q[own], f[own])
-        return f
-
-    return function
-
-
-def _stabilised_functions(contact: PartitionContact) -> Functions:
-    """Force of multipliers in implicit runs, and its Jacobian; nothing in explicit ones."""
-    exu = require("exudyn")
-    law: StabilisedContact = contact.laws["implicit"]
-    on_constant_mass = _on_constant_mass(contact)
-
-    def evaluate(mbs: Any) -> Array:
-        data, solver = mbs.systemData, mbs.sys["dynamicSolver"]
-        views = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
-        q, q_t = (np.concatenate([view[s] for s in contact.slices(mbs)]) for view in views)
-        return on_constant_mass(q, law.force(q, q_t, solver.it.currentStepSize, start_of_step(mbs)))
-
-    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
-        if not runs_implicit(mbs):
-            return np.zeros(law.gaps.n)
-        contact.law = law
-        return evaluate(mbs)
-
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
-        if not runs_implicit(mbs):
-            return exu.MatrixContainer(sp.csr_matrix((law.gaps.n,) * 2))
-        evaluate(mbs)
-        return exu.MatrixContainer(law.tangent(fODE2, fODE2_t))
-
-    return force, jacobian
-
-
-def _add_element(mbs: Any, contact: PartitionContact, force: Callable[..., Any], jacobian: Callable[..., Any]) -> Any:
-    """Massless object over the nodes of all bodies."""
-    items = require("exudyn.itemInterface")
-    return mbs.AddObject(
-        items.ObjectGenericODE2(
-            name=contact.name,
-            nodeNumbers=contact.nodes,
-            forceUserFunction=force,
-            jacobianUserFunction=jacobian,
-            visualization=items.VObjectGenericODE2(show=False),
-        )
-    )
-
-
-def _own_slices(contact: PartitionContact) -> list[tuple[slice, PartitionBody]]:
-    """Where each body's coordinates are among the contact's."""
-    ends = np.cumsum([0] + [item.body.n_dofs for item, _ in contact.sides])
-    return [(slice(a, b), item) for a, b, (item, _) in zip(ends[:-1], ends[1:], contact.sides, strict=True)]
 
 
 def _chain_before_step(mbs: Any, contact: PartitionContact) -> None:

@@ -171,8 +171,12 @@ class ContactResults(dict):
         """
         if self.multipliers:
             return np.zeros(len(result.t))
-        alone = len(self.group) == 1
-        return np.array([self.law.potential(q) if alone else self.law.stored() for q in self._again(result)])
+        if len(self.group) == 1:
+            return np.array([self.law.potential(q) for q in self._again(result)])
+        kept = self.together.energies  # of all, which are found together
+        if result not in kept:
+            kept[result] = np.array([[c.law.stored() for c in self.group] for _ in self._again(result)])
+        return kept[result][:, self._place_in_group].copy()
 
     def nodal_forces(self, result: Result) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
@@ -200,7 +204,6 @@ class ContactResults(dict):
                 "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
             )
         histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
-        own = next(i for i, contact in enumerate(self.group) if contact is self)
         if len(self.group) == 1:
             self.law.reset()
         else:
@@ -208,7 +211,11 @@ class ContactResults(dict):
         for coordinates in zip(*histories, strict=True):
             if len(self.group) > 1:
                 self.together.forces(coordinates)
-            yield coordinates[own]
+            yield coordinates[self._place_in_group]
+
+    @property
+    def _place_in_group(self) -> int:
+        return next(i for i, contact in enumerate(self.group) if contact is self)
 
     @property
     def multipliers(self) -> bool:

@@ -9,6 +9,7 @@ import exudyn_partition as ep
 
 SPHERE_RADIUS = 0.010
 TOP = (0.0, 0.0, 0.03)  # centre of the block's upper face
+MARBLE_RADIUS = 5e-3
 SPHERE_MATERIAL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
 
 
@@ -60,6 +61,23 @@ def ball():
     fine = ep.Refine((0, 0, 0), 0.6e-3, 0.25e-3)
     fem = ep.fe_model(shape, ep.STEEL, maxh=3.5e-3, refine=[fine], grading=0.5)
     return fem, ep.Partition.ball(fem, (0, 0, 0), 1.2e-3)
+
+
+@pytest.fixture(scope="session")
+def marble_parts():
+    """A small steel ball about the origin with a patch at either pole."""
+    poles = [(0, 0, -MARBLE_RADIUS), (0, 0, MARBLE_RADIUS)]
+    refine = [ep.Refine(pole, 0.5e-3, 0.15e-3) for pole in poles]
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), MARBLE_RADIUS)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=2.5e-3, refine=refine, grading=0.5)
+    south, north = (ep.Partition.ball(fem, p, 0.5e-3, name=n) for p, n in zip(poles, ("south", "north"), strict=True))
+    return fem, south | north
+
+
+@pytest.fixture(scope="session")
+def marble(marble_parts):
+    """The same, reduced."""
+    return ep.reduce(*marble_parts, f_cut=300e3)
 
 
 @pytest.fixture(scope="session")

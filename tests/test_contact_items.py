@@ -6,30 +6,15 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from conftest import MARBLE_RADIUS as R
 from conftest import TOP
 from exudyn.itemInterface import NodeRigidBodyRotVecLG, ObjectRigidBody
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
+from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.errors import InputError
-
-R = 5e-3
-
-
-@pytest.fixture(scope="module")
-def marble_parts():
-    """A small steel ball about the origin with a patch at either pole."""
-    refine = [ep.Refine((0, 0, z), 0.5e-3, 0.15e-3) for z in (-R, R)]
-    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=2.5e-3, refine=refine, grading=0.5)
-    poles = [ep.Partition.ball(fem, (0, 0, z), 0.5e-3, name=name) for z, name in ((-R, "south"), (R, "north"))]
-    return fem, poles[0] | poles[1]
-
-
-@pytest.fixture(scope="module")
-def marble(marble_parts):
-    """The same, reduced."""
-    return ep.reduce(*marble_parts, f_cut=300e3)
 
 
 @pytest.fixture(scope="module")
@@ -244,3 +229,37 @@ def test_bad_contacts(mbs, marble):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", formulation="penalty", stiffness=-1.0)
     with pytest.raises(InputError, match="rows"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", rows="mortar")
+
+
+def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch):
+    """All contacts of a row of marbles are found together: asking each for its energy finds them once."""
+    answers = 0
+    answer = ComplianceContact.answer
+
+    def counted(*args):
+        nonlocal answers
+        answers += 1
+        answer(*args)
+
+    def work(n):
+        nonlocal answers
+        mbs = exu.SystemContainer().AddSystem()
+        balls = [
+            ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, 2 * R * i], initialVelocity=[0, 0, -0.2 * i])
+            for i in range(n)
+        ]
+        contacts = [
+            ep.CreatePartitionContact(mbs, a, b, slavePatch="north", masterPatch="south", passes="given")
+            for a, b in pairwise(balls)
+        ]
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
+        answers = 0
+        energies = [contact.energy(result) for contact in contacts]
+        assert all(energy[-1] > 0 for energy in energies)
+        np.testing.assert_array_equal(energies[0], contacts[0].energy(result))
+        return answers / len(contacts) / len(result.t)
+
+    monkeypatch.setattr(ComplianceContact, "answer", counted)
+    few, many = work(3), work(9)
+    assert many < 1.5 * few

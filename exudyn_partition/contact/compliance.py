@@ -10,12 +10,12 @@ import numpy as np
 from ..errors import ComplementarityError
 from .complementarity import Complementarity, regularised
 from .gaps import BULGE
-from .law import ContactLaw
+from .law import ElasticContact
 
 Array = np.ndarray
 
 
-class ComplianceContact(ContactLaw):
+class ComplianceContact(ElasticContact):
     """Massless contact between two bodies whose rows have a residual flexibility.
 
     With the gap h(q) of the rows, where modes and frames have brought them, and the flexibility F of both bodies at the
@@ -92,12 +92,14 @@ class ComplianceContact(ContactLaw):
         lam[near] = self.problem.solve(h[near])
         self._close(lam, near[self.problem.index])
 
-    def tangent(self) -> Array:
-        """Contact stiffness -d force / d q of the present active set, (n, n): H_A' F_AA^-1 H_A, pairs held."""
-        if not self.index.size:
-            return np.zeros((self.gaps.n,) * 2)
-        H = self.gaps.jacobian(self.index)
-        return H.T @ self.problem.solve_active(H)
+    def tangent_of(self, H: Array) -> Array:
+        """Stiffness H' F_AA^-1 H, (m, m), of the closed rows on any coordinates, H (na, m)."""
+        return H.T @ self.problem.solve_active(H) if len(H) else np.zeros((H.shape[1],) * 2)
+
+    def active_flexibility(self) -> Array:
+        """Flexibility of the closed rows, (na, na) [m/N]."""
+        index = self.problem.index if self.index.size else self.index
+        return self.problem.F[np.ix_(index, index)]
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""

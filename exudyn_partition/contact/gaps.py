@@ -20,6 +20,7 @@ from .rows import directed_matrix, point_matrix
 from .surface import Array, Surface
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close as the surface bulges around a contact
+_NOTHING = np.empty(0)
 _SAME = 0.003  # of a facet's size, or turning of normals: motion up to which rows keep their flexibility
 
 
@@ -151,6 +152,16 @@ class Gaps:
         return self.at(q)
 
     @property
+    def carrier_pose(self) -> Array:
+        """What gaps depend on beside the coordinates: where a rigid surface is now, (12,); empty where it is fixed."""
+        return _NOTHING
+
+    @property
+    def constant_rows(self) -> object:
+        """The same object as long as `side_rows` gives the same; None where it may differ in every evaluation."""
+        return None if self.moving else self.held
+
+    @property
     def slave(self) -> Side:
         """The side whose points are kept out."""
         return self.sides[0]
@@ -226,6 +237,10 @@ class Gaps:
             G = side.kinematics.on_coordinates(q, G)
             parts.append(G if self._mean is None else self._mean[index] @ G)
         return _joined(parts)
+
+    def carrier_rows(self, index: Array) -> Array:
+        """Rates of some rows' gaps, (na, 6), by the motion of a body that carries a rigid surface."""
+        raise NotImplementedError
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the patches' nodes, (np, 3) of each side [N], of forces on the present rows, (nr,) [N]."""

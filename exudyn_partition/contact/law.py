@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -87,3 +89,15 @@ class ContactLaw:
         if not len(rows):
             return None
         return self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
+
+
+class ElasticContact(ContactLaw):
+    """A contact whose forces follow from the coordinates alone, and so have a stiffness."""
+
+    def tangent_of(self, H: Any) -> Array:
+        """Stiffness that the closed rows make on some coordinates, (m, m), by their derivatives H, (na, m)."""
+        raise NotImplementedError
+
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q of the closed rows, (n, n), pairs held."""
+        return self.tangent_of(self.gaps.jacobian(self.index))

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import ComplementarityError
 from .gaps import Gaps
-from .law import ContactLaw
+from .law import ElasticContact
 
 Array = np.ndarray
 
 _SOFT = 0.1  # of the bodies' own highest squared frequency: what the layer may add to it
 
 
-class PenaltyContact(ContactLaw):
+class PenaltyContact(ElasticContact):
     """Each row pushes with its area times a layer's stiffness times the depth that its gap is closed beyond zero.
 
     Parameters
@@ -42,16 +43,16 @@ class PenaltyContact(ContactLaw):
         self._close(lam, np.flatnonzero(lam))
         return self.gaps.generalised(lam)
 
-    def tangent(self) -> Array:
-        """Contact stiffness -d force / d q of the closed rows, (n, n), pairs held."""
-        return self._tangent(self.index)
+    def tangent_of(self, H: Array) -> Array:
+        """Stiffness of the closed rows on any coordinates, (m, m), H (na, m)."""
+        return self._tangent(self.index, H)
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n)."""
-        return self._tangent(np.arange(len(self.gaps.row_nodes)))
+        everything = np.arange(len(self.gaps.row_nodes))
+        return self._tangent(everything, self.gaps.jacobian(everything))
 
-    def _tangent(self, index: Array) -> Array:
-        H = self.gaps.jacobian(index)
+    def _tangent(self, index: Array, H: Any) -> Array:
         k = self.stiffness * self.gaps.area[index]
         return (H.T @ sp.diags(k) @ H).toarray() if sp.issparse(H) else H.T @ (k[:, None] * H)
 

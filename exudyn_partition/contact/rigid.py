@@ -163,6 +163,19 @@ class RigidGaps(Gaps):
             self._gap, self.H = start, self.jacobian(np.arange(len(self.row_nodes)))
             self.moving, self.held = False, self
 
+    @property
+    def carrier_pose(self) -> Array:
+        """As `Gaps.carrier_pose`: place and axes of what carries the surface."""
+        if self._pose is None:
+            return super().carrier_pose
+        place, axes = self._pose()
+        return np.concatenate([place, axes.ravel()])
+
+    @property
+    def constant_rows(self) -> object:
+        """As `Gaps.constant_rows`: the patch's own rows do not depend on where the surface is, but for its normals."""
+        return self if self.slave.normal_only else super().constant_rows
+
     def reset(self) -> None:
         """Go back to the start, before a new run."""
         self.at(self._start_q)  # for the normals
@@ -177,12 +190,17 @@ class RigidGaps(Gaps):
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """As `Gaps.closing`; accelerations of what carries the surface are not known here."""
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
-        if self._pose is not None and self._motion is not None:
-            velocity, omega = self._motion()
-            arms = self._all.at(self.places(q)[0]) - self._pose()[0]
-            carried = np.einsum("pd,pd->p", self.normals, velocity + np.cross(omega, arms))
-            rate = rate - (carried if self._mean is None else self._mean @ carried)
+        if self._motion is not None:
+            rate = rate + self.carrier_rows(np.arange(len(gap))) @ np.concatenate(self._motion())
         return gap, rate, acceleration
+
+    def carrier_rows(self, index: Array) -> Array:
+        """Rates of some rows' gaps, (na, 6), by velocity and angular velocity in space of what carries the surface."""
+        if self._pose is None:
+            raise InputError("carrier_rows: nothing carries the surface")
+        arms = self._all.at(self.places_now()[0]) - self._pose()[0]
+        rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
+        return rows[index] if self._mean is None else self._mean[index] @ rows
 
     def _stance(self) -> Array:
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
