@@ -34,6 +34,7 @@ _HOMES = {
     "reduction": ("reduce", "reduce_pair"),
     "estimate": ("Estimate",),
     "recovery": ("StrainGauge",),
+    "damping": ("Rayleigh",),
     "items": ("CreatePartitionBody",),
     "partition_body": ("PartitionBody",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),

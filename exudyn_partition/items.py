@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ._checks import validate_array, validate_choice, validate_vector
 from ._optional import require
 from .body import ReducedBody
+from .damping import Damping, ModeDamping, Ratios, damping_of
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
@@ -37,6 +38,7 @@ def CreatePartitionBody(
     initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
     initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
     gravity: Sequence[float] = (0.0, 0.0, 0.0),
+    damping: Ratios | None = None,
     inertiaTerms: Collection[str] = tuple(TERMS),
     superElement: bool = False,
 ) -> PartitionBody:
@@ -75,6 +77,10 @@ def CreatePartitionBody(
         and "coupling". Default: all. `left_out` of what is returned says what is missing.
     gravity : (3,)
         Acceleration of gravity [m/s2], a constant force.
+    damping : float, sequence, callable or Rayleigh, optional
+        Damping of vibration: one ratio for all kept modes, a ratio for each elastic one, a function from frequencies
+        [Hz] to ratios, or `Rayleigh(alpha, beta)`, which alone goes with kept nodes. Rigid motion is not damped.
+        Default: none. It lowers the explicit stability limit.
     superElement : bool
         Whether to add what carries Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a marker for
         each interface at once, so that the result has the keys of `mbs.CreateFFRFReducedOrderObject` and of
@@ -109,13 +115,17 @@ def CreatePartitionBody(
     if frame == "inertial":
         if rotation is not None:
             raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
-        item = _add_inertial(mbs, body, name, position, body.rigid @ np.r_[velocity, angular_velocity])
+        kinematics = InertialKinematics(body, position)
+        loss = None if damping is None else damping_of(kinematics, damping)
+        item = _add_inertial(mbs, kinematics, name, body.rigid @ np.r_[velocity, angular_velocity], loss)
     else:
         rotation = np.zeros(3) if rotation is None else rotation
-        kinematics = FloatingKinematics(
+        floating = FloatingKinematics(
             body, position, rotation, node_rotation=None if superElement else np.array(_APART)
         )
-        item = _add_floating(mbs, kinematics, name, velocity, angular_velocity, inertiaTerms)
+        loss = None if damping is None else damping_of(floating, damping)
+        item = _add_floating(mbs, floating, name, velocity, angular_velocity, inertiaTerms, loss)
+    item.damping = loss
     if acceleration.any():
         mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
     exu, items = require("exudyn"), require("exudyn.itemInterface")
@@ -147,17 +157,19 @@ def _rotation_vector(matrix: Any) -> Array:
     return Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 wants one that it may write to
 
 
-def _add_inertial(mbs: Any, body: ReducedBody, name: str, position: Array, q_t: Array) -> PartitionBody:
-    exu = require("exudyn")
+def _add_inertial(
+    mbs: Any, kinematics: InertialKinematics, name: str, q_t: Array, damping: Damping | None
+) -> PartitionBody:
+    exu, body = require("exudyn"), kinematics.body
     parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
     indices = {key: _add_node(mbs, part) for key, part in parts.items() if len(part)}
     said = ("large rotation, and the inertia forces of a rotating frame (frame='floating')",)
-    item = PartitionBody(body, name, InertialKinematics(body, position), said, **indices)
+    item = PartitionBody(body, name, kinematics, said, **indices)
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions = {}
     if "nNodal" in indices:
-        functions = _coupling_functions(exu, item, body.stiffness - diagonal)
-    item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions)
+        functions = _coupling_functions(exu, item, body.stiffness - diagonal, damping)
+    item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
     return item
 
 
@@ -168,6 +180,7 @@ def _add_floating(
     velocity: Array,
     angular_velocity: Array,
     terms: Collection[str],
+    damping: Damping | None,
 ) -> PartitionBody:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia = kinematics.body, kinematics.inertia
@@ -191,13 +204,13 @@ def _add_floating(
     )
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
-        functions = _inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness)
+        functions = _inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness, damping)
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
         functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms))
         stiffness = sp.diags(omega_squared, format="csr")
-    item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions)
+    item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item
 
 
@@ -214,9 +227,16 @@ def _add_node(mbs: Any, velocities: Array) -> Any:
 
 
 def _add_object(
-    mbs: Any, item: PartitionBody, mass: sp.csr_matrix, stiffness: sp.csr_matrix, functions: dict[str, Any]
+    mbs: Any,
+    item: PartitionBody,
+    mass: sp.csr_matrix,
+    stiffness: sp.csr_matrix,
+    functions: dict[str, Any],
+    damping: Damping | None,
 ) -> Any:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
+    if isinstance(damping, ModeDamping):  # other damping is in the functions
+        functions = {"dampingMatrix": exu.MatrixContainer(damping.matrix()), **functions}
     return mbs.AddObject(
         items.ObjectGenericODE2(
             name=item.name,
@@ -241,9 +261,13 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
 
 
 def _inertia_functions(
-    exu: Any, nodes: list[Any], forces: InertiaForces, stiffness: Callable[[], Array] | None = None
+    exu: Any,
+    nodes: list[Any],
+    forces: InertiaForces,
+    stiffness: Callable[[], Array] | None = None,
+    damping: Damping | None = None,
 ) -> dict[str, Any]:
-    """Inertia forces of a floating frame and their Jacobian, with elastic ones if their stiffness is given."""
+    """Inertia forces of a floating frame and their Jacobian, with elastic ones and damping if they are given."""
     start_of_step = exu.ConfigurationType.StartOfStep
 
     def end_velocities(mbs: Any, t: float, z: Array, middle: Array) -> Array:
@@ -272,6 +296,8 @@ def _inertia_functions(
         if stiffness is not None:
             result[RIGID:] = -forces.elastic(z)
         if v.any():  # not in a static solution
+            if damping is not None:
+                result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
                 v = end_velocities(mbs, t, z, v)
             result[3:] += forces.force(v[:3], z, v[3:])
@@ -285,12 +311,16 @@ def _inertia_functions(
         result[3:, RIGID:] -= fODE2 * by_z
         if stiffness is not None:
             result[RIGID:, RIGID:] += fODE2 * stiffness()
+        if damping is not None:
+            result += fODE2_t * damping.matrix()
         return exu.MatrixContainer(sp.csr_matrix(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def _coupling_functions(exu: Any, item: PartitionBody, stiffness: sp.csr_matrix) -> dict[str, Any]:
+def _coupling_functions(
+    exu: Any, item: PartitionBody, stiffness: sp.csr_matrix, damping: Damping | None
+) -> dict[str, Any]:
     """Force and Jacobian of what is not diagonal.
 
     The force reads Exudyn's coordinates in place: converting the list that a user function receives costs more than the
@@ -298,12 +328,21 @@ def _coupling_functions(exu: Any, item: PartitionBody, stiffness: sp.csr_matrix)
     """
     stiffness = sp.csr_matrix(stiffness)
     stiffness.eliminate_zeros()
+    damping_matrix = None if damping is None else damping.matrix()
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        slices = coordinate_slices(mbs, item)
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        return -(stiffness @ np.concatenate([coordinates[s] for s in coordinate_slices(mbs, item)]))
+        result = -(stiffness @ np.concatenate([coordinates[s] for s in slices]))
+        if damping is not None:
+            velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
+            result -= damping.force(np.concatenate([velocities[s] for s in slices]))
+        return result
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
-        return exu.MatrixContainer(sp.csr_matrix(fODE2 * stiffness))
+        result = fODE2 * stiffness
+        if damping_matrix is not None:
+            result = result + fODE2_t * damping_matrix
+        return exu.MatrixContainer(sp.csr_matrix(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

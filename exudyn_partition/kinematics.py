@@ -126,6 +126,14 @@ class InertialKinematics:
         """Coordinates, in the basis, of the deformation alone."""
         return q - self.rigid_motion(q) @ self.body.rigid.T
 
+    def proportional_force(self, q: Array, alpha: float, beta: float) -> Array:
+        """Generalised forces (alpha M + beta K) of the deformation in coordinates or velocities q, (..., n_dofs)."""
+        return alpha * self.mass * self.deformed(q) + beta * (self.body.stiffness @ q.T).T
+
+    def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
+        """(n_dofs, n_dofs): alpha M + beta K, rigid motion included."""
+        return sp.csr_matrix(alpha * self.body.mass + beta * self.body.stiffness)
+
     def deformation(self, q: Array) -> Array:
         """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
         return _fields(self.rows, self.deformed(q))
@@ -210,14 +218,25 @@ class FloatingKinematics:
     deformed = elastic
 
     def elastic_force(self, z: Array) -> Array:
-        """Generalised forces K z, (n_dofs - 6,), of deformation z, (n_dofs - 6,)."""
-        return self.mean_axes.restrict(self.body.stiffness @ self.mean_axes.expand(z))
+        """Generalised forces K z, (..., n_dofs - 6), of deformation z, (..., n_dofs - 6)."""
+        return self.mean_axes.restrict((self.body.stiffness @ self.mean_axes.expand(z).T).T)
 
     @cached_property
     def elastic_stiffness(self) -> Array:
         """K of the deformation, (n_dofs - 6, n_dofs - 6), dense."""
         rows = self.mean_axes.restrict(self.body.stiffness.toarray())
         return self.mean_axes.restrict(rows.T)
+
+    def proportional_force(self, q: Array, alpha: float, beta: float) -> Array:
+        """Generalised forces (alpha M + beta K) of the deformation in coordinates or velocities q, (..., n_dofs)."""
+        z = q[..., 6:]
+        return np.concatenate([np.zeros((*z.shape[:-1], 6)), alpha * z + beta * self.elastic_force(z)], axis=-1)
+
+    def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
+        """(n_dofs, n_dofs): derivative of `proportional_force`."""
+        n = self.body.n_dofs - 6
+        own = alpha * np.eye(n) + beta * self.elastic_stiffness
+        return sp.block_diag([sp.csr_matrix((6, 6)), own], format="csr")
 
     def moved(self, q: Array, way: Array) -> Array:
         """Coordinates after a way, (n_dofs,), velocity times time, from q, (n_dofs,): rotations are composed."""

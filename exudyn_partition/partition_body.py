@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.integrate import cumulative_trapezoid
 
 from ._checks import validate_vector
 from ._optional import require
 from .body import ReducedBody
+from .damping import Damping
 from .errors import InputError
 from .kinematics import FloatingKinematics, InertialKinematics
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
@@ -49,6 +51,7 @@ class PartitionBody(dict):
         super().__init__(**indices)
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
         self.point_markers: dict[int, Sequence[float]] = {}
+        self.damping: Damping | None = None
 
     @property
     def frame(self) -> str:
@@ -64,7 +67,9 @@ class PartitionBody(dict):
     def left_out(self) -> tuple[str, ...]:
         """What body and frame leave out, in sentences."""
         dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
-        return self.body.left_out + self._frame_left_out + dents * bool(self.point_markers)
+        undamped = ("damping of the kept modes (damping= of CreatePartitionBody)",)
+        said = self.body.left_out + self._frame_left_out
+        return said + undamped * (self.damping is None) + dents * bool(self.point_markers)
 
     @property
     def nodes(self) -> list[Any]:
@@ -222,6 +227,16 @@ class PartitionBody(dict):
         elastic = self.kinematics.elastic(q)
         strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
         return self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
+
+    def dissipated_energy(self, result: Result) -> Array:
+        """Energy that damping has taken from the body since the start of the result, (n,) [J].
+
+        By the trapezoidal rule between samples, which must resolve the vibration.
+        """
+        if self.damping is None:
+            return np.zeros(len(result.t))
+        q_t = self.coordinates_t(result)
+        return cumulative_trapezoid(np.sum(q_t * self.damping.force(q_t), axis=1), result.t, initial=0.0)
 
     def rigid_motion(self, q: Array) -> Array:
         """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body."""

@@ -164,7 +164,7 @@ def energy(
     bodies: Sequence[PartitionBody] | None = None,
     contacts: Sequence[PartitionContact] | None = None,
 ) -> Any:
-    """Energy of bodies, kinetic and strain, energy stored in contacts, and their sum over time [ms].
+    """Energy of bodies, kinetic and strain, in contacts, what damping has taken, and their sum over time [ms].
 
     The sum is constant as far as nothing else in the model does work on the bodies.
 
@@ -184,6 +184,9 @@ def energy(
     contacts = result.contacts if contacts is None else contacts
     curves = {_name(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
     curves |= {_name(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
+    damped = np.sum([item.dissipated_energy(result) for item in bodies], axis=0)
+    if np.any(damped):
+        curves["taken by damping"] = damped
     curves["sum"] = np.sum(list(curves.values()), axis=0)
     scale, prefix = _prefix(max(abs(curve).max() for curve in curves.values()))
     for i, (label, curve) in enumerate(curves.items()):

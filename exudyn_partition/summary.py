@@ -139,7 +139,12 @@ def _conservation(result: Result) -> str:
         with_contacts = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
     except InputError as error:
         note = f"{html.escape(str(error))}. "
-    for name, values in (("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)):
+    damped = np.sum([item.dissipated_energy(result) for item in result.bodies], axis=0)
+    sums = [("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)]
+    if damped.any():
+        total = None if with_contacts is None else with_contacts + damped
+        sums += [("taken by damping [J]", damped), ("with contacts' and what damping took [J]", total)]
+    for name, values in sums:
         if values is not None:
             largest = abs(values).max() or 1.0
             rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / largest:.2e}"))

@@ -146,6 +146,10 @@ def markers(d):
     ]
 
 
+def damping(d):
+    return [Row(f"{k} of a damped mode", "one mode", d["limit"], found) for k, found in d["worst"].items()]
+
+
 def limits(units):
     """Headline numbers of scripts whose JSON has `found` and `limits` of the same names."""
 
@@ -205,6 +209,7 @@ CASES = {
     "markers": Case("joints/markers.py", markers),
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
+    "damping": Case("inelastic/damping.py", damping),
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "size": Case("benchmarks/size.py", limits(
