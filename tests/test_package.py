@@ -28,7 +28,8 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
     "contact.compliance", "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised",
     "contact.penalty", "contact.two_pass", "history", "markers", "partition_body", "items", "joints",
-    "central_differences", "contact_results", "carriers", "coupling", "contact_items", "step_control", "output", "view",
+    "central_differences", "contact_results", "carriers", "coupling", "contact_elements", "contact_items",
+    "step_control", "output", "view",
     "report", "plot", "summary", "result", "hooks", "solve", "reference", "cli", "__main__", "__init__",
     "contact.__init__",
 ]  # fmt: skip
@@ -37,6 +38,7 @@ TYPES_ONLY = {  # imported for type checking
     "floating": {"nodal_inertia"},
     "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
     "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
+    "contact_elements": {"contact_items"},
     "view": {"result"}, "plot": {"result"}, "summary": {"result"},
 }  # fmt: skip
 
@@ -79,7 +81,7 @@ def test_outer_packages_have_one_door_each():
         "netgen": {"ngsolve_fem", "cli"},  # the doctor tries them
         "meshio": {"mesh_files"},
         "exudyn": {
-            *("markers", "partition_body", "items", "joints", "carriers", "contact_items"),
+            *("markers", "partition_body", "items", "joints", "carriers", "contact_elements", "contact_items"),
             *("hooks", "solve", "view", "cli"),
         },
     }
