@@ -10,7 +10,9 @@ import contextlib
 import importlib
 import json
 import math
+import os
 import sys
+import tempfile
 import time
 import warnings
 from collections import Counter
@@ -21,11 +23,13 @@ from typing import Any
 
 import numpy as np
 
+from ._checks import validate_vector
 from ._optional import require
 from ._version import __version__
 from .body import ReducedBody, load_body
-from .errors import CallError, InputError, PartitionError, PartitionWarning
+from .errors import CallError, InputError, OutputError, PartitionError, PartitionWarning
 from .estimate import STEPS_A_PERIOD
+from .files import writable
 from .hertz import effective, impact
 from .material import ALUMINIUM, STEEL, Material
 from .ngsolve_fem import Refine, fe_model
@@ -73,7 +77,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
     """
-    options = _parser().parse_args(argv)
+    # A space in front: argparse takes -5e-3 for an option.
+    words = [f" {word}" if _is_negative(word) else word for word in (sys.argv[1:] if argv is None else argv)]
+    options = _parser().parse_args(words)
     with warnings.catch_warnings():
         warnings.simplefilter("always", PartitionWarning)
         warnings.showwarning = _warn
@@ -87,11 +93,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return 130
-    if options.json:
-        print(json.dumps(found, indent=2))
-    elif "error" not in found:
-        _show(found)
+    try:
+        if options.json:
+            print(json.dumps(found, indent=2))
+        elif "error" not in found:
+            _show(found)
+        sys.stdout.flush()
+    except OSError as error:  # whoever reads it has gone, or the disk that it goes to is full
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python tries again as it ends
+        print(f"error: the result could not be printed: {error.strerror}", file=sys.stderr)
+        return 1
     return code
+
+
+def _is_negative(word: str) -> bool:
+    """Whether an argument is a number below zero."""
+    try:
+        return word.startswith("-") and not math.isnan(float(word))
+    except ValueError:
+        return False
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -147,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--second", default=("inf", "inf", "rigid"), nargs=3, metavar=three, help=said)
     one.add_argument("--speed", required=True, type=_positive, help="of approach [m/s]")
     one.add_argument(
-        "--impedance", type=_positive, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
+        "--impedance", type=_limit, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
     )
 
     command("doctor", _doctor, "Check the installation by versions and by a small impact.")
@@ -156,12 +176,19 @@ def _parser() -> argparse.ArgumentParser:
 
 def _positive(text: str) -> float:
     """Number above zero."""
+    if math.isinf(number := _limit(text)):
+        raise argparse.ArgumentTypeError(f"expected a finite number above zero, got {text.strip()!r}")
+    return number
+
+
+def _limit(text: str) -> float:
+    """Number above zero, or inf."""
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not number > 0:
-        raise argparse.ArgumentTypeError(f"expected a number above zero, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a number above zero, got {text.strip()!r}")
     return number
 
 
@@ -186,9 +213,8 @@ def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     names = options.name or [""] * len(options.at)
     if len(names) != len(options.at):
         raise CallError(f"--name: expected one for each of {len(options.at)} --at, got {len(names)}")
-    if not options.out.parent.is_dir():
-        raise InputError(f"--out: there is no folder {options.out.parent}; make it first")
-    places = [(np.array(at), radius) for at, radius in zip(options.at, radii, strict=True)]
+    _check_out(options.out, options.source)
+    places = [(validate_vector("--at", at), radius) for at, radius in zip(options.at, radii, strict=True)]
     refine = [Refine(at, radius, options.h) for at, radius in places] if options.h else []
     begin = time.perf_counter()
     fem = fe_model(
@@ -203,6 +229,19 @@ def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     body = reduce(fem, partition, basis=options.basis, speed=options.speed, **limit)
     body.save(options.out)
     return 0, {"file": str(options.out), **_described(body), "time": {"fem_s": fem_s, "reduce_s": body.reduce_s}}
+
+
+def _check_out(out: Path, source: str) -> None:
+    """Raise if the body cannot be written, before the work of making it, or would replace what it is made of."""
+    writable(out, "--out")
+    if out.exists() and os.path.exists(source) and os.path.samefile(out, source):  # noqa: PTH110, PTH121
+        raise InputError(f"--out: {out} is the source itself, which the body would replace; give it another name")
+    folder = Path(os.path.realpath(out)).parent
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0")
+    except OSError as error:
+        raise OutputError(f"--out: nothing can be written into {folder}: {error.strerror}; choose another") from error
 
 
 def _info(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
@@ -275,8 +314,8 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
 def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Material | None]:
     mass, radius, material = values
     try:
-        number = load_body(mass).total_mass if mass.endswith(".npz") else _positive(mass)
-        return number, _positive(radius), None if material == "rigid" else _material(material)
+        number = load_body(mass).total_mass if mass.endswith(".npz") else _limit(mass)
+        return number, _limit(radius), None if material == "rigid" else _material(material)
     except (ValueError, argparse.ArgumentTypeError) as error:
         if isinstance(error, PartitionError):
             raise

@@ -187,3 +187,50 @@ def test_a_table_is_readable(capsys):
     assert float(lines["peak force [N]"]) > 100
     assert float(lines["contact radius [m]"]) < 1e-3
     assert float(lines["step [s]"]) < 1e-6
+
+
+def test_a_source_is_not_replaced_by_its_body(step_file, tmp_path, capsys, monkeypatch):
+    """It was, after the whole reduction: -o block.step."""
+    content, link = step_file.read_bytes(), tmp_path / "link.npz"
+    link.symlink_to(step_file)
+    monkeypatch.setattr(cli, "fe_model", None)  # nothing is meshed
+    for out in (step_file, step_file.parent / ".." / step_file.parent.name / step_file.name, link):
+        code, found, _ = call(capsys, "reduce", step_file, *BLOCK, "--f-cut", 8e4, "-o", out)
+        assert (code, found["error"]) == (1, "InputError")
+        assert "is the source itself" in found["message"]
+    assert step_file.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("out", "kind"),
+    [("/proc/body.npz", "OutputError"), ("/dev/full", "InputError"), (".", "InputError"), ("no/b.npz", "InputError")],
+)
+def test_what_cannot_be_written_is_told_before_the_work(step_file, capsys, monkeypatch, tmp_path, out, kind):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "fe_model", None)
+    code, found, err = call(capsys, "reduce", step_file, *BLOCK, "--f-cut", 8e4, "-o", out)
+    assert (code, found["error"]) == (1, kind)
+    assert err.startswith("error: --out: ")
+
+
+@pytest.mark.parametrize("x", ["-0.005", "-5e-3", "-5E-03", "-.005"])
+def test_points_may_have_negative_coordinates(capsys, monkeypatch, x):
+    monkeypatch.setattr(cli, "_reduce", lambda options: (0, {"at": options.at}))
+    arguments = ["reduce", "a.step", "--material", "steel", "--at", x, 0, x, "--radius", 6e-3, "--f-cut", 8e4]
+    code, found, _ = call(capsys, *arguments, "-o", "b.npz")
+    assert (code, found["at"]) == (0, [[-0.005, 0, -0.005]])
+
+
+def test_a_point_that_is_none(step_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(cli, "fe_model", None)
+    arguments = ["reduce", step_file, "--material", "steel", "--at", "nan", 0, 0, "--radius", 1, "--f-cut", 1]
+    code, found, _ = call(capsys, *arguments, "-o", tmp_path / "b.npz")
+    assert (code, found["message"]) == (1, "--at: expected finite numbers, got nan at index (0,)")
+
+
+def test_nobody_reads_what_is_printed():
+    command = [sys.executable, "-m", "exudyn_partition", "estimate", "--first", "1", "0.01", "steel", "--speed", "1"]
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
+    assert run.returncode == 1
+    assert run.stderr == "error: the result could not be printed: No space left on device\n"
