@@ -130,6 +130,14 @@ def validate_items(name: str, values: Any, kind: type, source: str) -> list[Any]
     return items
 
 
+def validate_result(value: Any) -> None:
+    """Raise unless `value` is a Result, which is known by what it can do: its class comes later in the data flow."""
+    if isinstance(value, type) or not hasattr(value, "sensor_of"):
+        raise InputError(
+            f"result: expected what solve_dynamic() or collect() returns, a Result, got {type(value).__name__}"
+        )
+
+
 def validate_callable(name: str, value: Any, expected: str) -> None:
     """Raise unless `value` can be called; `expected` says with what."""
     if not callable(value):

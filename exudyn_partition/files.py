@@ -6,10 +6,12 @@ import contextlib
 import os
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
+from ._checks import validate_path
 from .errors import InputError, OutputError
 
 _KEPT_NAME = 40  # characters of the final name in the temporary one, which must not be longer than a name may be
@@ -66,6 +68,48 @@ def replacing(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def filling(folder: str | Path, last: str) -> Iterator[Path]:
+    """Give a new folder, whose files go into `folder` when the block ends, and disappear if the block raises.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there; files of the same names are replaced, links and modes as by `replacing`.
+    last : str
+        The file that lists the others: it goes after them.
+
+    Yields
+    ------
+    Path
+        Within `folder`.
+
+    Raises
+    ------
+    InputError
+        If `folder` is no path, or there is a file of that name.
+    OutputError
+        If the system cannot write; the files that were there are kept.
+    """
+    folder = validate_path("folder", folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".", suffix=".tmp", dir=folder) as name:
+            yield Path(name)
+            for file in sorted(Path(name).iterdir(), key=lambda file: (file.name == last, file.name)):
+                target = Path(os.path.realpath(folder / file.name))
+                if target.exists():
+                    file.chmod(stat.S_IMODE(target.stat().st_mode))
+                file.replace(target)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InputError(f"folder: expected a folder or the name of a new one, {error.filename} is a file") from error
+    except OSError as error:
+        raise OutputError(
+            f"folder: nothing can be written into {str(folder)[:100]}: {error.strerror or error}. Files that were "
+            "there are unchanged. Free the disk or choose another folder"
+        ) from error
 
 
 def writable(path: str | Path, name: str = "path") -> Path:

@@ -9,18 +9,19 @@ displacement + (s - 1) deformation.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ._checks import validate_choice
+from ._checks import validate_callable, validate_choice, validate_flag, validate_items, validate_result
 from ._progress import Progress, shown
 from .contact_items import PartitionContact
 from .errors import InputError
 from .fem import FEModel
+from .files import filling
 from .mesh_files import write_vtu
 from .partition_body import PartitionBody
 from .recovery import StaticAnswer, nodal_stress, von_mises
@@ -35,6 +36,8 @@ Load = tuple[PartitionContact, list[Array]]  # and its forces on the nodes of ea
 FIELDS = ("displacement", "deformation", "velocity", "stress", "von_mises", "contact_pressure")
 _OF_STRESS = {"stress", "von_mises"}
 _FRAMES = 50
+_LONGEST_STEM = 40  # characters of a body's name in those of its files, which file systems limit to 255 bytes
+_LIST = "run.pvd"
 _FACETS = {3: "triangle", 6: "triangle6", 4: "quad"}
 _CELLS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}
 
@@ -58,7 +61,7 @@ def write_paraview(
     Parameters
     ----------
     folder : str or Path
-        Made if it is not there; files of the same names are replaced.
+        Made if it is not there; files of the same names are replaced, once all are written.
     result : Result
     bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
         Default: all of the run. Stresses, and the inside of a body, need its FE model.
@@ -87,27 +90,60 @@ def write_paraview(
     Raises
     ------
     InputError
-        If a field is unknown, a time not within the run, or an FE model is missing or of another body.
+        If an argument is no such thing, a field is unknown, a time not within the run, there is no body, or an FE model
+        is missing or of another body.
+    OutputError
+        If the disk is full or protected; files that were there are kept.
     """
-    names = list(dict.fromkeys([fields] if isinstance(fields, str) else fields))
-    for name in names:
-        validate_choice("fields", name, FIELDS)
+    names = _field_names(fields)
+    validate_result(result)
+    validate_flag("surface", surface)
+    validate_flag("static_answer", static_answer)
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
+    contacts = validate_contacts(result.contacts if contacts is None else contacts)
     chosen = result.at(times)
-    contacts = result.contacts if contacts is None else contacts
-    pieces = [BodyFields(entry, names, surface) for entry in (result.bodies if bodies is None else bodies)]
+    pieces = [BodyFields(entry, names, surface) for entry in shown_bodies(result.bodies, bodies)]
     answered = static_answer and any(piece.fem is not None for piece in pieces)
     loads = contact_loads(contacts, chosen) if answered else []
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     entries = []
-    with shown(progress, "write frames") as report:
+    with filling(folder, last=_LIST) as new, shown(progress, "write frames") as report:
         for part, (piece, stem) in enumerate(zip(pieces, _stems(pieces), strict=True)):
             for i, data in enumerate(piece.frames(chosen, contacts, loads)):
-                path = folder / f"{stem}_{i:04d}.vtu"
+                path = new / f"{stem}_{i:04d}.vtu"
                 write_vtu(path, piece.points, piece.kind, piece.cells, data)
                 entries.append((float(chosen.t[i]), part, path.name))
                 report((part + (i + 1) / len(chosen.t)) / len(pieces))
-    return _write_pvd(folder / "run.pvd", sorted(entries))
+        _write_pvd(new / _LIST, sorted(entries))
+    return Path(folder) / _LIST
+
+
+def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) -> list[Shown]:
+    """Return the bodies to write or draw, by default all that a run or a model has, or raise `InputError`."""
+    expected = "bodies: expected a list of what CreatePartitionBody returns, or of pairs (body, fem) with its FE model"
+    if bodies is None:
+        bodies = held
+    if isinstance(bodies, str | Mapping) or not isinstance(bodies, Iterable):
+        raise InputError(f"{expected}, got {type(bodies).__name__}")
+    found = list(bodies)
+    if not found:
+        raise InputError("bodies: there is no partition body to show; call CreatePartitionBody before")
+    return found
+
+
+def validate_contacts(contacts: Iterable[PartitionContact]) -> list[PartitionContact]:
+    """Return contacts as a list, all of them such, or raise `InputError`."""
+    return validate_items("contacts", contacts, PartitionContact, "CreatePartitionContact()")
+
+
+def _field_names(fields: str | Iterable[str]) -> list[str]:
+    """Names of fields, each once."""
+    if not isinstance(fields, Iterable):
+        raise InputError(f"fields: expected names, {', '.join(map(repr, FIELDS))}, got {fields!r}")
+    names = [validate_choice("fields", name, FIELDS) for name in ([fields] if isinstance(fields, str) else fields)]
+    if not names:
+        raise InputError(f"fields: expected at least one of {', '.join(map(repr, FIELDS))}, got none")
+    return list(dict.fromkeys(names))
 
 
 class BodyFields:
@@ -139,12 +175,13 @@ class BodyFields:
     def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
         self.item: PartitionBody
         self.fem: FEModel | None
-        self.item, self.fem = entry if isinstance(entry, tuple) else (entry, None)
-        if not isinstance(self.item, PartitionBody) or not isinstance(self.fem, FEModel | None):
+        pair = entry if isinstance(entry, tuple) else (entry, None)
+        if len(pair) != 2 or not isinstance(pair[0], PartitionBody) or not isinstance(pair[1], FEModel | None):
             got = " and ".join(type(x).__name__ for x in (entry if isinstance(entry, tuple) else (entry,)))
             raise InputError(
                 f"bodies: expected what CreatePartitionBody returns, or pairs (body, fem) with its FE model, got {got}"
             )
+        self.item, self.fem = pair
         self.names, self.body = names, self.item.body
         self._static: StaticAnswer | None = None
         if self.fem is None and (_OF_STRESS & {*names} or not surface):
@@ -216,6 +253,8 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     InputError
         If a body of another kind carries a rigid surface: these are not known after the run.
     """
+    contacts = validate_contacts(contacts)
+    validate_result(result)
     try:
         return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.multipliers]
     except InputError as error:
@@ -239,15 +278,19 @@ def _pressures(
 
 
 def _stems(pieces: Sequence[BodyFields]) -> list[str]:
-    """File names of bodies: their own, as far as a file can have them and each only once."""
+    """File names of bodies: their own, as far as a file can have them and each only once, also where case is lost."""
     stems: list[str] = []
     for i, piece in enumerate(pieces):
-        stem = re.sub(r"[^\w.-]+", "_", piece.item.name) or f"body{i}"
-        stems.append(stem if stem not in stems else f"{stem}_{i}")
+        wanted = re.sub(r"[^\w.-]+", "_", piece.item.name)[:_LONGEST_STEM] or f"body{i}"
+        stem, number = wanted, 1
+        while stem.casefold() in [other.casefold() for other in stems]:
+            number += 1
+            stem = f"{wanted}_{number}"
+        stems.append(stem)
     return stems
 
 
-def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> Path:
+def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> None:
     """Write the list of files with their times and parts."""
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     collection = ElementTree.SubElement(root, "Collection")
@@ -255,4 +298,3 @@ def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> Path:
         ElementTree.SubElement(collection, "DataSet", timestep=repr(t), part=str(part), file=name)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-    return path

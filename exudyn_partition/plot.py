@@ -12,14 +12,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._checks import validate_choice
+from ._checks import validate_choice, validate_integer, validate_number, validate_positive, validate_type
 from ._optional import require
 from .body import ReducedBody
 from .contact_items import PartitionContact
 from .errors import InputError
 from .history import History
+from .output import validate_contacts
 from .partition_body import PartitionBody
-from .report import Comparison, front
+from .plot_input import (
+    axes_of,
+    check_samples,
+    contact_of,
+    history_of,
+    history_of_point,
+    label_of,
+    labelled,
+    plain,
+    validate_bodies,
+)
+from .report import Comparison, front, validate_runs
 from .spectrum import amplitude_spectrum
 
 if TYPE_CHECKING:
@@ -31,7 +43,6 @@ _REFERENCE_STYLE = {"color": "0.6", "linewidth": 3.0}
 _RUN_STYLE = {"color": "C3", "linewidth": 1.0}
 _DASHES = ("-", "--", "-.", ":")
 _MARKERS = "os^Dv<>p"
-_SIZE = (6.0, 3.4)  # inches: a column and a half
 _MOST_SAMPLES = 2**20  # of a history that is resampled for its spectrum
 _PREFIXES = {1e9: "G", 1e6: "M", 1e3: "k", 1.0: "", 1e-3: "m", 1e-6: "µ", 1e-9: "n"}
 
@@ -56,11 +67,11 @@ def force(
     Raises
     ------
     InputError
-        If a Result has no contact, or several and none is named.
+        If an argument is no such thing, or a Result has no contact, or several and none is named.
     """
-    axes = _axes(axes)
-    for history, style in _layers(_history(run, contact), reference):
-        axes.plot(1e3 * history.t, history.force, label=history.info.get("label"), **style)
+    axes = axes_of(axes)
+    for history, style in _layers(history_of(run, contact), reference):
+        axes.plot(1e3 * history.t, history.force, label=label_of(history), **style)
     return _finish(axes, "contact force [N]")
 
 
@@ -93,12 +104,13 @@ def velocity(
     Raises
     ------
     InputError
-        If there is no such point or body.
+        If an argument is no such thing, or there is no such point or body.
     """
-    axes, name = _axes(axes), _point_name(point)
-    for history, style in _layers(_history_of_point(run, point, body), reference):
-        axes.plot(1e3 * history.t, _velocity(history, name)[:, axis], label=history.info.get("label"), **style)
-    return _finish(axes, f"velocity of {name} along {'xyz'[axis]} [m/s]")
+    axes, axis = axes_of(axes), validate_integer("axis", axis, 0, 2)
+    shown, name = history_of_point(run, point, body)
+    for history, style in _layers(shown, reference):
+        axes.plot(1e3 * history.t, _velocity(history, name)[:, axis], label=label_of(history), **style)
+    return _finish(axes, f"velocity of {plain(name)} along {'xyz'[axis]} [m/s]")
 
 
 def spectrum(
@@ -134,19 +146,23 @@ def spectrum(
     Raises
     ------
     InputError
-        As `force` and `velocity`.
+        As `force` and `velocity`; also if there are less than three samples, or nothing changes.
     """
-    axes = _axes(axes)
-    history = _history(run, contact) if point is None else _history_of_point(run, point, body)
+    axes, axis = axes_of(axes), validate_integer("axis", axis, 0, 2)
+    if f_cut is not None:
+        f_cut = validate_positive("f_cut", f_cut, "Hz")
     if point is None:
+        history = history_of(run, contact)
         x, label = history.force, "spectrum of the contact force [N s]"
     else:
-        name = _point_name(point)
-        x, label = _velocity(history, name)[:, axis], f"spectrum of the velocity of {name} [m]"
+        history, name = history_of_point(run, point, body)
+        x, label = _velocity(history, name)[:, axis], f"spectrum of the velocity of {plain(name)} [m]"
+    if len(history.t) < 3 or np.diff(history.t).min() <= 0 or not np.ptp(x):
+        raise InputError("run: expected a signal that changes, of at least three samples one after another")
     t = np.linspace(history.t[0], history.t[-1], _equal_samples(history.t))
     x = np.interp(t, history.t, x)
     f, amplitude = amplitude_spectrum(t, x, window="none" if point is None else "hann")
-    axes.semilogy(1e-3 * f, amplitude, label=history.info.get("label"), **_RUN_STYLE)
+    axes.semilogy(1e-3 * f, amplitude, label=label_of(history), **_RUN_STYLE)
     if f_cut is None and not isinstance(run, History):
         f_cut = max((item.body.f_cut for item in run.bodies), default=None)
     if f_cut is not None:
@@ -178,10 +194,19 @@ def energy(
     Returns
     -------
     matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, there is neither body nor contact, the run kept nothing, or the energy of a
+        contact is not known after it.
     """
-    axes = _axes(axes)
-    bodies = result.bodies if bodies is None else bodies
-    contacts = result.contacts if contacts is None else contacts
+    axes = axes_of(axes)
+    check_samples(result)
+    bodies = result.bodies if bodies is None else validate_bodies(bodies)
+    contacts = result.contacts if contacts is None else validate_contacts(contacts)
+    if not bodies and not contacts:
+        raise InputError("bodies, contacts: expected at least one, for there is no energy without")
     curves = {_name(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
     curves |= {_name(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
     damped = np.sum([item.dissipated_energy(result) for item in bodies], axis=0)
@@ -191,7 +216,7 @@ def energy(
     scale, prefix = _prefix(max(abs(curve).max() for curve in curves.values()))
     for i, (label, curve) in enumerate(curves.items()):
         style = {"color": "k", "linewidth": 0.8} if label == "sum" else {"linestyle": _DASHES[i % len(_DASHES)]}
-        axes.plot(1e3 * result.t, curve / scale, label=label, **style)
+        axes.plot(1e3 * result.t, curve / scale, label=plain(label), **style)
     return _finish(axes, f"energy [{prefix}J]")
 
 
@@ -215,10 +240,10 @@ def pressure(axes: Any, result: Result, time: float, *, contact: PartitionContac
     Raises
     ------
     InputError
-        If the time is not within the run.
+        If an argument is no such thing, or the time is not within the run.
     """
-    axes, contact = _axes(axes), _contact(result, contact)
-    sample = result.at([time])
+    axes, contact = axes_of(axes), contact_of(result, contact)
+    sample = result.at([validate_number("time", time, "a time in s")])
     item, number = contact.sides[0]
     patch = item.body.partition.patches[number]
     x = 1e3 * item.body.points[patch.nodes] @ np.linalg.svd(patch.direction[None])[2][1:].T
@@ -230,7 +255,7 @@ def pressure(axes: Any, result: Result, time: float, *, contact: PartitionContac
     axes.figure.colorbar(drawn, ax=axes, label="contact pressure [MPa]")
     axes.set_aspect("equal")
     axes.set_title(f"t = {1e3 * sample.t[0]:.4g} ms", fontsize="medium")
-    axes.set_xlabel(f"across the patch of {_name(item, 'the slave')} [mm]")
+    axes.set_xlabel(f"across the patch of {plain(_name(item, 'the slave'))} [mm]")
     axes.set_ylabel("across the patch [mm]")
     return axes
 
@@ -246,9 +271,15 @@ def modes(axes: Any, body: ReducedBody | PartitionBody) -> Any:
     Returns
     -------
     matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing.
     """
-    axes = _axes(axes)
+    axes = axes_of(axes)
     body = body.body if isinstance(body, PartitionBody) else body
+    validate_type("body", body, ReducedBody, "reduce() or CreatePartitionBody()")
     frequency = 1e-3 * body.basis.omega / (2 * np.pi)
     kinds = np.array(
         ["rigid" if f == 0 else label.rsplit(" ", 2)[0] for f, label in zip(frequency, body.basis.labels, strict=True)]
@@ -281,26 +312,24 @@ def pareto(
     Raises
     ------
     InputError
-        If there are no runs, or one has no such error.
+        If an argument is no such thing, there are no runs, or one has no such error or run time.
     """
-    axes, runs = _axes(axes), dict(runs)
+    axes, runs = axes_of(axes), labelled(runs)
     if not runs:
         raise InputError("runs: expected at least one comparison, got none")
-    for run in runs.values():
-        validate_choice("quantity", quantity, run.error)
+    validate_runs(runs, quantity)
     line = [(runs[label].time_s, 100 * runs[label].error[quantity]) for label in front(runs, quantity)]
     axes.loglog(*zip(*line, strict=True), "-", color="0.6", linewidth=1.0, zorder=1)
     points = sorted((run.time_s, 100 * run.error[quantity], label) for label, run in runs.items())
     for i, (x, y, label) in enumerate(points):
-        axes.loglog(x, y, _MARKERS[i % len(_MARKERS)], label=label)
+        axes.loglog(x, y, _MARKERS[i % len(_MARKERS)], label=plain(label))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:g}")
     reference = max(run.reference_time_s for run in runs.values())
     if math.isfinite(reference):
         axes.axvline(reference, color="k", linestyle="--", linewidth=0.8, label="reference")
-    return _finish(
-        axes, f"error of {'the force' if quantity == 'force' else 'the velocity of ' + quantity} [%]", "run time [s]"
-    )
+    what = "the force" if quantity == "force" else f"the velocity of {plain(quantity)}"
+    return _finish(axes, f"error of {what} [%]", "run time [s]")
 
 
 def overview(
@@ -318,8 +347,13 @@ def overview(
     Returns
     -------
     matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        As `force` and `velocity`.
     """
-    run = _history(run, contact)
+    run = history_of(run, contact)
     figure_class = require("matplotlib.figure").Figure
     figure = figure_class(figsize=(8.0, 2.6 * (1 + len(run.velocity))), layout="constrained")
     panels = figure.subplots(1 + len(run.velocity), 1, sharex=True, squeeze=False)[:, 0]
@@ -329,46 +363,6 @@ def overview(
     for axes in panels[:-1]:
         axes.set_xlabel("")
     return figure
-
-
-def _axes(axes: Any) -> Any:
-    """Return the axes, or those of a new figure for None."""
-    if axes is None:
-        return require("matplotlib.figure").Figure(figsize=_SIZE, layout="constrained").subplots()
-    if not hasattr(axes, "plot"):
-        raise InputError(f"axes: expected those of matplotlib, or None for a new figure, got {type(axes).__name__}")
-    return axes
-
-
-def _contact(result: Result, contact: PartitionContact | None) -> PartitionContact:
-    if contact is not None:
-        return contact
-    if len(result.contacts) != 1:
-        names = ", ".join(repr(c.name) for c in result.contacts)
-        raise InputError(f"contact: expected one of the run's {len(result.contacts)} contacts ({names}), got none")
-    return result.contacts[0]
-
-
-def _history(run: History | Result, contact: PartitionContact | None) -> History:
-    return run if isinstance(run, History) else run.history(_contact(run, contact))
-
-
-def _history_of_point(run: History | Result, point: Any, body: PartitionBody | None) -> History:
-    """History with the velocity of a point, by its name."""
-    if isinstance(run, History):
-        return run
-    if isinstance(point, str):
-        raise InputError(f"point: a Result has no named points; give a point of a body, (3,) [m], instead of {point!r}")
-    if body is None:
-        if len(run.bodies) != 1:
-            names = ", ".join(repr(item.name) for item in run.bodies)
-            raise InputError(f"body: expected one of the run's {len(run.bodies)} bodies ({names}), got none")
-        body = run.bodies[0]
-    return History(run.t, np.zeros(len(run.t)), {_point_name(point): body.velocity(run, point)}, {"label": body.name})
-
-
-def _point_name(point: Any) -> str:
-    return point if isinstance(point, str) else "(" + ", ".join(f"{1e3 * x:.4g}" for x in point) + ") mm"
 
 
 def _velocity(history: History, name: str) -> Array:
@@ -393,6 +387,8 @@ def _prefix(largest: float) -> tuple[float, str]:
 
 
 def _layers(run: History, reference: History | None) -> list[tuple[History, dict[str, Any]]]:
+    if reference is not None:
+        validate_type("reference", reference, History, "Result.history(), reference.simulate() or History.load()")
     below = [] if reference is None else [(reference.until(float(run.t[-1])), _REFERENCE_STYLE)]
     return [*below, (run, _RUN_STYLE)]
 

@@ -111,7 +111,7 @@ def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
     Raises
     ------
     InputError
-        If a run is no Comparison, or has no such error.
+        If a run is no Comparison, or has no such error or run time.
     """
     validate_runs(runs, quantity)
     best, names = math.inf, []
@@ -123,12 +123,14 @@ def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
 
 
 def validate_runs(runs: Mapping[str, Comparison], quantity: str) -> None:
-    """Raise unless all runs have an error of that quantity."""
+    """Raise `InputError` unless all runs have an error of that quantity, and a run time."""
     if not isinstance(runs, Mapping):
         raise InputError(f"runs: expected a dict of labels and comparisons, got {type(runs).__name__}")
-    for run in runs.values():
+    for label, run in runs.items():
         validate_type("runs", run, Comparison, "compare()")
         validate_choice("quantity", quantity, run.error)
+        if not run.time_s > 0:
+            raise InputError(f"runs: the run time of {label!r} is not known; give the run's info['time_s'], in s")
 
 
 def _relative(name: str, x: Array, x_ref: Array) -> float:

@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import plot, view
+from ._checks import validate_text
 from ._optional import require
 from .contact_items import PartitionContact
 from .errors import InputError
+from .files import replacing, writable
 from .report import versions
 
 if TYPE_CHECKING:
@@ -41,9 +43,8 @@ img { max-width: 100%; } .warning { color: #a00; font-weight: 600; }
 
 def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
     """Write the page of a run; see `Result.report`."""
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise InputError(f"path: there is no folder {path.parent} to write {path.name} into; make it first")
+    path = writable(path)
+    validate_text("title", title)
     if not len(result.t):
         raise InputError("result: the run kept no samples, there is nothing to report")
     title = title or path.stem
@@ -66,7 +67,8 @@ def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
-    path.write_text(page, encoding="utf-8")
+    with replacing(path, "w") as file:
+        file.write(page)
     return path
 
 
@@ -173,7 +175,7 @@ def _figures(result: Result) -> str:
     with require("matplotlib").rc_context({"font.size": 9}):
         for i, contact in enumerate(result.contacts):
             axes = plot.force(None, result, contact=contact)
-            axes.set_title(contact.name or f"contact {i}")
+            axes.set_title(plot.plain(contact.name or f"contact {i}"))
             images.append((_png(axes), "contact force over time"))
         if result.bodies:
             with contextlib.suppress(InputError):  # of what is not known after the run; `_conservation` says so

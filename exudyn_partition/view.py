@@ -18,11 +18,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ._checks import validate_array, validate_choice, validate_positive
+from ._checks import (
+    validate_array,
+    validate_choice,
+    validate_integer,
+    validate_number,
+    validate_positive,
+    validate_result,
+    validate_vector,
+)
 from ._optional import require
 from .errors import InputError, RunError
-from .output import BodyFields, Shown, contact_loads
-from .partition_body import PartitionBody, coordinate_slices, partition_items
+from .output import BodyFields, Shown, contact_loads, shown_bodies
+from .partition_body import PartitionBody, coordinate_slices, partition_items, validate_model
 
 if TYPE_CHECKING:
     from .result import Result
@@ -35,6 +43,8 @@ _COLOURS = "viridis"
 _ACROSS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a quadratic triangle, in four flat ones
 _SPLIT = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [0, 2, 3]]), 6: _ACROSS}
 _WINDOW = (1024, 768)
+_MOST_PIXELS = 8192  # along a side: Exudyn asks for the memory of larger ones without a word, and ends the process
+_LARGEST_SCALE = 1e12  # of deformation, beyond which single precision, in which pictures are drawn, has no more room
 _AMBIENT = 0.8  # brightness of what no light falls on: shadows must not pass for small values
 _MARGIN = 0.6  # half of a picture's height, in diagonals of what it shows
 
@@ -75,9 +85,16 @@ def CreatePartitionView(
     InputError
         If there is no body, or an option is out of range.
     """
+    validate_model(mbs)
     validate_choice("field", field, [name for name in UNITS if name != "von_mises"])
     data, configuration = mbs.systemData, require("exudyn").ConfigurationType.Visualization
-    pieces = _pieces(partition_items(mbs)[0] if bodies is None else bodies, field)
+    held = partition_items(mbs)[0]
+    pieces = _pieces(shown_bodies(held, bodies), field)
+    for piece in pieces:
+        if not any(piece.item is item for item in held):
+            raise InputError(
+                f"bodies: body {piece.item.name!r} belongs to another model, or to this one before a Reset"
+            )
 
     def fields(piece: BodyFields) -> dict[str, Array]:
         slices = coordinate_slices(mbs, piece.item)
@@ -126,12 +143,15 @@ def picture(
     Raises
     ------
     InputError
+        If an argument is no such thing or out of range, or the time is not within the run.
     """
-    frame = result.at([time])
-    turn = Rotation.from_rotvec(validate_array("rotation", rotation, (3,)).tolist())
+    validate_result(result)
+    frame = result.at([validate_number("time", time, "a time in s")])
+    turn = Rotation.from_rotvec(validate_vector("rotation", rotation).tolist())
+    pixels = _pixels(size)
     SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
     general, view = SC.visualizationSettings.general, SC.visualizationSettings.view0
-    view.window.renderWindowSize = [int(validate_positive("size", pixels)) for pixels in size]
+    view.window.renderWindowSize = pixels
     general.renderWindowString = f"t = {frame.t[0]:.6g} s"
     general.showSolverInformation = general.showSolverTime = view.window.showComputationInfo = False
     light = SC.visualizationSettings.openGL
@@ -174,11 +194,15 @@ def show(
     Raises
     ------
     InputError
+        If an argument is no such thing or out of range.
     RunError
         If there is no screen.
     """
+    validate_result(result)
     frames, now = result.at(times), 0
     validate_positive("period", period, "s")
+    if cycles is not None:
+        validate_integer("cycles", cycles, 1)
     SC, mbs = _scene(frames, lambda: now, bodies, field, scale, limits)
     # Exudyn ends the whole process where X11 is missing, so that this has to be asked before.
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
@@ -198,10 +222,14 @@ def show(
 
 def _pieces(bodies: Sequence[Shown], field: str) -> list[BodyFields]:
     validate_choice("field", field, UNITS)
-    pieces = [BodyFields(entry, ("displacement", "deformation", field), surface=True) for entry in bodies]
-    if not pieces:
-        raise InputError("bodies: there is no partition body to show; call CreatePartitionBody before")
-    return pieces
+    return [BodyFields(entry, ("displacement", "deformation", field), surface=True) for entry in bodies]
+
+
+def _pixels(size: tuple[int, int]) -> list[int]:
+    """Width and height of a picture."""
+    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or len(size) != 2:
+        raise InputError(f"size: expected width and height in pixels, such as {_WINDOW}, got {size!r}")
+    return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
 
 
 def _scene(
@@ -216,7 +244,7 @@ def _scene(
     """System container and model that hold nothing but the bodies, at the sample that `now` names."""
     SC = require("exudyn").SystemContainer()
     mbs = SC.AddSystem()
-    pieces = _pieces(result.bodies if bodies is None else bodies, field)
+    pieces = _pieces(shown_bodies(result.bodies, bodies), field)
     loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
     histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
 
@@ -241,7 +269,13 @@ def _add(
 ) -> Any:
     """Add the object that draws, for a view that is turned."""
     items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
+    if scale > _LARGEST_SCALE:
+        raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
     given = None if limits is None else validate_array("limits", limits, (2,))
+    if given is not None and given[0] >= given[1]:
+        raise InputError(
+            f"limits: expected the lower and the upper end of the colours, got {given[0]:g} to {given[1]:g}"
+        )
 
     def draw(mbs: Any, item: Any) -> list[dict[str, Any]]:
         return _graphics(pieces, fields, field, scale, given, turn or Rotation.identity())

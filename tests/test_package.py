@@ -30,7 +30,7 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.penalty", "contact.two_pass", "history", "markers", "partition_body", "items", "joints",
     "central_differences", "contact_results", "carriers", "coupling", "contact_elements", "contact_items",
     "step_control", "output", "view",
-    "report", "plot", "summary", "result", "hooks", "solve", "reference", "cli", "__main__", "__init__",
+    "report", "plot_input", "plot", "summary", "result", "hooks", "solve", "reference", "cli", "__main__", "__init__",
     "contact.__init__",
 ]  # fmt: skip
 
