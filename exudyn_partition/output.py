@@ -119,7 +119,7 @@ def write_paraview(
 
 
 def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) -> list[Shown]:
-    """Return the bodies to write or draw, by default all that a run or a model has, or raise `InputError`."""
+    """Return the `bodies` to write or draw, by default all that are `held`, or raise `InputError`."""
     expected = "bodies: expected a list of what CreatePartitionBody returns, or of pairs (body, fem) with its FE model"
     if bodies is None:
         bodies = held

@@ -20,7 +20,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from ._checks import read_only, validate_array, validate_positive, validate_vector
+from ._checks import (
+    read_only,
+    validate_array,
+    validate_items,
+    validate_positive,
+    validate_text,
+    validate_type,
+    validate_vector,
+)
 from .body import ReducedBody
 from .contact.surface import closest_points
 from .errors import InputError, MeshError
@@ -80,12 +88,15 @@ class StrainGauge:
         object.__setattr__(self, "position", validate_vector("position", self.position))
         direction = validate_vector("direction", self.direction)
         size = np.linalg.norm(direction)
-        if size == 0:
-            raise InputError("direction: expected the gauge's axis, a vector that is not zero")
+        if not 0 < size < np.inf:
+            raise InputError(
+                f"direction: expected the gauge's axis, a vector that has a length, got {self.direction!r}"
+            )
         direction = direction / size
         read_only(direction)
         object.__setattr__(self, "direction", direction)
         object.__setattr__(self, "length", validate_positive("length", self.length, "m"))
+        validate_text("name", self.name)
 
     @property
     def ends(self) -> Array:
@@ -109,10 +120,13 @@ def gauge_rows(fem: FEModel, gauges: Sequence[StrainGauge]) -> sp.csr_matrix:
     Raises
     ------
     InputError
-        If an end of a gauge lies outside the body, beyond 5 % of an element's height.
+        If an argument is no such thing, or an end of a gauge lies outside the body, beyond 5 % of an element's height.
     MeshError
         If the elements are no tetrahedra.
     """
+    gauges = validate_items("gauges", gauges, StrainGauge, "StrainGauge()")
+    if not gauges:
+        raise InputError("gauges: expected at least one StrainGauge, got none")
     k = len(gauges)
     ends = np.array([gauge.ends for gauge in gauges]).reshape(-1, 3)
     weights = np.array([np.outer([-1, 1], gauge.direction / gauge.length) for gauge in gauges])
@@ -250,11 +264,12 @@ def von_mises(stress: Array) -> Array:
     Raises
     ------
     InputError
-        If the last axis is not of length six.
+        If the last axis is not of length six, or they are no finite numbers.
     """
-    stress = np.asarray(stress, dtype=float)
-    if stress.shape[-1:] != (6,):
-        raise InputError(f"stress: expected six components on the last axis, got shape {stress.shape}")
+    shape = np.shape(stress) if isinstance(stress, np.ndarray | list | tuple) else ()
+    if shape[-1:] != (6,):
+        raise InputError(f"stress: expected six components on the last axis, got shape {shape}")
+    stress = validate_array("stress", stress, (*[None] * (len(shape) - 1), 6))
     normal, shear = stress[..., :3], stress[..., 3:]
     differences = normal - np.roll(normal, 1, axis=-1)
     return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
@@ -286,7 +301,7 @@ def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None =
     Raises
     ------
     InputError
-        If the basis has no residual flexibility, or the body is of another mesh.
+        If an argument is no such thing, the basis has no residual flexibility, or the body is of another mesh.
 
     References
     ----------
@@ -314,6 +329,8 @@ class StaticAnswer:
     """
 
     def __init__(self, fem: FEModel, body: ReducedBody) -> None:
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_type("body", body, ReducedBody, "reduce() or load_body()")
         if body.basis.flexibility is None:
             raise InputError(
                 f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
@@ -379,6 +396,7 @@ def _gradients(nodes: Array, local: Array) -> Array:
 
 
 def _validate_tetrahedra(fem: FEModel) -> None:
+    validate_type("fem", fem, FEModel, "fe_model()")
     if fem.cells.shape[1] not in (4, 10):
         raise MeshError(f"cells: recovery expects tetrahedra with 4 or 10 nodes, got {fem.cells.shape[1]} nodes")
 

@@ -6,6 +6,7 @@ import stat
 
 import pytest
 
+import exudyn_partition as ep
 from exudyn_partition.errors import InputError, OutputError
 from exudyn_partition.files import replacing
 
@@ -122,3 +123,26 @@ def test_what_is_no_file_is_refused_and_stays(tmp_path):
             raise AssertionError("the file was opened")
     assert names(tmp_path) == before
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)  # noqa: PTH116, for it is a device
+
+
+def test_pages_fields_and_histories_leave_what_was_there(impact, tmp_path, request):
+    """A page came back as written, a stub stood where a good one had been, saving and ParaView ended raw."""
+    mbs, striker, _, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=2e-6)
+    history = result.history(contact)
+    (tmp_path / "fields").mkdir()
+    good = [tmp_path / name for name in ("run.html", "history", "body", "fields/run.pvd", "fields/body0_0000.vtu")]
+    for path in good:
+        path.write_text("good")
+    request.getfixturevalue("full_disk")
+    for call, kept in (
+        (lambda: result.report(good[0]), "The file that was there is unchanged"),
+        (lambda: history.save(good[1]), "The file that was there is unchanged"),
+        (lambda: striker.body.save(good[2]), "The file that was there is unchanged"),
+        (lambda: ep.output.write_paraview(tmp_path / "fields", result, times=2), "Files that were there are unchanged"),
+        (lambda: ep.output.write_paraview(tmp_path / "new", result, times=2), "nothing can be written into"),
+    ):
+        with pytest.raises(OutputError, match=kept):
+            call()
+    assert [path.read_text() for path in good] == ["good"] * 5
+    assert {*tmp_path.rglob("*")} == {*good, tmp_path / "fields", tmp_path / "new"}

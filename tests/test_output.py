@@ -216,3 +216,21 @@ def test_nodal_forces_are_those_of_the_run(mbs, bodies, options, tmp_path):
     files = files_of(write_paraview(tmp_path, some, fields="contact_pressure", times=some.t[-1:]))
     with_pressure = ["contact_pressure" in meshio.read(path).point_data for *_, path in files]
     assert sum(with_pressure) == (2 if options.get("passes") == "two" else 1)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("a b", "a/b"), ("Rod", "rod"), ("a_2", "a", "a"), ("x" * 400, "x" * 401), ("\u00e4" * 300, "$"), ("", "body0")],
+)
+def test_every_body_has_files_of_its_own(mbs, bodies, tmp_path, names):
+    """Names that differed only in what a file cannot have shared their files, and long ones had none."""
+    items = [
+        ep.CreatePartitionBody(mbs, bodies[1], name=name, referencePosition=[0.1 * i, 0, 0])
+        for i, name in enumerate(names)
+    ]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-6, step=0.5e-6)
+    files = files_of(write_paraview(tmp_path, result, times=2))
+    assert len({path.name.casefold() for *_, path in files}) == 2 * len(items)
+    for _, part, path in files:
+        assert meshio.read(path).points[:, 0].min() == pytest.approx(0.1 * part - 5e-3)
