@@ -39,7 +39,7 @@ TYPES_ONLY = {  # imported for type checking
     "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
     "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
     "contact_elements": {"contact_items"},
-    "view": {"result"}, "plot": {"result"}, "summary": {"result"},
+    "view": {"result"}, "plot": {"result"}, "plot_input": {"result"}, "summary": {"result"},
 }  # fmt: skip
 
 
