@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import compress
 from typing import Any
 
@@ -76,21 +77,17 @@ class Joints:
                 "(NodeGenericAE); use method='implicit'"
             )
         self.linear = all(linear for *_, linear in self._objects)
-        self._take_masses(exu)
+        self._take_masses()
         self._take_turns(exu)
         self._constant: dict[int, Array] = {}
         self._were_active: list[bool] | None = None
         self.C = np.full((self.n, len(self.dofs)), np.nan)
 
-    def _take_masses(self, exu: Any) -> None:
+    def _take_masses(self) -> None:
         """Find the coordinates that joints move, constant masses, and bodies whose mass varies with the coordinates."""
-        mbs, data, n = self._mbs, self._mbs.systemData, self._mbs.systemData.ODE2Size()
+        n = self._mbs.systemData.ODE2Size()
         varying, constant, linked = [], [], []
-        for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
-            columns = np.array(data.GetObjectLTGODE2(number), int)
-            if not columns.size or self._kind.MassMatrix not in mbs.ComputeItem(number):
-                continue
-            mass = _constant_mass(mbs.GetObject(number), len(columns))
+        for number, columns, mass in _masses(self._mbs):
             if mass is None:
                 varying.append((number, columns))
                 linked.append(_placed(sp.coo_matrix(np.ones((len(columns),) * 2)), columns, n))
@@ -193,6 +190,33 @@ class Joints:
                         rate[rows] += side / step * self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
             data.SetTime(t)
         return rate
+
+
+def mass_and_rows(mbs: Any) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Mass matrix, (n, n), and rows of all algebraic equations, (nAE, n), of a model at its present coordinates."""
+    exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
+    n = data.ODE2Size()
+    M, C = sp.csr_matrix((n, n)), sp.lil_matrix((data.AEsize(), n))
+    for number, columns, mass in _masses(mbs):
+        own = sp.coo_matrix(mbs.ComputeItem(number, kind.MassMatrix)) if mass is None else mass
+        M = M + _placed(own, columns, n)
+    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+        rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
+        if rows.size and kind.ConstraintJacobian in mbs.ComputeItem(number):
+            J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
+            for row, values in zip(rows, J, strict=True):
+                for column, value in zip(columns, values, strict=True):  # a joint may meet a coordinate twice
+                    C[row, column] += value
+    return M, sp.csr_matrix(C)
+
+
+def _masses(mbs: Any) -> Iterator[tuple[Any, Array, sp.coo_matrix | None]]:
+    """Number, coordinates and mass matrix of each object that has one; None for a mass that may vary."""
+    exu, data = require("exudyn"), mbs.systemData
+    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+        columns = np.array(data.GetObjectLTGODE2(number), int)
+        if columns.size and exu.ComputeItemType.MassMatrix in mbs.ComputeItem(number):
+            yield number, columns, _constant_mass(mbs.GetObject(number), len(columns))
 
 
 def _validate(number: Any, entry: dict[str, Any]) -> None:

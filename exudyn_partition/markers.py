@@ -24,8 +24,6 @@ Kinematics = InertialKinematics | FloatingKinematics
 
 _TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
 _SMALL = 1e-6  # mass of what constraints hold to an interface, of the body's
-_APART = 0.05  # of the smallest body: how far a joint may be open at the start
-_VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
 
@@ -221,66 +219,3 @@ def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
     closeness = size / distance[near]
     linear = np.vstack([np.ones(len(near)), arms.T / size])
     return near, closeness * np.linalg.lstsq(linear * closeness, np.array([1.0, 0, 0, 0]), rcond=None)[0]
-
-
-def check_joints(mbs: Any, point_markers: dict[int, Any], size: float) -> None:
-    """Refuse joints on nodes that were reduced away, and starts that violate a constraint.
-
-    Parameters
-    ----------
-    mbs : exudyn.MainSystem
-        Assembled.
-    point_markers : dict of int to (3,)
-        Points of the bodies' node and point markers.
-    size : float
-        Of the smallest body [m].
-
-    Raises
-    ------
-    InputError
-    """
-    if mbs.systemData.AEsize() == 0:
-        return
-    exu = require("exudyn")
-    constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
-    for number in constraints:
-        for marker in mbs.GetObject(number).get("markerNumbers", []):
-            if int(marker) in point_markers:
-                raise InputError(
-                    f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
-                    "reduced away: the body lacks its static answer to forces there and would be too stiff. Join "
-                    "Partition.interface(fem, name, nodes) to the partition before reduce(), and take "
-                    "CreateInterfaceMarker"
-                )
-    solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
-    settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
-    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-    solver.InitializeSolver(mbs, settings)
-    apart, residual = (_violations(mbs, solver, velocity_level) for velocity_level in (False, True))
-    largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
-    for number in constraints:
-        rows = list(mbs.systemData.GetObjectLTGAE(number))
-        if apart[rows].max() > _APART * size:
-            raise InputError(
-                f"{_object(mbs, number)} is open by {apart[rows].max():.4g} (m or rad) at the start, where bodies are "
-                f"{size:.3g} m long: its markers do not meet. Check referencePosition and referenceRotation of the "
-                "bodies and the markers' places"
-            )
-        own = residual[rows].max()
-        if own > max(_VIOLATION * largest, _ROUND_OFF):
-            raise InputError(
-                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
-                "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "
-                "mass, and initialAngularVelocity that fit the joints and drives"
-            )
-
-
-def _violations(mbs: Any, solver: Any, velocity_level: bool) -> Array:
-    """Absolute values of the constraints, (number of them,), or of their rates, at the start."""
-    solver.ComputeAlgebraicEquations(mbs, velocityLevel=velocity_level)
-    return np.abs(np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :])
-
-
-def _object(mbs: Any, number: int) -> str:
-    about = mbs.GetObject(number)
-    return f"mbs: {about['objectType']} {about['name']!r}, object {number},"

@@ -8,6 +8,7 @@ import numpy as np
 
 from ._checks import read_only, validate_choice, validate_positive, validate_type, validate_vector
 from .errors import EmptyRegionError, InputError
+from .faces import middle
 from .fem import FEModel, area_vectors, facet_corners, nodal_area, rigid_modes
 
 Array = np.ndarray
@@ -71,7 +72,7 @@ class Interface:
         "rigid": the nodes move as one rigid body (RBE2). "averaged": they stay as flexible as they are, a force or
         moment of the joint is spread over them (RBE3).
     position : (3,) array
-        Reference point of the motion, the weighted mean of the nodes' positions [m].
+        Reference point of the motion, where joints attach [m].
     weights : (k,) array
         Share of each node in the mean, their sum is one: by area if they are all the nodes of some surface, else equal.
     motion : (6, 3k) array
@@ -273,7 +274,9 @@ class Partition:
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes)
 
     @classmethod
-    def interface(cls, fem: FEModel, name: str, nodes: Array | str, *, kind: str = "rigid") -> Partition:
+    def interface(
+        cls, fem: FEModel, name: str, nodes: Array | str, *, kind: str = "rigid", position: Array | None = None
+    ) -> Partition:
         """Interface for joints, springs and loads: a named node set with six resultants.
 
         Parameters
@@ -284,13 +287,18 @@ class Partition:
             Nodes of the FE model, or the name of one of its boundaries.
         kind : {"rigid", "averaged"}
             Whether the nodes move as one rigid body (RBE2), or a joint's forces are spread over them (RBE3).
+        position : (3,) array, optional
+            Where joints attach, the reference point of the motion [m]. Default: the mean over the area, if the nodes
+            are all those of some surface, and of a bore or a pin on its axis (see `faces.middle`); else the mean of the
+            nodes. A joint wants it exactly where its other marker is.
 
         Raises
         ------
         EmptyRegionError
             If there are no nodes.
         InputError
-            If they lie on one line, so that no rotation about it is defined, or are no nodes of the FE model.
+            If they lie on one line, so that no rotation about it is defined, or are no nodes of the FE model; if
+            `position` is further from the nodes than the body is long.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("kind", kind, KINDS)
@@ -306,21 +314,34 @@ class Partition:
         if np.isin(nodes, spanned).all():
             area = nodal_area(fem.points, spanned)[nodes]
             weights = area / area.sum()
+            mean = middle(fem.points, spanned)
         else:  # a few facets that some of the nodes happen to span must not carry all
             weights = np.full(len(nodes), 1 / len(nodes))
-        position = weights @ fem.points[nodes]
-        arms = fem.points[nodes] - position
-        sizes = np.linalg.svd(np.sqrt(weights)[:, None] * arms, compute_uv=False)
+            mean = weights @ fem.points[nodes]
+        sizes = np.linalg.svd(np.sqrt(weights)[:, None] * (fem.points[nodes] - mean), compute_uv=False)
         if len(nodes) < 3 or sizes[1] <= _FLAT * sizes[0]:
             raise InputError(
                 f"nodes: interface {name!r} has {len(nodes)} nodes that lie on one line, so that its rotation about it "
                 "is not defined; expected at least three that span a plane"
             )
-        motions = rigid_modes(arms)
+        place = mean if position is None else _checked_place(fem, name, mean, position)
+        motions = rigid_modes(fem.points[nodes] - place)
         weighted = motions * np.repeat(weights, 3)[:, None]
         motion = np.linalg.solve(motions.T @ weighted, weighted.T)
-        joint = Interface(name, nodes, kind, position, weights, motion)
+        joint = Interface(name, nodes, kind, place, weights, motion)
         return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes)
+
+
+def _checked_place(fem: FEModel, name: str, mean: Array, position: Array) -> Array:
+    """Return an interface's point that the user gave."""
+    place = validate_vector("position", position)
+    away, size = np.linalg.norm(place - mean), np.ptp(fem.points, axis=0).max()
+    if away > size:
+        raise InputError(
+            f"position: expected the point where joints attach, in the body's own coordinates, got {_show(place)}, "
+            f"{away:.4g} m away from the nodes of interface {name!r} around {_show(mean)}, of a body of {size:.4g} m"
+        )
+    return place
 
 
 def _facing(normals: Array, within: Array, direction: Array | None) -> Array:

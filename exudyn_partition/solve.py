@@ -26,8 +26,8 @@ from .errors import (
 )
 from .estimate import SAFETY, STEPS_A_PERIOD
 from .hooks import controlled, multipliers, watched, without_stabilised
+from .joint_checks import OpenJoints, check_joints
 from .linalg import one_blas_thread
-from .markers import check_joints
 from .partition_body import PartitionBody, coordinate_slices, partition_items, validate_model
 from .result import Result, cut, reviewed, samples, warn_of_turns
 from .step_control import LONGEST, UNRESOLVED, StepControl
@@ -169,12 +169,12 @@ def solve_dynamic(
         If the run ended early; the result holds what was computed.
     ModelLimitWarning
         If a body rotated further than its frame allows, or turned by more than a radian in a step; if bodies overlapped
-        at the start by so much that it drives them apart.
+        at the start by so much that it drives them apart, or a joint was open by so much that closing it shows.
     ContactPatchWarning
         If a contact reached the edge of its patch.
     """
     with interruptible():  # from before the first step until after the last look at the results
-        result = _run(
+        result, open_joints = _run(
             mbs,
             end_time=end_time,
             step=step,
@@ -189,6 +189,7 @@ def solve_dynamic(
             progress=progress,
         )
         result = reviewed(mbs, result)
+        open_joints.warn(result)
         if not adaptive:
             warn_of_turns(result)
         return result
@@ -208,17 +209,15 @@ def _run(
     unresolved: float | None,
     settings: Any,
     progress: Progress | None,
-) -> Result:
-    """Run of `solve_dynamic`, with what its sensors stored as it is."""
+) -> tuple[Result, OpenJoints]:
+    """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start."""
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
     end_time = validate_positive("end_time", end_time, "s")
     validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    items = partition_items(mbs)[0]
-    size = min((float(np.ptp(item.body.points, axis=0).max()) for item in items), default=math.inf)
-    check_joints(mbs, {m: point for item in items for m, point in item.point_markers.items()}, size)
+    open_joints = check_joints(mbs, partition_items(mbs)[0])
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
@@ -273,7 +272,7 @@ def _run(
             mbs.SolveDynamic(settings, solverType=solver)
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
             if not watch.steps:
-                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}") from error
+                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}{open_joints}") from error
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
@@ -284,7 +283,7 @@ def _run(
         status, message = "interrupted", "interrupted by the user" if watch.interrupted else user
     elif status == "finished" and progress is not None:
         progress(1.0)
-    return replace(result, status=status, message=message)
+    return replace(result, status=status, message=message), open_joints
 
 
 def collect(mbs: Any) -> Result:

@@ -310,6 +310,57 @@ def test_named_boundaries_of_the_shape_are_interfaces():
         ep.Partition.interface(fem, "pin", "feet")
 
 
+@pytest.fixture(scope="module", params=[1, 2])
+def lever(request):
+    """A bar along x with a bore about z, meshed fine on one side of it."""
+    bar = occ.Box((-0.015, -0.012, 0), (0.08, 0.012, 0.008)) - occ.Cylinder((0, 0, -1e-3), occ.Z, 6e-3, 10e-3)
+    for face in bar.faces:
+        if abs(face.center.x) < 5e-3 and 1e-3 < face.center.z < 7e-3 and abs(face.center.y) < 5e-3:
+            face.name = "bore"
+    fine = ep.Refine((6e-3, 0, 0), radius=1e-3, h=1e-3)
+    return ep.fe_model(bar, ep.STEEL, maxh=10e-3, refine=[fine], order=request.param)
+
+
+def test_a_bore_s_interface_is_on_its_axis(lever):
+    """However uneven its mesh: the mean of its nodes is a sixth of the radius off."""
+    pin = ep.Partition.interface(lever, "pin", "bore").interfaces[0]
+    assert np.linalg.norm(lever.points[pin.nodes].mean(axis=0)[:2]) > 0.5e-3
+    assert np.linalg.norm(pin.position[:2]) < 1e-15
+    assert pin.position[2] == pytest.approx(4e-3, abs=1e-5)  # along it, elements of different size show
+
+
+def test_an_interface_s_point_may_be_given(link):
+    """Its motion is that of a rigid body there; forces on it are statically the same forces anywhere else."""
+    place = np.array([1e-3, -2e-3, 5e-3])
+    for kind in ("rigid", "averaged"):
+        joint, given = (
+            ep.Partition.interface(link, "foot", end(link, 0.0), kind=kind, position=position).interfaces[0]
+            for position in (None, place)
+        )
+        np.testing.assert_array_equal(given.position, place)
+        np.testing.assert_allclose(given.motion @ given.rigid_motion(link).reshape(-1, 6), np.eye(6), atol=1e-12)
+        arm = place - joint.position
+        moved = joint.motion[:3] + np.cross(joint.motion[3:].T, arm).T
+        np.testing.assert_allclose(given.motion, np.vstack([moved, joint.motion[3:]]), atol=1e-9)
+    with pytest.raises(InputError, match=r"position: expected the point where joints attach.* away from the nodes"):
+        ep.Partition.interface(link, "foot", end(link, 0.0), position=1e3 * place)
+    with pytest.raises(InputError, match="position: expected shape"):
+        ep.Partition.interface(link, "foot", end(link, 0.0), position=[0, 0])
+
+
+def test_the_middle_of_other_faces_is_the_mean_over_their_area():
+    """Half a bore, a sphere, a square hole: no axis."""
+    half = occ.Box((0, -8e-3, 0), (12e-3, 8e-3, 6e-3)) - occ.Cylinder((0, 0, -1e-3), occ.Z, 5e-3, 9e-3)
+    for face in half.faces:
+        face.name = "half" if 3e-3 < face.center.x < 4e-3 else "other"
+    fem = ep.fe_model(half, ep.STEEL, maxh=3e-3)
+    place = ep.Partition.interface(fem, "half", "half").interfaces[0].position
+    np.testing.assert_allclose(place, [2 / np.pi * 5e-3, 0, 3e-3], atol=3e-5)
+    ball = ep.fe_model(occ.Sphere((1e-3, 0, 0), 5e-3), ep.STEEL, maxh=3e-3)
+    surface = ep.Partition.interface(ball, "all", np.unique(ball.facets)).interfaces[0]
+    np.testing.assert_allclose(surface.position, [1e-3, 0, 0], atol=2e-5)
+
+
 def test_bad_interfaces(link):
     edge = np.flatnonzero((abs(link.points[:, 0] - 5e-3) < 1e-9) & (abs(link.points[:, 2]) < 1e-9))
     for nodes in (edge, edge[:2], edge[:1]):

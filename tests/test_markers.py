@@ -1,5 +1,7 @@
 """Markers of interfaces, nodes and points: kinematics, Jacobians, joints, springs, loads, gravity, existing models."""
 
+import re
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import exudyn.utilities
@@ -12,7 +14,7 @@ from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, PenetrationError
+from exudyn_partition.errors import InputError, ModelLimitWarning, PenetrationError
 from exudyn_partition.fem import node_dofs
 from exudyn_partition.markers import interpolation
 from exudyn_partition.tied import tie
@@ -489,3 +491,36 @@ def test_a_joint_whose_markers_do_not_meet(body, frame, method):
     mbs.Assemble()
     with pytest.raises(InputError, match=r"JointGeneric .* is open by 0\.2 \(m or rad\) at the start, where bodies"):
         ep.solve_dynamic(mbs, end_time=2e-5, step=2e-6, method=method)
+
+
+@pytest.mark.parametrize(("method", "step"), [("implicit", 2e-6), ("implicit", 2e-5), ("explicit", 5e-7)])
+def test_a_small_gap_in_a_joint(body, frame, method, step):
+    """A hinge that is open by a micrometre: what closing it brings is told, and is what the first step has."""
+    for gap in (0.0, 1e-6):
+        mbs, item, hinge = jointed(body, frame, HINGE, gravity=[9.81, 0, 0], referencePosition=[gap, 0, gap])
+        kind = {"outputVariableType": KIND.ForceLocal, "storeInternal": True}
+        force = mbs.AddSensor(items.SensorObject(objectNumber=hinge, **kind))
+        mbs.Assemble()
+        options = {"end_time": 60 * step, "step": step, "method": method}
+        if not gap:
+            sound = ep.solve_dynamic(mbs, **options)
+            assert abs(sound.sensor(force)).max() < 2 * 9.81 * body.total_mass
+            continue
+        with pytest.warns(ModelLimitWarning, match=r"JointGeneric .* is open by 1e-06 .* position=") as caught:
+            result = ep.solve_dynamic(mbs, **options)
+    brings = float(re.search(r"brings (\S+) J", str(caught[0].message))[1])
+    assert brings == pytest.approx(item.energy(result)[1], rel=0.5)
+    assert brings > 100 * body.total_mass * 9.81 * 1e-6  # far more than gravity does over the gap
+    if step == 2e-6:  # a spike in the force, too: with longer steps it goes on
+        assert "N or N m in its sensor" in str(caught[0].message)
+
+
+def test_joints_of_round_off_are_closed(body, frame):
+    """A mechanism far from the origin, whose places are not exact in binary: none of its joints is named."""
+    place = np.array([0.7, -1.3, 2.1])
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, referencePosition=place, gravity=[9.81, 0, 0])
+    foot = item.CreateInterfaceMarker(mbs, "foot")
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs, place), foot], constrainedAxes=HINGE))
+    mbs.Assemble()
+    assert ep.solve_dynamic(mbs, end_time=2e-5, step=1e-6, method="implicit").status == "finished"

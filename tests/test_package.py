@@ -20,22 +20,19 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "files", "archive", "cache", "material",
-    "fem", "mesh_files", "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "partition", "tied", "loads",
-    "free_body", "basis", "contact.surface",
-    "contact.points", "contact.rows", "contact.complementarity", "estimate", "mean_axes", "floating",
-    "nodal_inertia", "body", "reduction",
-    "kinematics", "damping", "recovery",
-    "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law",
-    "contact.compliance", "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised",
-    "contact.penalty", "contact.two_pass", "history", "markers", "partition_body", "items", "joints",
-    "central_differences", "contact_results", "carriers", "coupling", "contact_elements", "contact_items",
-    "step_control", "output", "view",
-    "report", "plot_input", "plot", "summary", "result", "hooks", "solve", "reference", "cli", "__main__", "__init__",
+    "fem", "mesh_files", "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "contact.surface", "contact.points",
+    "faces", "partition", "tied", "loads", "free_body", "basis", "contact.rows", "contact.complementarity", "estimate",
+    "mean_axes", "floating", "nodal_inertia", "body", "reduction", "kinematics", "damping", "recovery", "contact.pairs",
+    "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
+    "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty", "contact.two_pass",
+    "history", "markers", "partition_body", "items", "joints", "joint_checks", "central_differences", "contact_results",
+    "carriers", "coupling", "contact_elements", "contact_items", "step_control", "output", "view", "report",
+    "plot_input", "plot", "summary", "result", "hooks", "solve", "reference", "cli", "__main__", "__init__",
     "contact.__init__",
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking
-    "floating": {"nodal_inertia"},
+    "contact.surface": {"partition"}, "joint_checks": {"result"}, "floating": {"nodal_inertia"},
     "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
     "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
     "contact_elements": {"contact_items"},
@@ -81,8 +78,8 @@ def test_outer_packages_have_one_door_each():
         "netgen": {"ngsolve_fem", "cli"},  # the doctor tries them
         "meshio": {"mesh_files"},
         "exudyn": {
-            *("markers", "partition_body", "items", "joints", "carriers", "contact_elements", "contact_items"),
-            *("hooks", "solve", "view", "cli"),
+            *("markers", "partition_body", "items", "joints", "joint_checks", "carriers"),
+            *("contact_elements", "contact_items", "hooks", "solve", "view", "cli"),
         },
     }
 

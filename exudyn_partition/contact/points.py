@@ -125,10 +125,8 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
     validate_choice("rows", rows, ROWS)
     facets, n = surface.facets, len(surface.points)
     nf, k = facets.shape
-    local, weight, hats = _RULES[k]
-    shape = shape_functions(local, k)
-    tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], surface.points[facets])
-    area = weight * np.linalg.norm(np.cross(*tangents), axis=2)  # (nf, nq)
+    _, weight, hats = _RULES[k]
+    shape, area = _integration(surface.points, facets)
     flat = np.flatnonzero(area.sum(axis=1) <= _NO_AREA * surface.facet_size**2)
     if len(flat):
         where = surface.points[facet_corners(facets[flat[:1]])].mean(axis=(0, 1))
@@ -148,7 +146,7 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
         return ContactPoints(
             nodes=np.repeat(facets, len(weight), axis=0),
-            weights=np.tile(shape[:, 0], (nf, 1)),
+            weights=np.tile(shape, (nf, 1)),
             mean=sp.csr_matrix(inverse @ weighted),
             row_nodes=np.arange(n),
             area=hat_area,
@@ -167,6 +165,21 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         pressures=sp.csr_matrix(inverse @ of_corners),
         facets=sp.csr_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
     )
+
+
+def area_mean(points: Array, facets: Array) -> Array:
+    """Mean place, (3,) [m], over the area of facets, (nf, k), of points, (n, 3) [m], curved as they are."""
+    shape, area = _integration(points, facets)
+    places = np.einsum("fq,qk,fkd->d", area, shape, points[facets])
+    return np.asarray(places / area.sum())
+
+
+def _integration(points: Array, facets: Array) -> tuple[Array, Array]:
+    """Shape functions at the points of the rule, (nq, k), and the area that each has in each facet, (nf, nq) [m2]."""
+    local, weight, _ = _RULES[facets.shape[1]]
+    shape = shape_functions(local, facets.shape[1])
+    tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets])
+    return shape[:, 0], weight * np.linalg.norm(np.cross(*tangents), axis=2)
 
 
 def corner_hats(surface: Surface) -> sp.csr_matrix:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..fem import area_vectors, facet_corners
-from ..partition import Patch
+
+if TYPE_CHECKING:
+    from ..partition import Patch
 
 Array = np.ndarray
 
