@@ -9,6 +9,7 @@ resultants of each interface is in the span of the shapes, by attachment modes w
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,7 @@ import scipy.linalg
 
 from ._checks import read_only
 from ._progress import Progress
-from .errors import FrequencyRangeError, InputError
+from .errors import FrequencyRangeError, InputError, UnitsWarning
 from .fem import FEModel, node_dofs
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody
 from .linalg import Factorisation, RitzPairs, eigenmodes, orthonormal_complement
@@ -25,6 +26,8 @@ from .partition import Partition
 
 Array = np.ndarray
 
+_FAR_BELOW = 0.01  # of the frequency of longitudinal waves; impacts of compact bodies last some ten of their periods
+_ROUND_OFF = 10 * np.finfo(float).eps  # of the stiffest dof's stiffness over mass: that of the pivots of rigid modes
 _RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
 
 
@@ -82,6 +85,8 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         return _all_nodal(fem, partition)
     body = FreeBody(fem, partition, mass="lumped")
     pairs = modes = _modes_to(body, f_cut, progress)
+    if not len(modes.omega):
+        raise _no_mode_below(fem, f_cut)
     if partition.interfaces:
         pairs = _with_attachments(body, modes, body.static_answers()[:, n_rows(partition) :])
     left_out = f"elastic modes above {f_cut:.6g} Hz"
@@ -189,7 +194,8 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
 def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the residual-flexibility basis: free modes up to `f_cut`, the static answer of all others at the contact.
 
-    MacNeal (1971), Rubin (1975). The contact coordinates carry no mass; see `_with_residual_flexibility`.
+    MacNeal (1971), Rubin (1975). The contact coordinates carry no mass; see `_with_residual_flexibility`. Without a
+    mode below `f_cut`, the body is rigid motion and the static answer.
     """
     body = FreeBody(fem, partition)
     modes = _modes_to(body, f_cut, progress)
@@ -207,14 +213,11 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     Without the static answers, the Krylov vectors find the lowest modes last, and until then the residual flexibility
     takes their large compliance for a static one. The basis grows until the mobility of each of these loads
     below `f_cut` has settled; what they cannot excite is never computed (method.md, section 2). Ritz pairs far above
-    `f_cut` are left to the residual flexibility.
+    `f_cut` are left to the residual flexibility: all of them, of a compact body that moves slowly.
     """
     space = AdaptedSpace(fem, partition, f_cut)
     space.grow(f_cut, progress)
-    reduced = adapted_basis(space, f_cut)
-    if not ((0 < reduced.omega) & (reduced.omega < 2 * np.pi * f_cut)).any():
-        raise _no_mode_below(fem, f_cut)
-    return reduced
+    return adapted_basis(space, f_cut)
 
 
 def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises that") -> ReducedBasis:
@@ -234,18 +237,43 @@ def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises
 
 def _modes_to(body: FreeBody, f_cut: float, progress: Progress | None) -> RitzPairs:
     model = body.model
-    modes = eigenmodes(model.stiffness, model.mass, body.rigid, 2 * np.pi * f_cut, progress=progress)
-    if not len(modes.omega):
-        raise _no_mode_below(body.fem, f_cut)
-    return modes
+    stiffest = (model.stiffness.diagonal() / model.mass.diagonal()).max()
+    lowest = np.sqrt(_ROUND_OFF * stiffest) / (2 * np.pi)
+    if f_cut < lowest:
+        raise FrequencyRangeError(
+            f"f_cut: expected at least {lowest:.3g} Hz, below which round-off hides modes among the rigid ones, got "
+            f"{f_cut:.6g} Hz. Take basis='contact-adapted', or a higher f_cut"
+        )
+    return eigenmodes(model.stiffness, model.mass, body.rigid, 2 * np.pi * f_cut, progress=progress)
 
 
 def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
-    size = np.ptp(fem.points, axis=0).max()
     return FrequencyRangeError(
-        f"f_cut: no elastic mode lies below {f_cut:.6g} Hz. The body is {size:.4g} m long, longitudinal waves cross it "
-        f"{fem.material.bar_wave_speed / (2 * size):.4g} times a second there and back; take f_cut well above that, "
-        "or tolerance= (reduce_pair), which takes such a body as rigid but for its contact"
+        f"f_cut: no elastic mode lies below {f_cut:.6g} Hz, {_waves(fem)}; take f_cut well above that, or "
+        "basis='contact-adapted' or 'residual', which take such a body as rigid but for its contact"
+    )
+
+
+def warn_if_far_below(fem: FEModel, f_cut: float) -> None:
+    """Warn (`UnitsWarning`) of a truncation frequency far below the modes of a body that keeps none of them."""
+    if f_cut < _FAR_BELOW * _wave_frequency(fem):
+        warnings.warn(
+            f"f_cut: no elastic mode lies anywhere near {f_cut:.6g} Hz, {_waves(fem)}. The body is rigid but for its "
+            "contact; if that is not meant, give f_cut in Hz, not in kHz",
+            UnitsWarning,
+            stacklevel=3,
+        )
+
+
+def _wave_frequency(fem: FEModel) -> float:
+    return fem.material.bar_wave_speed / (2 * np.ptp(fem.points, axis=0).max())
+
+
+def _waves(fem: FEModel) -> str:
+    size = np.ptp(fem.points, axis=0).max()
+    return (
+        f"for the body is {size:.4g} m long and longitudinal waves cross it {_wave_frequency(fem):.4g} times a second "
+        "there and back"
     )
 
 
@@ -276,6 +304,8 @@ def _with_residual_flexibility(
     name: str, body: FreeBody, pairs: RitzPairs, n_elastic: int, static: Array, left_out: tuple[str, ...]
 ) -> ReducedBasis:
     """Basis of rigid motion and `pairs`, and the residual flexibility of all else at the contact."""
+    if not len(pairs.omega):
+        left_out = ("all vibration: the body is rigid but for the static answer of its contact", *left_out)
     if any(patch.axes == "normal" for patch in body.partition.patches):
         left_out += ("tangential contact rows: contact is frictionless (axes='xyz' of the partition keeps them)",)
     return ReducedBasis(

@@ -42,6 +42,8 @@ Array = np.ndarray
 STEPS_A_PERIOD = 25  # default step of the truncation frequency, whose period is then 0.3 % off at most
 SAFETY = 0.9  # default explicit step: at most this share of the stability limit
 
+PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
+
 _AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
 _SETTLED = 3  # of the tolerance: how far the mobilities of the richer bodies settle
 _CROSSINGS = 30  # default duration: of a longitudinal wave through the larger body
@@ -68,11 +70,11 @@ class Estimate:
     duration : float
         [s]
     against : str
-        What was hit: "a rigid plane or sphere" or "the other body".
+        What was hit, the worst of it: "a rigid plane", "a rigid sphere" or "the other body".
     tolerance : float
         What was asked for.
     limit : str
-        What kept the estimate above the tolerance; empty if nothing did.
+        What kept the estimate above the tolerance, and what to do; empty if nothing did.
     """
 
     force: float
@@ -149,13 +151,13 @@ class Impact:
         return np.array(t), np.array(force_at), np.array(v_at)
 
 
-def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> Impact:
-    """Impact of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
+def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> dict[str, Impact]:
+    """Impacts of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`, by the other.
 
-    Two bodies are moved along their line of contact until they touch; only their relative velocity matters. A curved
-    patch hits a rigid plane. A patch that is flat would meet it everywhere at once, so it hits a rigid sphere, whose
-    Hertz contact just fills the patch: radius (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a (eq. 30 and
-    `hertz.impact`).
+    Two bodies are moved along their line of contact until they touch; only their relative velocity matters. A body
+    alone hits a rigid plane. Of a flat patch, which meets a plane everywhere at once, the first impact is on a rigid
+    sphere whose Hertz contact just fills the patch: radius (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a
+    (eq. 30 and `hertz.impact`).
     """
     pairs = [space.pairs(f_top) for space in spaces]
     surfaces = [
@@ -165,18 +167,19 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
     if len(spaces) == 1:
         (surface,) = surfaces
         line = surface.direction
-        gap = _gap_to_rigid(surface, spaces[0].fem, speed)
-        rows = [-np.kron(np.eye(len(gap)), line)]
-        weights = [np.eye(len(gap))]
+        gaps = _gaps_to_rigid(surface, spaces[0].fem, speed)
+        n = len(surface.points)
+        rows = [-np.kron(np.eye(n), line)]
+        weights = [np.eye(n)]
     else:
         slave, master = surfaces
         contact = pair_surfaces(slave, master)
         sizes = [len(surface.points) for surface in surfaces]
-        gap, line = contact.gap - contact.gap.min(), contact.approach
+        gaps, line, n = {"the other body": contact.gap}, contact.approach, len(contact.gap)
         rows = [G.toarray() for G in contact.matrices(*sizes)]
         weights = [w.toarray() for w in contact.interpolation(*sizes)]
     H, omega = [], []
-    F = np.zeros((len(gap),) * 2)
+    F = np.zeros((n, n))
     for space, pair, i, G, w in zip(spaces, pairs, patches, rows, weights, strict=True):
         patch, own = space.partition.patches[i], patch_slice(space.partition, i)
         shapes = np.hstack([space.rigid, pair.vectors])
@@ -188,10 +191,12 @@ def impact_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[in
     velocity = np.zeros(sum(map(len, omega)))
     translation = first.model.rigid_modes[:, :3] @ (speed * line)
     velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
-    return Impact(gap, np.hstack(H), F, np.concatenate(omega), velocity)
+    same = np.hstack(H), F, np.concatenate(omega), velocity
+    return {other: Impact(gap - gap.min(), *same) for other, gap in gaps.items()}
 
 
-def _gap_to_rigid(surface: Surface, fem: FEModel, speed: float) -> Array:
+def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Array]:
+    """Gaps, (np,) [m], to a rigid plane, and before those, of a flat patch, to a rigid sphere."""
     height = surface.points @ surface.direction
     foot = surface.points - surface.points.mean(axis=0)
     across_squared = np.sum(foot**2, axis=1) - (foot @ surface.direction) ** 2
@@ -199,8 +204,10 @@ def _gap_to_rigid(surface: Surface, fem: FEModel, speed: float) -> Array:
     stiffness = fem.material.plane_strain_modulus
     radius = np.sqrt(16 * stiffness * a_squared**2.5 / (15 * fem.total_mass * speed**2))
     sphere = across_squared / (2 * radius)
-    gap = height.max() - height
-    return gap if gap.max() > sphere.max() else gap + sphere - (gap + sphere).min()
+    plane = height.max() - height
+    if plane.max() > sphere.max():
+        return {PLANE: plane}
+    return {SPHERE: plane + sphere, PLANE: plane}
 
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
@@ -230,7 +237,9 @@ def grow_to_tolerance(
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
-    The spaces grow to f_top, on them truncations down to f_top / 32 are tried; if none will do, f_top is raised.
+    The spaces grow to f_top, on them truncations down to f_top / 32 are tried; if none will do, f_top is raised. A flat
+    patch of a body alone is judged against a sphere and a plane; where the plane's errors do not fall, as a force that
+    rings does not let them, the sphere decides on the truncation, and the estimate says what the plane costs.
 
     Parameters
     ----------
@@ -256,29 +265,53 @@ def grow_to_tolerance(
             spaces.append(AdaptedSpace(fem, partition, f_top))
             spaces[-1].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
         ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
-        impacts = [impact_of(spaces, f_top, numbers, speed) for numbers in patches]
-        found = np.max([errors(impact, f_top, ladder, duration) for impact in impacts], axis=0)
-        good = found.max(axis=1) <= tolerance / _AIM
-        if good[-1] or f_top >= 2 * f_limit * (1 - 1e-9):
+        impacts = {
+            (i, other): impact
+            for i, numbers in enumerate(patches)
+            for other, impact in impacts_of(spaces, f_top, numbers, speed).items()
+        }
+        flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
+        found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])
+        good = found.max(axis=2) <= tolerance / _AIM
+        at_end = f_top >= 2 * f_limit * (1 - 1e-9)
+        # A plane on a flat patch may make the force ring at any f_top: it is waited for while its errors fall, as the
+        # first power of the frequency at least.
+        hopeless = found[flat].max(axis=(0, 2), initial=0.0)
+        if good[:, -1].all() or at_end or (good[~flat, -1].all() and hopeless[-1] > hopeless[-3] / 2):
             break
         # Errors fall as f^-2.
-        f_top = min(f_top * np.clip(np.sqrt(found[-1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
+        f_top = min(f_top * np.clip(np.sqrt(found[:, -1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
+    kept = good.all(axis=0) if good[:, -1].all() else good[~flat].all(axis=0)
     # The lowest from which on all do. If none does the richest: where errors do not fall, the least is so by chance.
-    n_good = int(np.argmin(np.r_[good[::-1], False]))
+    n_good = int(np.argmin(np.r_[kept[::-1], False]))
     chosen = len(ladder) - max(1, n_good)
-    limit = "" if good[-1] else f"the mesh, which resolves motion up to {f_limit:.4g} Hz"
+    worst = found[:, chosen].max(axis=1)
     estimate = Estimate(
-        force=float(found[chosen, 0]),
-        velocity=float(found[chosen, 1]),
+        force=float(found[:, chosen, 0].max()),
+        velocity=float(found[:, chosen, 1].max()),
         f_cut=float(ladder[chosen]),
         f_top=float(f_top),
         speed=speed,
         duration=float(duration),
-        against="a rigid plane or sphere" if len(models) == 1 else "the other body",
+        against=list(impacts)[int(worst.argmax())][1],
         tolerance=tolerance,
-        limit=limit,
+        limit=_limit(bool(good[:, -1].all()), bool(kept[-1]), worst[~flat].max(), f_limit, bool(flat.any())),
     )
     return spaces, estimate
+
+
+def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: float, flat: bool) -> str:
+    """What kept an estimate above its tolerance, and what to do."""
+    if reached:
+        return ""
+    if but_for_planes:
+        return (
+            "that a flat patch meets a plane everywhere at once: the force then rings about its mean at any f_cut (on "
+            f"a rigid sphere the estimated error is {on_spheres:.3g}). Read means and impulses there; if the other "
+            "body is known, take reduce_pair"
+        )
+    rings = "; a flat patch may ring on a plane at any f_cut" * flat
+    return f"the mesh, which resolves motion up to {f_limit:.4g} Hz. Refine it, or accept that estimate{rings}"
 
 
 def warn_if_missed(estimate: Estimate) -> None:
@@ -286,8 +319,8 @@ def warn_if_missed(estimate: Estimate) -> None:
     if estimate.limit:
         warnings.warn(
             f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
-            f"{estimate.error:.3g} at f_cut = {estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}. Refine the "
-            "mesh, or accept that estimate",
+            f"{estimate.error:.3g}, to a factor of {_AIM}, against {estimate.against} at f_cut = "
+            f"{estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}",
             ToleranceWarning,
             stacklevel=3,
         )

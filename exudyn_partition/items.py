@@ -49,8 +49,8 @@ def CreatePartitionBody(
     coupling of shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
 
     Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
-    NodeGenericODE2 holds the elastic ones. Of the paper's basis those are what is left of shapes and nodal columns
-    without rigid motion (module `mean_axes`), and their stiffness is in the user function below.
+    NodeGenericODE2 holds the elastic ones, if there are any. Of the paper's basis those are what is left of shapes and
+    nodal columns without rigid motion (module `mean_axes`), and their stiffness is in the user function below.
     Mass is constant, inertia forces are a user function (module `floating`).
     There are no algebraic equations, so that every solver of Exudyn runs it. The rigid node's axes stand a degree off
     the body's, as rotation vectors lose their digits near zero; markers of interfaces have the body's axes.
@@ -192,9 +192,10 @@ def _add_floating(
                 referenceCoordinates=[*kinematics.origin, *kinematics.rotation],
                 initialVelocities=[*velocity, *(angular_velocity @ axes)],
             )
-        ),
-        "nModal": _add_node(mbs, np.zeros(body.n_dofs - RIGID)),
+        )
     }
+    if body.n_dofs > RIGID:  # a compact body may be rigid but for its contact
+        indices["nModal"] = _add_node(mbs, np.zeros(body.n_dofs - RIGID))
     said = [f"{sentence} (inertiaTerms)" for term, sentence in TERMS.items() if term not in terms]
     if "coupling" in terms:
         said.append("what deformation changes in the inertia that forces of other items meet")
@@ -278,8 +279,8 @@ def _inertia_functions(
         change is fast and known.
         """
         data = mbs.systemData
-        rigid, modal = (mbs.GetNodeODE2Index(node) for node in nodes)
-        own = np.r_[rigid + 3 : rigid + RIGID, modal : modal + len(z)]
+        rigid, *modal = (mbs.GetNodeODE2Index(node) for node in nodes)
+        own = np.concatenate([np.arange(rigid + 3, rigid + RIGID), *(np.arange(len(z)) + at for at in modal)])
         q, q_t, q_tt = (
             get(start_of_step, copy=False)[own]
             for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)

@@ -35,7 +35,7 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
     mbs : exudyn.MainSystem
     kinematics : InertialKinematics or FloatingKinematics
     nodes : dict
-        Exudyn nodes of the body, `nModal` and, of a floating frame, `nRigid`.
+        Exudyn nodes of the body, `nModal` if it has elastic coordinates, and `nRigid` of a floating frame.
     name : str
 
     Returns
@@ -60,12 +60,16 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
     rigid = nodes["nRigid"] if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
     places, rows = mesh(kinematics)
     turn = kinematics.node_axes
-    rows = (turn.T @ rows.reshape(len(places), 3, -1)).reshape(rows.shape)
+    rows = (turn.T @ rows.reshape(len(places), 3, rows.shape[1])).reshape(rows.shape)
+    if "nModal" in nodes:
+        modal = nodes["nModal"]
+    else:
+        modal, rows = _add_idle_node(mbs), np.zeros((len(rows), 1))
     nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
     number = mbs.AddObject(
         items.ObjectFFRFreducedOrder(
             name=name and f"{name}:markers",
-            nodeNumbers=[rigid, nodes["nModal"]],
+            nodeNumbers=[rigid, modal],
             massMatrixReduced=nothing,
             stiffnessMatrixReduced=nothing,
             computeFFRFterms=False,
@@ -74,7 +78,7 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
             visualization=items.VObjectFFRFreducedOrder(show=False),
         )
     )
-    return {"nRigidBody": rigid, "nGenericODE2": nodes["nModal"], "oFFRFreducedOrder": number}
+    return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}
 
 
 def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> Any:
@@ -91,6 +95,26 @@ def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> Any:
     for coordinate in range(6):
         held = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
         mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[ground, held]))
+    return node
+
+
+def _add_idle_node(mbs: Any) -> Any:
+    """Node of one coordinate that nothing moves, for a floating body without elastic coordinates."""
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    node = mbs.AddNode(
+        items.NodeGenericODE2(
+            referenceCoordinates=[0.0], initialCoordinates=[0.0], initialCoordinates_t=[0.0], numberOfODE2Coordinates=1
+        )
+    )
+    one = exu.MatrixContainer(np.eye(1))
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=[node],
+            massMatrix=one,
+            stiffnessMatrix=one,
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
     return node
 
 

@@ -54,10 +54,10 @@ def reduce(
         Impact region, contact patches and interfaces.
     f_cut : float, optional
         Truncation frequency [Hz]: motion below it is kept. The paper's principle: twice the highest frequency of the
-        response (section 5.2), `truncation_frequency`.
+        response (section 5.2), `truncation_frequency`. A body whose modes all lie above is rigid but for its contact.
     tolerance : float, optional
         Instead of `f_cut`: the contact-adapted basis grows until the estimated errors of force and velocity are below
-        it when the body hits a rigid plane, or a rigid sphere if the patch is flat; see `body.estimate` and module
+        it when the body hits a rigid plane, and a rigid sphere too if the patch is flat; see `body.estimate` and module
         `estimate`. For two bodies that hit each other `reduce_pair` knows better.
     basis : {"contact-adapted", "residual", "craig-bampton", "free"}
         "free" is the paper's, "craig-bampton" keeps the patch's nodes as boundary with their static answer, "residual"
@@ -79,7 +79,7 @@ def reduce(
     Raises
     ------
     FrequencyRangeError
-        If the mesh does not resolve `f_cut`, or no elastic mode lies below it.
+        If the mesh does not resolve `f_cut`; or no elastic mode lies below it, with basis "free" or "craig-bampton".
     InputError
         If another argument is out of range, both or none of `f_cut` and `tolerance` are given, or the impact region
         holds every node and the basis is not "free".
@@ -87,7 +87,10 @@ def reduce(
     Warns
     -----
     ToleranceWarning
-        If the mesh does not let the basis reach the tolerance; the best body is returned.
+        If the mesh does not let the basis reach the tolerance, the best body is returned; or if a flat patch would ring
+        on a plane whatever is kept, the body is one for curved partners.
+    UnitsWarning
+        If `f_cut` is so far below all modes that it may be in kHz.
     CacheWarning
         If a kept file is damaged, or the folder cannot be written; the body is computed.
     """
@@ -110,6 +113,8 @@ def reduce(
         inputs |= {"f_cut": f_cut}
         with shown(progress, "reduce") as report:
             body = cached(cache, inputs, FILE, lambda: _reduce(fem, partition, f_cut, basis, report))
+        if body.n_dofs == body.rigid.shape[1]:
+            bases.warn_if_far_below(fem, f_cut)
     else:
         if basis != "contact-adapted":
             raise InputError(f"tolerance: only basis 'contact-adapted' grows to a tolerance, got {basis!r}; give f_cut")

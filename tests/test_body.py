@@ -1,5 +1,6 @@
 """The bases against the full FE model: reduced matrices, static exactness, dynamics, full-basis limit."""
 
+import math
 import re
 
 import netgen.occ as occ
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse.linalg
-from conftest import box, relative
+from conftest import SPHERE_RADIUS, box, relative
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -222,17 +223,36 @@ def test_the_proposed_maxh_resolves_the_frequency(block, top):
     assert ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, maxh=maxh).resolved_frequency > f_cut
 
 
-def test_what_is_left_out_above_says_how_to_keep_it(block, top):
+def test_what_is_left_out_above_says_how_to_keep_it(block, top, ball):
     (said,) = (s for s in ep.reduce(block, top, f_cut=80e3).left_out if s.startswith("the dynamics"))
     assert "motion above 120000 Hz, 1.5 f_cut (f_cut raises that)" in said
-    (said,) = (s for s in ep.reduce(block, top, tolerance=0.5).left_out if s.startswith("the dynamics"))
+    (said,) = (s for s in ep.reduce(*ball, tolerance=0.5).left_out if s.startswith("the dynamics"))
     assert "(a smaller tolerance keeps more)" in said
 
 
-@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("basis", ["free", "craig-bampton"])
 def test_no_mode_below_the_truncation_frequency(block, top, basis):
-    with pytest.raises(FrequencyRangeError, match=r"no elastic mode lies below 100 Hz.*tolerance="):
+    with pytest.raises(FrequencyRangeError, match=r"no elastic mode lies below 100 Hz.*take .*contact-adapted"):
         ep.reduce(block, top, basis=basis, f_cut=100.0)
+
+
+@pytest.mark.parametrize("basis", ["contact-adapted", "residual"])
+def test_a_compact_body_is_rigid_but_for_its_contact(ball, basis):
+    """At what Hertz's impact asks for, which lies below all modes of a ball; F is the whole static answer."""
+    fem, part = ball
+    f_cut = ep.hertz.impact(fem.total_mass, 0.01, SPHERE_RADIUS, math.inf, ep.STEEL).truncation_frequency()
+    body = ep.reduce(fem, part, basis=basis, f_cut=f_cut)
+    assert body.n_dofs == 6
+    assert body.left_out[0].startswith("all vibration: the body is rigid but for the static answer of its contact")
+    richer = ep.reduce(fem, part, basis="residual", f_cut=160e3)
+    at_patch = richer.rows(part.patches[0].nodes)[:, 6:].reshape(-1, 3, richer.n_dofs - 6)
+    at_patch = np.einsum("kdn,d->kn", at_patch, part.patches[0].direction) / richer.basis.omega[6:]
+    assert relative(body.flexibility(), richer.flexibility() + at_patch @ at_patch.T) < 1e-9
+
+
+def test_a_frequency_that_round_off_hides(block, top):
+    with pytest.raises(FrequencyRangeError, match=r"round-off hides modes among the rigid ones, got 0\.001 Hz"):
+        ep.reduce(block, top, basis="residual", f_cut=1e-3)
 
 
 def test_bad_arguments(block, top, sphere):

@@ -3,10 +3,13 @@
 import exudyn as exu
 import numpy as np
 import pytest
-from conftest import TOP
+import scipy.sparse as sp
+from conftest import TOP, relative
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, ToleranceWarning
+from exudyn_partition.contact.complementarity import Complementarity
+from exudyn_partition.errors import ContactPatchWarning, InputError, ToleranceWarning
+from exudyn_partition.linalg import Factorisation
 
 SPEED = 1.0
 END = 150e-6
@@ -60,10 +63,55 @@ def test_errors_fall_as_the_estimate_says(pair, block, top):
 
 def test_a_body_alone_hits_a_rigid_plane(ball):
     body = ep.reduce(*ball, tolerance=0.02)
-    assert body.estimate.against == "a rigid plane or sphere"
+    assert body.estimate.against == "a rigid plane"
     assert body.estimate.error <= 0.02
     assert body.f_cut == body.estimate.f_cut
     assert 6 <= body.n_dofs < 40
+
+
+def force_on_a_plane(fem, patch, speed, end_time, step):
+    """Full FE: times and mean forces of the steps of a body whose patch, facing upwards, hits a rigid plane."""
+    nodes = patch.nodes
+    where = np.arange(len(nodes)), 3 * nodes + 2
+    rows = sp.csr_matrix((-np.ones(len(nodes)), where), shape=(len(nodes), fem.n_dofs))
+    M, K = fem.mass, fem.stiffness
+    factor, push = Factorisation(M + step**2 / 4 * K), Factorisation(M).solve(rows.T.toarray())
+    answer = step**2 / 2 * factor.solve(rows.T.toarray())
+    contact = Complementarity(rows @ answer)
+    u, v, a = np.zeros(fem.n_dofs), np.tile([0, 0, speed], fem.n_nodes), np.zeros(fem.n_dofs)
+    forces = []
+    for _ in range(round(end_time / step)):
+        predicted = u + step * v + step**2 / 4 * a
+        lam = contact.solve(rows @ (free := predicted - step**2 / 4 * factor.solve(K @ predicted)))
+        u = free + answer @ lam
+        after = 4 * (u - predicted - step**2 / 2 * (push @ lam)) / step**2
+        v, a = v + step / 2 * (a + after) + step * (push @ lam), after
+        forces.append(lam.sum())
+    return step * (np.arange(len(forces)) + 0.5), np.array(forces)
+
+
+def test_a_flat_patch_is_judged_on_a_plane_too(mbs, block, top):
+    """The estimate is the true error there, which the sphere that just fills the patch knows nothing of."""
+    end = 50e-6
+    with pytest.warns(ToleranceWarning, match=r"against a rigid plane .* the mesh, .*; a flat patch may ring"):
+        body = ep.reduce(block, top, tolerance=0.1, speed=SPEED, duration=end)
+    t, exact = force_on_a_plane(block, top.patches[0], SPEED, end, 0.05e-6)
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, SPEED])
+    plane = ep.RigidPlane(TOP, (0, 0, -1))
+    contact = ep.CreatePartitionContact(mbs, item, plane, rows="node-to-segment")
+    mbs.Assemble()
+    with pytest.warns(ContactPatchWarning):  # it is a part of the face
+        result = ep.solve_dynamic(mbs, end_time=end)
+    error = relative(np.interp(t, result.t, contact.force(result)), exact)
+    assert body.estimate.against == "a rigid plane"
+    assert body.estimate.force / 2 < error < 2 * body.estimate.force
+
+
+def test_a_flat_patch_that_rings_on_a_plane_is_good_for_a_sphere(block, top):
+    with pytest.warns(ToleranceWarning, match=r"What limits it is that a flat patch .*on a rigid sphere .* is 0\.[12]"):
+        body = ep.reduce(block, top, tolerance=0.45)
+    assert body.estimate.error > 0.45 / 1.5
+    assert body.f_cut < block.resolved_frequency / 2
 
 
 def test_the_worst_patch_decides(ball):
