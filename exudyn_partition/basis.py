@@ -19,9 +19,9 @@ from ._checks import read_only
 from ._progress import Progress
 from .errors import FrequencyRangeError, InputError, UnitsWarning
 from .fem import FEModel, node_dofs
-from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody
+from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
 from .linalg import Factorisation, RitzPairs, eigenmodes, orthonormal_complement
-from .loads import interface_loads, n_rows, patch_rows
+from .loads import interface_loads, patch_rows
 from .partition import Partition
 
 Array = np.ndarray
@@ -88,7 +88,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     if not len(modes.omega):
         raise _no_mode_below(fem, f_cut)
     if partition.interfaces:
-        pairs = _with_attachments(body, modes, body.static_answers()[:, n_rows(partition) :])
+        pairs = _with_attachments(body, modes, body.static_answers().of_interfaces)
     left_out = f"elastic modes above {f_cut:.6g} Hz"
     if not len(partition.nodes):
         return ReducedBasis(
@@ -200,7 +200,7 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
     body = FreeBody(fem, partition)
     modes = _modes_to(body, f_cut, progress)
     static = body.static_answers()
-    pairs = _with_attachments(body, modes, static[:, n_rows(partition) :])
+    pairs = _with_attachments(body, modes, static.of_interfaces)
     left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
     return _with_residual_flexibility("residual", body, pairs, len(modes.omega), static, (left_out,))
 
@@ -226,7 +226,7 @@ def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises
     `remedy` says how a user keeps more.
     """
     found = space.pairs(f_cut)
-    pairs = _with_attachments(space, found, space.static[:, n_rows(space.partition) :])
+    pairs = _with_attachments(space, found, space.static.of_interfaces)
     left_out = (
         f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
         f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz, {DROP_ABOVE:g} f_cut "
@@ -292,16 +292,16 @@ def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPa
     return RitzPairs(vectors @ combination, np.sqrt(omega_squared))
 
 
-def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: Array) -> Array:
+def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers) -> Array:
     """F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2 of all rows of `patch_rows` (method.md, section 2)."""
     G = patch_rows(body.fem, body.partition) @ body.model.expand
     at_patch = G @ pairs.vectors
-    F = G @ static[:, : G.shape[0]] - (at_patch / pairs.omega**2) @ at_patch.T
+    F = static.at_patches - (at_patch / pairs.omega**2) @ at_patch.T
     return (F + F.T) / 2
 
 
 def _with_residual_flexibility(
-    name: str, body: FreeBody, pairs: RitzPairs, n_elastic: int, static: Array, left_out: tuple[str, ...]
+    name: str, body: FreeBody, pairs: RitzPairs, n_elastic: int, static: StaticAnswers, left_out: tuple[str, ...]
 ) -> ReducedBasis:
     """Basis of rigid motion and `pairs`, and the residual flexibility of all else at the contact."""
     if not len(pairs.omega):

@@ -259,11 +259,14 @@ def grow_to_tolerance(
     f_limit = min(fem.resolved_frequency for fem, _ in models)
     f_top = min(_FIRST / (2 * min(crossing)), 2 * f_limit)
     duration = _CROSSINGS * max(crossing) if duration is None else duration
+    spaces: list[AdaptedSpace] = []
     while True:
-        spaces = []
-        for i, (fem, partition) in enumerate(models):
-            spaces.append(AdaptedSpace(fem, partition, f_top))
-            spaces[-1].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
+        for i, model in enumerate(models):
+            if i < len(spaces):
+                spaces[i].shift_to(f_top)
+            else:
+                spaces.append(AdaptedSpace(*model, f_top))
+            spaces[i].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
         ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
         impacts = {
             (i, other): impact

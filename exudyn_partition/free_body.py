@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ._progress import Progress
 from .errors import InputError
 from .fem import FEModel
 from .linalg import BlockKrylov, Factorisation, FreeBodyFlexibility, RitzPairs, mass_normalised, orthonormal_complement
-from .loads import resultants, unit_loads
+from .loads import interface_loads, patch_rows, resultants, unit_loads
 from .partition import Partition
 from .tied import tie
 
@@ -23,6 +23,25 @@ _MEMORY = 0.02  # of a frequency: decay rate at which the mobility is taken, so 
 # Of 2 pi f_cut, where the mobility is judged: the whole band, and each octave below, however little of the band it is.
 _BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
 _OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
+
+
+_COLUMNS = 96  # unit loads answered at a time: of all of them, only what is read is kept
+
+
+@dataclass(frozen=True, eq=False)
+class StaticAnswers:
+    """Elastic answers of a free body to `unit_loads`, as far as they are read.
+
+    Parameters
+    ----------
+    at_patches : (r, r) array
+        Displacements at the patches' rows by unit forces there, G F_e G' [m/N].
+    of_interfaces : (nz, 6 i) array
+        Displacements of all coordinates by the interfaces' unit resultants [m/N].
+    """
+
+    at_patches: Array
+    of_interfaces: Array
 
 
 class FreeBody:
@@ -54,10 +73,16 @@ class FreeBody:
         """Its elastic flexibility, which costs a factorisation."""
         return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
 
-    def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> Array:
-        """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
+    def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> StaticAnswers:
+        """Elastic answers of the free body to the loads of its patches and interfaces."""
         flexibility = flexibility or self.flexibility()
-        return flexibility((unit_loads(self.fem, self.partition) @ self.model.expand).T.toarray())
+        rows = (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
+        at_patches = np.empty((rows.shape[0],) * 2)
+        for first in range(0, len(at_patches), _COLUMNS):
+            block = slice(first, first + _COLUMNS)
+            at_patches[:, block] = rows @ flexibility(rows[block].T.toarray())
+        of_interfaces = interface_loads(self.fem, self.partition.interfaces) @ self.model.expand
+        return StaticAnswers(at_patches, flexibility(of_interfaces.T.toarray()))
 
 
 class AdaptedSpace(FreeBody):
@@ -80,25 +105,21 @@ class AdaptedSpace(FreeBody):
         if not partition.patches and not partition.interfaces:
             raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
         super().__init__(fem, partition)
-        K, M = self.model.stiffness, self.model.mass
         self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition))
-        shift = (np.pi * f_shift) ** 2
-        # SuperLU lets other threads run: a second core takes the flexibility, and its answers while the space grows.
-        pool = ThreadPoolExecutor(1)
-        waiting = pool.submit(self.flexibility)
-        solve = Factorisation(K + shift * M).solve
-        flexibility = waiting.result()
+        flexibility = self.flexibility()
         self._lead = flexibility(self.loads)
-        self._static = pool.submit(self.static_answers, flexibility)
-        pool.shutdown(wait=False)
+        self.static = self.static_answers(flexibility)
+        del flexibility  # its factors, before there are others
+        self.shift_to(f_shift)
+
+    def shift_to(self, f_shift: float) -> None:
+        """Begin the Krylov space anew, about half of `f_shift` [Hz]."""
+        self.__dict__.pop("krylov", None)  # its factors, before there are others
+        M, shift = self.model.mass, (np.pi * f_shift) ** 2
+        solve = Factorisation(self.model.stiffness + shift * M).solve
         lead = orthonormal_complement(self._lead, M, self.rigid)
         self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
         self.krylov.grow(2 * _GROWTH)
-
-    @property
-    def static(self) -> Array:
-        """Elastic answers of the free body to `unit_loads`, (nz, r + 6 i) [m/N]."""
-        return self._static.result()
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -26,18 +27,32 @@ _TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the sol
 _ENERGY_OFF = 1e-7  # of omega_max^2: error of the modes' strain energy; below 1e-9 where all is well
 
 
+_LIMITING = threading.Lock()
+
+
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Context or decorator in which BLAS uses one thread: SuperLU calls it on such small blocks that more only wait."""
-    with threadpool_limits(1, user_api="blas"):
+    """Context or decorator in which BLAS uses one thread: SuperLU calls it on such small blocks that more only wait.
+
+    The limit belongs to the process. So the first thread that comes sets it and lifts it, and others that come
+    meanwhile leave it alone: had they found it set, they would set it again when they leave.
+    """
+    if not _LIMITING.acquire(blocking=False):
         yield
+        return
+    try:
+        with threadpool_limits(1, user_api="blas"):
+            yield
+    finally:
+        _LIMITING.release()
 
 
 class Factorisation:
     """LU factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
 
     SuperLU in the order of nested dissection, with pivots on the diagonal: without `diag_pivot_thresh=0` partial
-    pivoting destroys the order, and the fill grows a hundredfold.
+    pivoting destroys the order, and the fill grows a hundredfold. SciPy frees its memory only if the last reference is
+    dropped in the thread that made it: so leave factors to one thread. Solving is free to use others.
 
     Parameters
     ----------
@@ -170,8 +185,7 @@ class FreeBodyFlexibility:
         """Elastic displacements of `loads`, (n, k)."""
         balanced = loads - self._mass_rigid @ (self._rigid.T @ loads)
         result = np.zeros(loads.shape, order="F")
-        # One thread: a Krylov space grows beside it (`AdaptedSpace`).
-        result[self._free] = self._factor.solve(balanced[self._free], threads=1)
+        result[self._free] = self._factor.solve(balanced[self._free])
         result -= self._rigid @ (self._mass_rigid.T @ result)
         return result
 

@@ -30,11 +30,6 @@ def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     return sp.vstack(rows, format="csr")
 
 
-def n_rows(partition: Partition) -> int:
-    """Number of rows of `patch_rows`."""
-    return sum(len(patch.nodes) * len(patch.directions) for patch in partition.patches)
-
-
 def patch_slice(partition: Partition, patch: int) -> slice:
     """Rows of one patch among those of `patch_rows`."""
     sizes = [len(p.nodes) * len(p.directions) for p in partition.patches]

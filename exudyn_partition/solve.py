@@ -55,7 +55,7 @@ def stability_limit(mbs: Any) -> float:
     Returns
     -------
     float
-        `math.inf` for a model without partition bodies.
+        `math.inf` for a model without partition bodies, or of such as neither vibrate nor touch.
     """
     return _stability_limit(*partition_items(mbs))
 
@@ -66,6 +66,8 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
     ends = np.cumsum([0] + [item.body.n_dofs for item in bodies])
     place = {id(item): np.arange(a, b) for item, a, b in zip(bodies, ends[:-1], ends[1:], strict=True)}
     K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
+    if not contacts and not K.data.any():
+        return math.inf  # bodies without elastic coordinates that touch nothing
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:

@@ -1,10 +1,13 @@
 """Factorisation, flexibility, Krylov vectors and eigenmodes against dense linear algebra."""
 
+import threading
+
 import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
 from conftest import box
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import exudyn_partition as ep
 from exudyn_partition.errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
@@ -14,6 +17,7 @@ from exudyn_partition.linalg import (
     FreeBodyFlexibility,
     eigenmodes,
     mass_normalised,
+    one_blas_thread,
     sturm_count,
 )
 
@@ -165,3 +169,38 @@ def test_a_space_smaller_than_its_blocks_is_exhausted(n):
     V = krylov.vectors
     np.testing.assert_allclose(V.T @ V, np.eye(n - 6), atol=1e-12)
     np.testing.assert_allclose(krylov.rayleigh_ritz(K)[0] ** 2, K.diagonal()[6:], rtol=1e-6)
+
+
+def blas_threads():
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_blas_has_its_threads_back_after_two_threads_of_ours():
+    """The first in is the first out: what the second found was the first one's limit."""
+    second_in, first_out = threading.Event(), threading.Event()
+
+    def second():
+        with one_blas_thread():
+            second_in.set()
+            first_out.wait(10)
+
+    given = threadpool_limits(2, user_api="blas")
+    try:
+        other = threading.Thread(target=second)
+        with one_blas_thread():
+            assert blas_threads() == {1}
+            other.start()
+            assert second_in.wait(10)
+            assert blas_threads() == {1}
+        first_out.set()
+        other.join()
+        assert blas_threads() == {2}
+    finally:
+        given.restore_original_limits()
+
+
+def test_blas_has_its_threads_back_after_an_error():
+    before = blas_threads()
+    with pytest.raises(ZeroDivisionError), one_blas_thread(), one_blas_thread():
+        raise ZeroDivisionError
+    assert blas_threads() == before
