@@ -13,6 +13,7 @@ from .contact.gaps import dense
 from .contact.stabilised import StabilisedContact
 from .kinematics import FloatingKinematics
 from .partition_body import PartitionBody, runs_implicit, start_of_step
+from .run_record import RunRecord, run_record
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -23,7 +24,7 @@ Functions = tuple[Callable[..., Any], Callable[..., Any]]
 
 def add_element(mbs: Any, contact: PartitionContact) -> Any:
     """Add the massless object over the nodes of both bodies that is the contact; returns its number."""
-    functions = _stabilised_functions(contact) if contact.multipliers else _law_functions(contact)
+    functions = (_stabilised_functions if contact.multipliers else _law_functions)(contact, run_record(mbs))
     return _add_object(mbs, contact.name, contact.nodes, *functions)
 
 
@@ -42,18 +43,22 @@ def add_links(mbs: Any, contact: PartitionContact) -> None:
             _add_link(mbs, [contact, other])
 
 
-def _law_functions(contact: PartitionContact) -> Functions:
+def _law_functions(contact: PartitionContact, record: RunRecord) -> Functions:
     """Force of a law of the coordinates alone, and its Jacobian."""
     exu = require("exudyn")
     law: Any = contact.law
     on_constant_mass = _on_constant_mass(contact)
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        if record.on:
+            record.advance(mbs, t)
         q = np.asarray(q)
         f = law.force(q) if len(contact.group) == 1 else contact.force_in_group(mbs)
         return on_constant_mass(q, f) if law.index.size else f
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        if record.on:
+            record.advance(mbs, t)
         if len(contact.group) == 1:
             law.force(np.asarray(q))
             return exu.MatrixContainer(sp.csr_matrix(fODE2 * law.tangent()))
@@ -66,13 +71,15 @@ def _law_functions(contact: PartitionContact) -> Functions:
 
 def _add_link(mbs: Any, contacts: list[PartitionContact]) -> None:
     """Add an object with the stiffness between one contact and its carrier, or between two contacts of a group."""
-    exu = require("exudyn")
+    exu, record = require("exudyn"), run_record(mbs)
     nodes: list[Any] = []
     for contact in contacts:
         own = contact.nodes + ([] if contact.carrier is None else contact.carrier.nodes)
         nodes += [node for node in own if int(node) not in map(int, nodes)]
 
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        if record.on:
+            record.advance(mbs, t)
         first, last = contacts[0], contacts[-1]
         if len(first.group) > 1:
             first.force_in_group(mbs)
@@ -134,7 +141,7 @@ def _on_constant_mass(contact: PartitionContact) -> Callable[[Array, Array], Arr
     return function
 
 
-def _stabilised_functions(contact: PartitionContact) -> Functions:
+def _stabilised_functions(contact: PartitionContact, record: RunRecord) -> Functions:
     """Force of multipliers in implicit runs, and its Jacobian; nothing in explicit ones."""
     exu = require("exudyn")
     law: StabilisedContact = contact.laws["implicit"]
@@ -147,6 +154,8 @@ def _stabilised_functions(contact: PartitionContact) -> Functions:
         return on_constant_mass(q, law.force(q, q_t, solver.it.currentStepSize, start_of_step(mbs)))
 
     def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        if record.on:
+            record.advance(mbs, t)
         if not runs_implicit(mbs):
             return np.zeros(law.gaps.n)
         contact.law = law
@@ -155,6 +164,8 @@ def _stabilised_functions(contact: PartitionContact) -> Functions:
     def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
         if not runs_implicit(mbs):
             return exu.MatrixContainer(sp.csr_matrix((law.gaps.n,) * 2))
+        if record.on:
+            record.advance(mbs, t)
         evaluate(mbs)
         return exu.MatrixContainer(law.tangent(fODE2, fODE2_t))
 

@@ -27,6 +27,7 @@ from .contact_results import ContactResults
 from .coupling import check_shared_bodies
 from .errors import InputError, RunError
 from .partition_body import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit
+from .run_record import RunRecord, run_record
 
 Array = np.ndarray
 
@@ -56,6 +57,7 @@ class PartitionContact(ContactResults):
         self.group = [self]
         self.stepper: Any = None  # MultiplierStep of multipliers
         self.carrier: Carrier | None = None
+        self._moment_about: Array | None = None
 
     def restart(self, t: float = 0.0) -> None:
         """Forget the last run; the next one begins at time t [s]."""
@@ -67,7 +69,7 @@ class PartitionContact(ContactResults):
         self.reached_edge_at: float | None = None
         self.reached_edge: Array | None = None
         self.run = object()
-        self._sampled_at = self._stepped_to = t
+        self._stepped_to = t
         self._impulse = np.zeros(4)
         self._samples: list[tuple[float, Array, Array]] = []
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
@@ -79,6 +81,9 @@ class PartitionContact(ContactResults):
         With joints in the model, `solve_dynamic` does.
         """
         if self.stepper is not None and self.stepper.joints is None:
+            record = run_record(mbs)
+            if record.on:
+                record.advance(mbs, t)
             self.stepper.before_step(mbs, t)
 
     def take_law(self, mbs: Any) -> None:
@@ -91,15 +96,23 @@ class PartitionContact(ContactResults):
             self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
         self._stepped_to = t
 
-    def sample(self, mbs: Any, t: float) -> list[float]:
+    def sample(self, mbs: Any, record: RunRecord, t: float) -> list[float]:
         """Values of the sensor `sForce` at t."""
-        if t < max(self._sampled_at, self._stepped_to):
-            self.restart(t)
-        self._sampled_at = t
+        record.see(mbs, t)
+        return self._values(mbs, t, mbs.systemData.GetODE2Coordinates(copy=False))
+
+    def recorded(self, mbs: Any, t: float, q: Array) -> dict[int, list[float]]:
+        """Values of the contact's sensors at t, by their numbers, with the model's coordinates q there."""
+        values = {int(self["sForce"]): self._values(mbs, t, q)}
+        if self._moment_about is not None:
+            values[int(self["sMoment"])] = self.law.moment(self._moment_about).tolist()
+        return values
+
+    def _values(self, mbs: Any, t: float, q: Array) -> list[float]:
         law = self.law
         closed = law.index
         if self.ahead:
-            self._check_step(mbs, t)
+            self._check_step(mbs, t, q)
         if closed.size:
             if closed is not self._closed:  # the active set is kept from step to step
                 self._closed, self._closed_nodes = closed, law.row_nodes[closed]
@@ -115,7 +128,7 @@ class PartitionContact(ContactResults):
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
         return values + self._impulse.tolist() if self.multipliers else values
 
-    def _check_step(self, mbs: Any, t: float) -> None:
+    def _check_step(self, mbs: Any, t: float, q: Array) -> None:
         """Refuse a run in which multipliers were not applied, or not by central differences."""
         if t > self._stepped_to and self.stepper.joints is None:
             raise RunError(
@@ -123,8 +136,7 @@ class PartitionContact(ContactResults):
                 "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
                 "CreatePartitionContact, or run the model by solve_dynamic"
             )
-        coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        self.law.check_gaps(np.concatenate([coordinates[s] for s in self.slices(mbs)]))
+        self.law.check_gaps(np.concatenate([q[s] for s in self.slices(mbs)]))
 
     def slices(self, mbs: Any) -> list[slice]:
         """Where the coordinates of slave and master are among the model's."""
@@ -165,6 +177,7 @@ class PartitionContact(ContactResults):
                 sensorUserFunction=lambda mbs, t, *unused: [*map(float, self.law.moment(place))], storeInternal=True
             )
         )
+        self._moment_about = place
         return self["sMoment"]
 
 
@@ -277,10 +290,10 @@ def CreatePartitionContact(
     if masterBody is not None:
         load_carrier(mbs, contact, masterBody)
     add_links(mbs, contact)
-    items = require("exudyn.itemInterface")
+    items, record = require("exudyn.itemInterface"), run_record(mbs)
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(
-            name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(mbs, t), storeInternal=True
+            name=name, sensorUserFunction=lambda mbs, t, *unused: contact.sample(mbs, record, t), storeInternal=True
         )
     )
     mbs.sys[REGISTRY][1][int(contact["sForce"])] = contact

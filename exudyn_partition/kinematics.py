@@ -104,9 +104,14 @@ class InertialKinematics:
         """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
         return self.body.mass @ (self.body.rigid[:, :3] @ gravity)
 
+    @property
+    def mass_integral(self) -> Array:
+        """Linear momentum by velocities of the coordinates within the frame, (3, n_dofs)."""
+        return np.asarray(self.body.mass @ self.body.rigid[:, :3]).T
+
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""
-        return q_t @ (self.body.mass @ self.body.rigid[:, :3])
+        return q_t @ self.mass_integral.T
 
     def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
         """Angular momentum about a point in space, (3,) [m], first order in deformation and rotation, (..., 3)."""
@@ -297,6 +302,11 @@ class FloatingKinematics:
     def weight(self, gravity: Array) -> Array:
         """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
         return np.concatenate([self.body.total_mass * gravity, np.zeros(self.body.n_dofs - 3)])
+
+    @property
+    def mass_integral(self) -> Array:
+        """Linear momentum by velocities of the coordinates within the frame, (3, n_dofs - 6): none in mean axes."""
+        return np.zeros((3, self.body.n_dofs - 6))
 
     def momentum(self, q_t: Array) -> Array:
         """Linear momentum, (..., 3) [N s]."""

@@ -1,8 +1,9 @@
 """Exudyn adapter: a super element that lends partition bodies Exudyn's markers, and what its mesh nodes are.
 
-An ObjectFFRFreducedOrder without mass, stiffness and inertia forces, on the body's own nodes, is a body to Exudyn's
-superelement markers and sensors, and nothing else. Its mesh nodes are those of the FE model, with the same numbers,
-followed by three for each interface, which move as the interface does: by its mean translation and rotation.
+An ObjectFFRFreducedOrder without stiffness and inertia forces, on the body's own nodes, is a body to Exudyn's
+superelement markers and sensors, and to a LoadMassProportional on its MarkerBodyMass: it has the integrals that gravity
+takes. Module `attachments` refuses what else would reach it. Its mesh nodes are those of the FE model, with the same
+numbers, followed by three for each interface, which move as the interface does: by its mean translation and rotation.
 
 The super element needs a rigid body's node and one for modes. A floating body has both. An inertial body moves within a
 node of its own that six coordinate constraints hold, which Exudyn's explicit solvers eliminate.
@@ -27,7 +28,9 @@ _SMALL = 1e-6  # mass of what constraints hold to an interface, of the body's
 _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
 
 
-def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], name: str) -> dict[str, Any]:
+def add_super_element(
+    mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], name: str
+) -> tuple[dict[str, Any], list[int]]:
     """Add the super element of a body.
 
     Parameters
@@ -40,8 +43,8 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
 
     Returns
     -------
-    dict
-        `oFFRFreducedOrder` and its nodes `nRigidBody` and `nGenericODE2`.
+    dict, list of int
+        `oFFRFreducedOrder` and its nodes `nRigidBody` and `nGenericODE2`, and the markers that hold the former.
 
     Raises
     ------
@@ -57,14 +60,14 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
             "'craig-bampton', or attach to rows of its coordinates: body.interface_rows() on a "
             "MarkerObjectODE2Coordinates of its 'oGenericODE2'"
         )
-    rigid = nodes["nRigid"] if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
+    rigid, held = (nodes["nRigid"], []) if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
     places, rows = mesh(kinematics)
     turn = kinematics.node_axes
     rows = (turn.T @ rows.reshape(len(places), 3, rows.shape[1])).reshape(rows.shape)
     if "nModal" in nodes:
-        modal = nodes["nModal"]
+        modal, integral = nodes["nModal"], kinematics.mass_integral
     else:
-        modal, rows = _add_idle_node(mbs), np.zeros((len(rows), 1))
+        modal, rows, integral = _add_idle_node(mbs), np.zeros((len(rows), 1)), np.zeros((3, 1))
     nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
     number = mbs.AddObject(
         items.ObjectFFRFreducedOrder(
@@ -73,16 +76,18 @@ def add_super_element(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], n
             massMatrixReduced=nothing,
             stiffnessMatrixReduced=nothing,
             computeFFRFterms=False,
+            mass=body.total_mass,
+            mPhitTPsi=integral,
             modeBasis=rows,
             referencePositions=(places @ turn).ravel(),
             visualization=items.VObjectFFRFreducedOrder(show=False),
         )
     )
-    return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}
+    return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}, held
 
 
-def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> Any:
-    """Node at the centre of mass that six coordinate constraints hold; mass lets explicit solvers accept it."""
+def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> tuple[Any, list[int]]:
+    """Add a node at the centre of mass, held by six constraints, which are returned; explicit solvers want its mass."""
     items = require("exudyn.itemInterface")
     origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
     node = mbs.AddNode(items.NodeRigidBodyRxyz(name=name and f"{name}:frame", referenceCoordinates=[*origin, 0, 0, 0]))
@@ -92,10 +97,12 @@ def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> Any:
         )
     )
     ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    held = []
     for coordinate in range(6):
-        held = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
-        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[ground, held]))
-    return node
+        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[ground, marker]))
+        held.append(int(marker))
+    return node, held
 
 
 def _add_idle_node(mbs: Any) -> Any:

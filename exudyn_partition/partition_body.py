@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from ._checks import validate_vector
 from ._optional import require
+from .attachments import add_guard, check_attachments
 from .body import ReducedBody
 from .damping import Damping
 from .errors import InputError
@@ -40,7 +41,8 @@ class PartitionBody(dict):
     to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
     again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
 
-    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers.
+    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers;
+    `frame_markers` are those by which the rigid node of an inertial frame is held.
 
     `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
     """
@@ -52,6 +54,7 @@ class PartitionBody(dict):
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
         self.point_markers: dict[int, Sequence[float]] = {}
         self.damping: Damping | None = None
+        self.frame_markers: list[int] = []
 
     @property
     def frame(self) -> str:
@@ -169,8 +172,9 @@ class PartitionBody(dict):
         """Object that carries markers, made when first asked for."""
         self._check_model(mbs)
         if "oFFRFreducedOrder" not in self:
-            indices = add_super_element(mbs, self.kinematics, self, self.name)
+            indices, self.frame_markers = add_super_element(mbs, self.kinematics, self, self.name)
             self.update(indices, FFRFReducedOrderObjectDict=indices)
+            add_guard(mbs, self, check_model)
         return self["oFFRFreducedOrder"]
 
     def _check_model(self, mbs: Any) -> None:
@@ -273,6 +277,11 @@ def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContac
         if number >= sensors or not both_there:
             del contacts[number]
     return list(bodies.values()), list(contacts.values())
+
+
+def check_model(mbs: Any) -> None:
+    """Refuse what would silently have no effect in a run of the model."""
+    check_attachments(mbs, partition_items(mbs)[0])
 
 
 def coordinate_slices(mbs: Any, item: PartitionBody) -> list[slice]:

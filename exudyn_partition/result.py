@@ -17,6 +17,7 @@ from .contact_results import ContactResults
 from .errors import ContactPatchWarning, InputError, ModelLimitWarning, RunError, StoppedRunWarning
 from .history import History
 from .partition_body import PartitionBody, partition_items
+from .run_record import run_record
 from .summary import write_report
 
 Array = np.ndarray
@@ -56,6 +57,8 @@ class Result:
         The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
     runs : tuple of object
         `run` of each contact when the result was made.
+    seldom : set of int
+        Sensors that Exudyn read less often than the result has times.
     """
 
     t: Array
@@ -69,6 +72,7 @@ class Result:
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
     runs: tuple[object, ...] = field(default=(), repr=False)
+    seldom: frozenset[int] = field(default=frozenset(), repr=False)
 
     def __repr__(self) -> str:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
@@ -80,8 +84,14 @@ class Result:
         Raises
         ------
         InputError
-            If the run has no such sensor.
+            If the run has no such sensor, or Exudyn read it too seldom.
         """
+        if int(number) in self.seldom:
+            raise InputError(
+                f"number: Exudyn read sensor {int(number)} less often than this result has times, which are those of "
+                f"all steps; read its own by mbs.GetSensorStoredData({int(number)}), or set "
+                "settings.solution.sensors.writePeriod to the step before mbs.SolveDynamic"
+            )
         if int(number) not in self.sensors:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
@@ -188,7 +198,7 @@ class Result:
 
 
 def samples(mbs: Any) -> Result:
-    """What the sensors stored, as it is."""
+    """What the sensors stored, with what contacts kept themselves where Exudyn read its sensors seldom."""
     sensors = {}
     for number in range(mbs.systemData.NumberOfSensors()):
         if mbs.GetSensorParameter(number, "storeInternal"):
@@ -198,10 +208,10 @@ def samples(mbs: Any) -> Result:
     if not sensors:
         raise RunError("mbs: no sensor stored anything; run the model first")
     count = min(len(data) for data in sensors.values())
-    first = next(iter(sensors.values()))
+    t = next(iter(sensors.values()))[:count, 0].copy()
     bodies, contacts = partition_items(mbs)
-    return Result(
-        t=first[:count, 0].copy(),
+    result = Result(
+        t=t,
         status="finished",
         message="samples of the model's last run",
         step=float("nan"),
@@ -213,6 +223,22 @@ def samples(mbs: Any) -> Result:
         contacts=tuple(contacts),
         runs=tuple(contact.run for contact in contacts),
     )
+    record = run_record(mbs)
+    return _joined(result, record.times, record.sensors(mbs)) if len(record.times) else result
+
+
+def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:
+    """Result at its own times and at t, (n,), with what was kept there, (n, k) by sensor number."""
+    own = ~np.isin(t, result.t)
+    times = np.r_[result.t, t[own]]
+    order = np.argsort(times)
+    joined = {
+        number: np.concatenate([data, kept[number][own]])[order]
+        for number, data in result.sensors.items()
+        if number in kept
+    }
+    seldom = frozenset(number for number in result.sensors if number not in kept)
+    return replace(result, t=times[order], sensors=joined, seldom=seldom)
 
 
 def reviewed(mbs: Any, result: Result) -> Result:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from ._progress import progress as progress_bar
 from .contact_items import PartitionContact
 from .errors import (
     InputError,
+    ModelLimitWarning,
     RunError,
     StepSizeError,
 )
@@ -28,8 +30,9 @@ from .estimate import SAFETY, STEPS_A_PERIOD
 from .hooks import controlled, multipliers, watched, without_stabilised
 from .joint_checks import OpenJoints, check_joints
 from .linalg import one_blas_thread
-from .partition_body import PartitionBody, coordinate_slices, partition_items, validate_model
+from .partition_body import PartitionBody, check_model, coordinate_slices, partition_items, validate_model
 from .result import Result, cut, reviewed, samples, warn_of_turns
+from .run_record import Solver, run_record
 from .step_control import LONGEST, UNRESOLVED, StepControl
 
 Array = np.ndarray
@@ -219,6 +222,7 @@ def _run(
     validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
+    check_model(mbs)
     open_joints = check_joints(mbs, partition_items(mbs)[0])
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
@@ -264,6 +268,7 @@ def _run(
     with (
         one_blas_thread(),
         bar as report,
+        run_record(mbs).sensors_alone(),
         without_stabilised(mbs, method),
         multipliers(mbs, method) as steppers,
         watched(mbs, end_time, step, report, steppers) as watch,
@@ -291,6 +296,10 @@ def _run(
 def collect(mbs: Any) -> Result:
     """Results of the last run of a model, also of one by `mbs.SolveDynamic` directly.
 
+    Exudyn reads its sensors each hundredth of a second unless `settings.solution.sensors.writePeriod` says otherwise.
+    Contacts keep the ends of all steps themselves then, with the coordinates of all partition bodies, and the result
+    has those times.
+
     Parameters
     ----------
     mbs : exudyn.MainSystem
@@ -310,10 +319,40 @@ def collect(mbs: Any) -> Result:
     Warns
     -----
     StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
-        As `solve_dynamic`.
+        As `solve_dynamic`; also if explicit steps were above the stability limit, or so many that contacts did not keep
+        them.
     """
     validate_model(mbs)
-    return reviewed(mbs, samples(mbs))
+    check_model(mbs)
+    result, solver = samples(mbs), Solver.last(mbs)
+    if run_record(mbs).overflowed:
+        warnings.warn(
+            "the run took more steps than contacts keep beside Exudyn's sensors, so that the result has the times of "
+            "these alone: impacts between them are missing. Set settings.solution.sensors.writePeriod to the period "
+            "that you need, or take solve_dynamic(mbs, ..., sample_period=...)",
+            ModelLimitWarning,
+            stacklevel=2,
+        )
+    if solver is not None:
+        result = replace(result, method=solver.method, step=solver.step, steps=solver.steps)
+        if not solver.finished:
+            message = f"the solver stopped at t = {solver.time:.6g} s, before the end of the run"
+            result = replace(result, status="interrupted", message=message)
+        _warn_of_stability(mbs, solver)
+    result = reviewed(mbs, result)
+    if solver is not None and solver.equal:
+        warn_of_turns(result)
+    return result
+
+
+def _warn_of_stability(mbs: Any, solver: Solver) -> None:
+    if solver.verlet and solver.step > (limit := stability_limit(mbs)):
+        warnings.warn(
+            f"the explicit steps of {solver.step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
+            f"closed): the bodies may gain energy without bound. Take at most {limit:.3g} s, or an implicit solver",
+            ModelLimitWarning,
+            stacklevel=3,
+        )
 
 
 def _checked_step(mbs: Any, step: float | None, method: str) -> float:

@@ -294,6 +294,24 @@ def test_a_second_run_is_the_first_again(nodal_bodies, impact):
         assert first[0] < 0.02 * first.max()
 
 
+def test_multipliers_keep_all_steps_of_plain_runs(nodal_bodies):
+    """Exudyn reads its sensors at the ends alone; explicit multipliers are found before the steps that they act in."""
+    mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
+    for method, solver in (("explicit", "VelocityVerlet"), ("implicit", "GeneralizedAlpha")):
+        ours = ep.solve_dynamic(mbs, end_time=60e-8, step=1e-8, method=method)
+        expected = contact.force(ours)
+        settings = exu.SimulationSettings()
+        settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = ours.t[-1], ours.steps
+        settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+        settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+        mbs.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
+        result = ep.collect(mbs)
+        assert expected.max() > 1
+        np.testing.assert_allclose(result.t, ours.t, atol=1e-15)
+        np.testing.assert_allclose(contact.force(result), expected, atol=1e-5 * expected.max())
+
+
 def test_an_interrupted_run_leaves_nothing_to_the_next(nodal_bodies):
     mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
     whole = contact.force(ep.solve_dynamic(mbs, end_time=3e-6))
