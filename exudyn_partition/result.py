@@ -224,7 +224,8 @@ def samples(mbs: Any) -> Result:
         runs=tuple(contact.run for contact in contacts),
     )
     record = run_record(mbs)
-    return _joined(result, record.times, record.sensors(mbs)) if len(record.times) else result
+    times = record.times(mbs)
+    return _joined(result, times, record.sensors(mbs)) if len(times) else result
 
 
 def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:

@@ -157,10 +157,9 @@ class RunRecord:
             self._clear(self._began)
             self.overflowed = True
 
-    @property
-    def times(self) -> Array:
-        """Ends of the steps that were kept, (n,) [s]."""
-        return np.array(self._times)
+    def times(self, mbs: Any) -> Array:
+        """Ends of the steps that were kept, (n,) [s]: none if the last run was without contacts, after a Reset."""
+        return np.array(self._times if mbs.sys.get("dynamicSolver") is self._solver else [])
 
     def sensors(self, mbs: Any) -> dict[int, Array]:
         """What the sensors of partition bodies and contacts would have stored at `times`, (n, k), by their numbers."""
