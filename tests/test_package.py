@@ -79,8 +79,8 @@ def test_outer_packages_have_one_door_each():
         "netgen": {"ngsolve_fem", "cli"},  # the doctor tries them
         "meshio": {"mesh_files"},
         "exudyn": {
-            *("markers", "partition_body", "items", "joints", "joint_checks", "carriers"),
-            *("contact_elements", "contact_items", "hooks", "solve", "view", "cli"),
+            *("markers", "partition_body", "items", "joints", "joint_checks", "carriers", "attachments"),
+            *("run_record", "contact_elements", "contact_items", "hooks", "solve", "view", "cli"),
         },
     }
 
