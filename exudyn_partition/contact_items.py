@@ -35,6 +35,7 @@ FORMULATIONS = ("compliance", "lagrange", "penalty")
 PASSES = ("finer", "given", "two")
 
 _DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
+_STIFFEST = 1e6  # of the default penalty: the explicit step is a thousandth of the default's then
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
 
@@ -255,6 +256,12 @@ def CreatePartitionContact(
     validate_choice("passes", passes, PASSES)
     if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
+    if masterPatch is not None and rigid is not None:
+        raise InputError(f"masterPatch: a {type(rigid).__name__} has no patches, leave it out")
+    if stiffness is not None and formulation != "penalty":
+        raise InputError(
+            f"stiffness: formulation {formulation!r} has none, it is taken only with formulation='penalty'"
+        )
     sides = [(slave, slave.body.partition.patch(slavePatch))]
     if other is not None:
         sides.append((other, other.body.partition.patch(masterPatch)))
@@ -332,14 +339,20 @@ def _law(formulation: str, gaps: PatchGaps | RigidGaps, stiffness: float | None)
         return ComplianceContact(gaps)
     if formulation == "lagrange":
         return LagrangeContact(gaps)
-    if stiffness is not None:
-        stiffness = validate_positive("stiffness", stiffness, "N/m3")
-    elif any(side.flexibility is not None for side in gaps.sides):
-        stiffness = bed_stiffness(gaps)
+    if any(side.flexibility is not None for side in gaps.sides):
+        usual = bed_stiffness(gaps)
     else:
         inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
         omega_max = max(_highest_frequency(side.kinematics.body) for side in gaps.sides)
-        stiffness = inertial_stiffness(gaps, inverse_mass, omega_max)
+        usual = inertial_stiffness(gaps, inverse_mass, omega_max)
+    if stiffness is None:
+        stiffness = usual
+    elif validate_positive("stiffness", stiffness, "N/m3") > _STIFFEST * usual:
+        raise InputError(
+            f"stiffness: expected at most {_STIFFEST * usual:.3g} N/m3, a million times what the bodies ask for, got "
+            f"{stiffness:.3g}. A layer so stiff yields by less than round-off and takes steps that never end. Take "
+            "formulation='compliance' or 'lagrange', which keep gaps closed without a layer"
+        )
     return PenaltyContact(gaps, stiffness)
 
 

@@ -23,6 +23,7 @@ Array = np.ndarray
 
 _STEP_ENDINGS = (".step", ".stp")
 _MOST_POINTS = 1e7  # of a ball's grid: more than an FE model in memory has nodes
+_SHARP = np.sin(np.radians(44.0))  # of cones' half angles: below, Netgen fails at the tip
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ def _meshed(shape: Any, maxh: float, refine: Iterable[Refine], grading: float) -
         if not isinstance(region, Refine):
             raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
     size = _checked_size(shape, maxh, regions)
+    _check_tips(shape, size)
     parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
     for region in regions:
         for x, y, z in region.points():
@@ -133,6 +135,34 @@ def _meshed(shape: Any, maxh: float, refine: Iterable[Refine], grading: float) -
             )
     mesh.Curve(2)
     return mesh
+
+
+def _check_tips(shape: Any, size: float) -> None:
+    """Refuse the tips of sharp cones, on which Netgen fails, often after it has written where it must not.
+
+    A cone is a surface whose straight lines, along its second parameter, meet in a point.
+    """
+    for face in shape.faces:
+        surface = face.surf
+        (_, along_0, line_0), (_, along_1, line_1) = (_derivatives(surface, v) for v in (0.0, 1.0))
+        widening = (np.linalg.norm(along_1) - np.linalg.norm(along_0)) / max(float(np.linalg.norm(line_0)), 1e-300)
+        if not np.allclose(line_0, line_1, atol=1e-9 * size) or not 1e-6 < abs(widening) < _SHARP:
+            continue
+        v = -np.linalg.norm(along_0) / (np.linalg.norm(along_1) - np.linalg.norm(along_0))
+        tip, beside = (np.array([*surface.Value(u, v)]) for u in (0.0, 1.0))
+        corners = np.array([[*vertex.p] for vertex in face.vertices])
+        if np.linalg.norm(tip - beside) < 1e-9 * size and np.linalg.norm(corners - tip, axis=1).min() < 1e-6 * size:
+            half_angle = np.degrees(np.arcsin(abs(widening)))
+            raise MeshError(
+                f"shape: the cone with its tip at {tip} m is sharp, its half angle {half_angle:.3g} degrees. Netgen "
+                "fails on tips below 45 degrees and may end the program. Round the tip, or cut it off where it is a "
+                "few elements wide; or bring a mesh file"
+            )
+
+
+def _derivatives(surface: Any, v: float) -> list[Array]:
+    """Place on a surface at (0, v), and its derivatives by both parameters."""
+    return [np.array([x.x, x.y, x.z]) for x in surface.D1(0.0, v)]
 
 
 def _checked_size(shape: Any, maxh: float, regions: list[Refine]) -> float:

@@ -23,6 +23,7 @@ from .summary import write_report
 Array = np.ndarray
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
+_GROWTH = 1e3  # of a body's largest energy until then: what unstable steps pass, and large strain does not
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
 _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
@@ -249,9 +250,9 @@ def reviewed(mbs: Any, result: Result) -> Result:
     for item in bodies:
         q = item.coordinates(result)
         finite = np.isfinite(q).all(axis=1)
-        q = np.where(finite[:, None], q, 0.0)
         size = np.ptp(item.body.points, axis=0).max()
-        valid &= finite & (item.deformation(q) < _LARGEST_DEFORMATION * size)
+        share = item.deformation(np.where(finite[:, None], q, 0.0)) / size
+        valid &= finite & ~_unbounded(item, result, finite & (share < _LARGEST_DEFORMATION))
     if not valid.all():
         result = cut(result, int(valid.argmin()))
         reason = result.message if result.status == "unstable" else "deformations have grown beyond all bounds"
@@ -264,12 +265,26 @@ def reviewed(mbs: Any, result: Result) -> Result:
         for item in bodies:
             if item.frame == "inertial":
                 _warn_of_rotation(item, result)
+            _warn_of_strain(item, result)
         for contact in contacts:
             _warn_of_patch(contact, result)
             _warn_of_overlap(contact, result)
             _warn_of_steps(contact, result)
             _warn_of_missing(contact, result)
     return result
+
+
+def _unbounded(item: PartitionBody, result: Result, small: Array) -> Array:
+    """Samples in which energy has grown without limit, (n,) bool, by those in which deformation is small, (n,) bool.
+
+    Unstable steps multiply it. Large strain alone does not: linear bodies may be run beyond what materials bear.
+    """
+    if small.all():
+        return np.zeros(len(small), dtype=bool)
+    with np.errstate(over="ignore", invalid="ignore"):
+        energy = item.energy(result)
+    first = int(small.argmin())
+    return ~small & ~(energy <= _GROWTH * energy[:first].max(initial=0.0))
 
 
 def cut(result: Result, count: int) -> Result:
@@ -286,6 +301,20 @@ def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
             f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at t = {when:.6g} s: "
             "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
             "frame='floating'",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_of_strain(item: PartitionBody, result: Result) -> None:
+    """Strain so large that no linear answer holds for it."""
+    share = item.deformation(item.coordinates(result)) / np.ptp(item.body.points, axis=0).max()
+    if share.max() >= _LARGEST_DEFORMATION:
+        when = result.t[int((share >= _LARGEST_DEFORMATION).argmax())]
+        warnings.warn(
+            f"{_called(item)}: its contact patch has deformed by {share.max():.2g} of the body's size, from "
+            f"t = {when:.6g} s on by more than {_LARGEST_DEFORMATION}. The answer is that of linear elasticity, which "
+            "no material follows there. Check speeds, forces, units and the material",
             ModelLimitWarning,
             stacklevel=4,
         )

@@ -223,6 +223,13 @@ def test_bad_contacts(mbs, marble):
     with pytest.raises(InputError, match="passes: 'two' needs two partition bodies"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", passes="two")
     other = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, -R])
+    options = {"slavePatch": "south"}
+    with pytest.raises(InputError, match="masterPatch: a RigidPlane has no patches"):
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), masterPatch=0, **options)
+    with pytest.raises(InputError, match="stiffness: formulation 'compliance' has none"):
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), stiffness=1e12, **options)
+    with pytest.raises(InputError, match=r"stiffness: expected at most .* got 1e\+30"):
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="penalty", stiffness=1e30, **options)
     with pytest.raises(InputError, match="masterBody: only a rigid surface"):
         ep.CreatePartitionContact(mbs, item, other, slavePatch="south", masterPatch="north", masterBody=0)
     with pytest.raises(InputError, match="stiffness"):

@@ -19,7 +19,8 @@ from conftest import TOP, box
 
 import exudyn_partition as ep
 from exudyn_partition import _progress
-from exudyn_partition.errors import EmptyRegionError, InputError, RunError, UnitsWarning
+from exudyn_partition.errors import EmptyRegionError, InputError, MeshError, RunError, UnitsWarning
+from exudyn_partition.ngsolve_fem import _check_tips
 
 BLOCK = box(0.01, 0.02, 0.03)
 
@@ -236,3 +237,20 @@ def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
     monkeypatch.setattr(_progress, "LONG", long)
     ep.generate_mesh(box(1, 1, 1), maxh=0.5)
     assert bar.calls == [("mesh", None), *expected]
+
+
+def test_the_tip_of_a_sharp_cone_is_refused():
+    """Netgen writes where it must not there, and ends the program then or later; blunt cones and spheres it can."""
+
+    def cone(half_angle):
+        frame = occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1))
+        return occ.Cone(frame, 0.0, 0.02 * np.tan(np.radians(half_angle)), 0.02, 2 * np.pi)
+
+    with pytest.raises(MeshError, match=r"the cone with its tip .* half angle 20 degrees"):
+        ep.fe_model(cone(20), ep.STEEL, maxh=5e-3)
+    turned = cone(30).Rotate(occ.Axis((0, 0.1, 0), occ.X), 70) + occ.Sphere(occ.Pnt(0.2, 0, 0), 0.01)
+    with pytest.raises(MeshError, match="half angle 30 degrees"):
+        ep.fe_model(turned, ep.STEEL, maxh=5e-3)
+    cut = occ.Cone(occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1)), 2e-3, 9e-3, 0.02, 2 * np.pi)
+    for shape in (cone(60), cut, occ.Sphere(occ.Pnt(0, 0, 0), 0.01), occ.Cylinder(occ.Pnt(0, 0, 0), occ.X, 0.1, 0.2)):
+        _check_tips(shape, 0.02)

@@ -131,6 +131,10 @@ def bouncing(d):
     ]
 
 
+def bouncing_bar(d):
+    return [Row(key, "Doyen, Ern, Piperno", d["limit"], error) for key, error in d["runs"][-1]["error"].items()]
+
+
 def formulations(d):
     own = [c for c in d["cases"] if c["formulation"] == "compliance" and c["passes"] == "given"]
     worst = max(own, key=lambda c: abs(c["impulse"]))
@@ -205,6 +209,7 @@ CASES = {
                     len(d["beyond_limits"]))], figures=("contact_sliding.png",)),
     "oblique": Case("contact/oblique.py", oblique),
     "bouncing": Case("contact/bouncing.py", bouncing),
+    "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),
     "formulations": Case("contact/formulations.py", formulations),
     "markers": Case("joints/markers.py", markers),
     "rotation": Case("joints/rotation.py",
