@@ -37,6 +37,36 @@ def validate_array(name: str, value: Any, shape: tuple[int | None, ...]) -> Arra
     return array
 
 
+def check_floats(name: str, value: Any, shape: tuple[int | None, ...]) -> None:
+    """Raise unless `value` is an array of floats of `shape` (None: any length), all finite; it is not copied."""
+    _check_array(name, value, shape, "f")
+    if not np.isfinite(value).all():
+        raise InputError(f"{name}: expected finite numbers, got {np.count_nonzero(~np.isfinite(value))} that are not")
+
+
+def check_indices(name: str, value: Any, shape: tuple[int | None, ...], below: int | None = None) -> None:
+    """Raise unless `value` is an array of whole numbers of `shape`, none negative or from `below` on."""
+    _check_array(name, value, shape, "iu")
+    if value.size and (value.min() < 0 or (below is not None and value.max() >= below)):
+        upwards = "0 upwards" if below is None else f"0 to {below - 1}"
+        raise InputError(f"{name}: expected numbers from {upwards}, got {value.min()} to {value.max()}")
+
+
+def check_tuple(name: str, value: Any, kind: type) -> None:
+    """Raise unless `value` is a tuple of a kind."""
+    if not isinstance(value, tuple) or not all(isinstance(item, kind) for item in value):
+        raise InputError(f"{name}: expected a tuple of {kind.__name__}, got {_called(value)}")
+
+
+def _check_array(name: str, value: Any, shape: tuple[int | None, ...], kinds: str) -> None:
+    kind = "whole numbers" if "i" in kinds else "floats"
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
+        got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else _called(value)
+        raise InputError(f"{name}: expected an array of {kind} of shape {_show(shape)}, got {got}")
+    if value.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, value.shape, strict=True)):
+        raise InputError(f"{name}: expected shape {_show(shape)}, got {value.shape}")
+
+
 def validate_vector(name: str, value: Any) -> Array:
     """Return `value` as a read-only vector of three finite floats."""
     return validate_array(name, value, (3,))

@@ -10,6 +10,8 @@ import dataclasses
 import hashlib
 import io
 import json
+import math
+import stat
 import struct
 import zipfile
 import zlib
@@ -20,6 +22,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from ._checks import validate_path
 from ._version import __version__
 from .errors import InputError
 from .files import replacing
@@ -28,6 +31,7 @@ Array = np.ndarray
 
 _CSR = {"csr_matrix": sp.csr_matrix, "csr_array": sp.csr_array}
 _CSR_PARTS = ("data", "indices", "indptr")
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _ZIP_START = b"PK\x03\x04"
 # What zipfile, NumPy and JSON raise on bytes that are not what they were.
 _DAMAGE = (
@@ -56,7 +60,8 @@ class Format:
     units : str
         Note for people who look into a file.
     classes : tuple of type
-        Dataclasses that may occur in it, the value's own and nested ones. All their fields are stored.
+        Dataclasses that may occur in it: first the value's own, or that of each value of a tuple, then nested ones. All
+        their fields are stored. What they check when they are made is checked when they are read.
     """
 
     name: str
@@ -97,13 +102,18 @@ class Format:
         InputError
             If the file is missing, damaged, of another kind or of another version.
         """
-        path = Path(path)
+        path = validate_path("path", path)
         try:
+            self._check_file(path)
             with path.open("rb") as file:
                 if file.read(len(_ZIP_START)) != _ZIP_START:
                     raise InputError(f"path: {path} is not an npz file; expected a saved {self.name}")
                 with zipfile.ZipFile(file) as archive:
-                    return _restore(self._content(path, archive), archive, {c.__name__: c for c in self.classes})
+                    content = self._content(path, archive)
+                    try:
+                        return self._checked(_restore(content, archive, {c.__name__: c for c in self.classes}))
+                    except InputError as error:  # of a class that refuses what it is given
+                        raise ValueError(str(error)) from error
         except InputError:
             raise
         except FileNotFoundError as error:
@@ -115,6 +125,20 @@ class Format:
                 f"path: {path} is damaged or cannot be read: {error or type(error).__name__}. "
                 f"Restore it from a copy, or compute and save the {self.name} anew"
             ) from error
+
+    def _check_file(self, path: Path) -> None:
+        """Refuse a pipe, which would wait for a writer, and a device, which may never end; a folder says so itself."""
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
+            raise InputError(f"path: expected a saved {self.name}, got {path}, a device or a pipe")
+
+    def _checked(self, value: Any) -> Any:
+        """Return `value` if it is of the first class, or a tuple of such."""
+        kind = self.classes[0]
+        for item in value if isinstance(value, tuple) else (value,):
+            if not isinstance(item, kind):
+                raise ValueError(f"expected a {kind.__name__} in it, got a {type(item).__name__}")
+        return value
 
     def _content(self, path: Path, archive: zipfile.ZipFile) -> Any:
         """Description of the value, if the file is of this kind and version."""
@@ -183,7 +207,9 @@ def _restore(node: Any, archive: zipfile.ZipFile, classes: dict[str, type]) -> A
             return array
         case {"sparse": kind, "parts": parts, "shape": shape}:
             found = each(parts)
-            return _CSR[kind](tuple(found[part] for part in _CSR_PARTS), shape=tuple(shape))
+            matrix = _CSR[kind](tuple(found[part] for part in _CSR_PARTS), shape=tuple(shape))
+            matrix.check_format(full_check=True)  # every index is in range
+            return matrix
         case {"tuple": items}:
             return tuple(_restore(x, archive, classes) for x in items)
         case {"dict": items}:
@@ -197,5 +223,20 @@ def _restore(node: Any, archive: zipfile.ZipFile, classes: dict[str, type]) -> A
 
 
 def _member(name: str, archive: zipfile.ZipFile) -> Array:
-    """One array of a file; `read` checks the member's CRC before NumPy looks at it."""
-    return np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+    """One array of a file, whose sizes are those of the file before memory is asked for them.
+
+    `read` checks the member's CRC before NumPy looks at it.
+    """
+    info = archive.getinfo(f"{name}.npy")
+    if info.compress_type != zipfile.ZIP_STORED or info.file_size != info.compress_size:
+        raise ValueError(f"{name}: expected a member that is not compressed")
+    data = io.BytesIO(archive.read(info))
+    version = np.lib.format.read_magic(data)
+    if version not in _HEADERS:
+        raise ValueError(f"{name}: expected an array in NumPy's format 1.0 or 2.0, got {version}")
+    shape, _, dtype = _HEADERS[version](data)
+    claimed, held = math.prod(shape) * dtype.itemsize, info.file_size - data.tell()
+    if dtype.hasobject or min(shape, default=0) < 0 or claimed != held:
+        raise ValueError(f"{name}: its header claims {claimed} bytes of {dtype} in shape {shape}, the file has {held}")
+    data.seek(0)
+    return np.lib.format.read_array(data, allow_pickle=False)

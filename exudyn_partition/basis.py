@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.linalg
 
-from ._checks import read_only
+from ._checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ._progress import Progress
 from .errors import FrequencyRangeError, InputError, UnitsWarning
 from .fem import FEModel, node_dofs
@@ -67,8 +67,22 @@ class ReducedBasis:
     left_out: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        validate_text("name", self.name)
+        validate_choice("mass", self.mass, ("consistent", "lumped"))
+        check_floats("shapes", self.shapes, (None, None))
+        n_dofs, n_shapes = self.shapes.shape
+        check_floats("omega", self.omega, (n_shapes,))
+        if (self.omega < 0).any():
+            raise InputError(f"omega: expected frequencies that are not negative, got {self.omega.min()}")
+        check_floats("rigid", self.rigid, (n_shapes, 6))
+        check_indices("nodal", self.nodal, (None,), n_dofs // 3)
+        check_tuple("labels", self.labels, str)
+        if len(self.labels) != n_shapes:
+            raise InputError(f"labels: expected one for each of {n_shapes} shapes, got {len(self.labels)}")
+        check_tuple("left_out", self.left_out, str)
         read_only(self.shapes, self.omega, self.rigid, self.nodal)
         if self.flexibility is not None:
+            check_floats("flexibility", self.flexibility, (len(self.flexibility),) * 2)
             read_only(self.flexibility)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import read_only
+from ._checks import check_floats, check_indices, read_only, validate_number, validate_positive, validate_type
 from .archive import Format
 from .basis import ReducedBasis
 from .contact.surface import Surface
@@ -66,6 +66,36 @@ class ReducedBody:
     estimate: Estimate | None = None
 
     def __post_init__(self) -> None:
+        validate_type("basis", self.basis, ReducedBasis, "BASES")
+        validate_type("partition", self.partition, Partition, "Partition.ball()")
+        validate_type("inertia", self.inertia, InertiaIntegrals, "InertiaIntegrals.of()")
+        if self.estimate is not None:
+            validate_type("estimate", self.estimate, Estimate, "reduce(tolerance=)")
+        check_floats("points", self.points, (None, 3))
+        n_nodes, nodal = len(self.points), self.basis.nodal
+        check_indices("facets", self.facets, (None, None), n_nodes)
+        if self.facets.shape[1] not in (3, 4, 6):
+            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        if self.partition.n_nodes != n_nodes:
+            raise InputError(f"partition: it is of a mesh with {self.partition.n_nodes} nodes, the body has {n_nodes}")
+        check_floats("shapes", self.basis.shapes, (3 * n_nodes, None))
+        n_shapes = self.basis.shapes.shape[1]
+        for name in ("mass", "stiffness"):
+            matrix = getattr(self, name)
+            if not sp.issparse(matrix) or matrix.shape != (n_shapes + 3 * len(nodal),) * 2:
+                raise InputError(f"{name}: expected a sparse matrix of order {n_shapes + 3 * len(nodal)}")
+            check_floats(name, matrix.data, (None,))
+        if not (self.mass.diagonal() > 0).all():
+            raise InputError("mass: expected a positive mass of each coordinate")
+        if self.basis.flexibility is not None:
+            rows = patch_slice(self.partition, len(self.partition.patches)).start
+            check_floats("flexibility", self.basis.flexibility, (rows, rows))
+        n_fields = n_shapes if len(nodal) else n_shapes - 6
+        check_floats("inertia", self.inertia.cross, (3, n_fields, n_fields))
+        for name, unit in (("total_mass", "kg"), ("f_cut", "Hz")):
+            validate_positive(name, getattr(self, name), unit)
+        validate_number("reduce_s", self.reduce_s)
+        check_floats("centre_of_mass", self.centre_of_mass, (3,))
         read_only(self.points, self.facets, self.centre_of_mass)
 
     @property
@@ -257,4 +287,7 @@ def load_body(path: str | Path) -> ReducedBody:
     InputError
         If the file is missing, damaged, of another kind, or of another version of the format.
     """
-    return FILE.load(path)
+    body = FILE.load(path)
+    if not isinstance(body, ReducedBody):
+        raise InputError(f"path: expected a saved reduced body, got {len(body)} of them in {path}, from the cache")
+    return body

@@ -26,12 +26,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from ._checks import validate_number, validate_positive, validate_text
 from ._progress import Progress
 from .basis import residual_flexibility
 from .contact.complementarity import Complementarity
 from .contact.rows import pair_surfaces
 from .contact.surface import Surface
-from .errors import ToleranceWarning
+from .errors import InputError, ToleranceWarning
 from .fem import FEModel, node_dofs
 from .free_body import DROP_ABOVE, AdaptedSpace
 from .loads import patch_slice
@@ -86,6 +87,15 @@ class Estimate:
     against: str
     tolerance: float
     limit: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("force", "velocity", "tolerance"):
+            if validate_number(name, getattr(self, name)) < 0:
+                raise InputError(f"{name}: expected an error that is not negative, got {getattr(self, name)}")
+        for name in ("f_cut", "f_top", "speed", "duration"):
+            validate_positive(name, getattr(self, name))
+        for name in ("against", "limit"):
+            validate_text(name, getattr(self, name))
 
     @property
     def error(self) -> float:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import read_only
+from ._checks import check_floats, read_only
 from .fem import FEModel
 
 if TYPE_CHECKING:
@@ -60,6 +60,10 @@ class InertiaIntegrals:
     cross: Array
 
     def __post_init__(self) -> None:
+        check_floats("cross", self.cross, (3, None, None))
+        n = self.cross.shape[1]
+        check_floats("cross", self.cross, (3, n, n))
+        check_floats("inertia", self.inertia, (6, 1 + n, 1 + n))
         read_only(self.inertia, self.cross)
 
     @classmethod

@@ -6,7 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._checks import read_only, validate_choice, validate_positive, validate_type, validate_vector
+from ._checks import (
+    check_floats,
+    check_indices,
+    check_tuple,
+    read_only,
+    validate_choice,
+    validate_flag,
+    validate_integer,
+    validate_positive,
+    validate_text,
+    validate_type,
+    validate_vector,
+)
 from .errors import EmptyRegionError, InputError
 from .faces import middle
 from .fem import FEModel, area_vectors, facet_corners, nodal_area, rigid_modes
@@ -16,6 +28,7 @@ Array = np.ndarray
 AXES = ("normal", "xyz")
 KINDS = ("rigid", "averaged")
 
+_UNIT = 1e-9  # off a unit vector's length
 _FLAT = 1e-6  # of an interface's size: as near to one line its nodes may be
 
 
@@ -46,6 +59,16 @@ class Patch:
     name: str = ""
 
     def __post_init__(self) -> None:
+        check_indices("facets", self.facets, (None, None))
+        if self.facets.shape[1] not in (3, 4, 6) or not len(self.facets):
+            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        check_floats("direction", self.direction, (3,))
+        if abs(np.linalg.norm(self.direction) - 1) > _UNIT:
+            raise InputError(f"direction: expected a unit vector, got {self.direction}")
+        check_indices("rim", self.rim, (None,))
+        validate_choice("axes", self.axes, AXES)
+        validate_flag("direction_given", self.direction_given)
+        validate_text("name", self.name)
         read_only(self.facets, self.direction, self.rim)
 
     @property
@@ -88,6 +111,12 @@ class Interface:
     motion: Array
 
     def __post_init__(self) -> None:
+        validate_text("name", self.name)
+        check_indices("nodes", self.nodes, (None,))
+        validate_choice("kind", self.kind, KINDS)
+        check_floats("position", self.position, (3,))
+        check_floats("weights", self.weights, (len(self.nodes),))
+        check_floats("motion", self.motion, (6, 3 * len(self.nodes)))
         read_only(self.nodes, self.position, self.weights, self.motion)
 
     def rigid_motion(self, fem: FEModel) -> Array:
@@ -126,6 +155,18 @@ class Partition:
     n_nodes: int
 
     def __post_init__(self) -> None:
+        n_nodes = validate_integer("n_nodes", self.n_nodes, 1)
+        check_tuple("patches", self.patches, Patch)
+        check_tuple("interfaces", self.interfaces, Interface)
+        check_indices("nodes", self.nodes, (None,), n_nodes)
+        for patch in self.patches:
+            check_indices("facets", patch.facets, patch.facets.shape, n_nodes)
+            check_indices("rim", patch.rim, (None,), n_nodes)
+        for interface in self.interfaces:
+            check_indices("nodes", interface.nodes, (None,), n_nodes)
+        for nodes in (self.nodes, *(interface.nodes for interface in self.interfaces)):
+            if (np.diff(nodes) <= 0).any():
+                raise InputError("nodes: expected each node once, ascending")
         read_only(self.nodes)
         owners = [(f"patch {i} {patch.name!r}", patch.nodes) for i, patch in enumerate(self.patches)]
         joints = [(f"interface {interface.name!r}", interface.nodes) for interface in self.interfaces]

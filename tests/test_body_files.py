@@ -5,6 +5,7 @@ import inspect
 import json
 import multiprocessing
 import os
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ import scipy.sparse as sp
 from conftest import TOP
 
 import exudyn_partition as ep
-from exudyn_partition import archive, cache, reduction
+from exudyn_partition import archive, cache, loads, reduction
 from exudyn_partition.contact.compliance import ComplianceContact
 from exudyn_partition.contact.forward_increment import ForwardIncrement
 from exudyn_partition.contact.gaps import Side
@@ -79,6 +80,11 @@ def assert_same(x, y):
 def pair(request, ball, block, top):
     """Ball and block."""
     return tuple(ep.reduce(*parts, basis=request.param, f_cut=F_CUT) for parts in (ball, (block, top)))
+
+
+@pytest.fixture(scope="module")
+def small(block, top):
+    return ep.reduce(block, top, f_cut=F_CUT)
 
 
 def reloaded(body, folder):
@@ -213,6 +219,126 @@ def test_any_damage_is_refused_or_changes_nothing(tmp_path):
     assert harmless < 0.15 * len(whole)
 
 
+def altered(body, path, change):
+    """Save a body with other content, whole by every checksum."""
+    body.save(path)
+    rewrite(path, change)
+    return path
+
+
+def with_content(a, about, part, value):
+    """Put an array in place of another, and say so in the description."""
+
+    def visit(node):
+        if isinstance(node, dict):
+            if node.get("array") == part:
+                node.update(dtype=value.dtype.str, shape=list(value.shape))
+            for child in node.values():
+                visit(child)
+        elif isinstance(node, list):
+            for child in node:
+                visit(child)
+
+    a[part] = value
+    visit(about["content"])
+
+
+def first_nan(array):
+    result = array.copy()
+    result.flat[0] = np.nan
+    return result
+
+
+ALTERED = {
+    "points": (lambda x: first_nan(x), "points: expected finite numbers"),
+    "basis.shapes": (lambda x: first_nan(x), "shapes: expected finite numbers"),
+    "basis.flexibility": (lambda x: x[1:, 1:].copy(), r"flexibility: expected shape \(21, 21\), got \(20, 20\)"),
+    "basis.omega": (lambda x: -x, "omega: expected frequencies that are not negative"),
+    "basis.rigid": (lambda x: x[1:].copy(), "rigid: expected shape"),
+    "mass.data": (lambda x: 0 * x, "mass: expected a positive mass"),
+    "stiffness.data": (lambda x: first_nan(x), "stiffness: expected finite numbers"),
+    "mass.indices": (lambda x: x + 10**6, "is damaged"),
+    "facets": (lambda x: x + 10**6, "facets: expected numbers from 0 to 519"),
+    "partition.nodes": (lambda x: x[::-1].copy(), "nodes: expected each node once, ascending"),
+    "partition.patches.0.facets": (lambda x: -x, "facets: expected numbers from 0"),
+    "partition.patches.0.direction": (lambda x: 2 * x, "direction: expected a unit vector"),
+    "inertia.cross": (lambda x: x[:, 1:].copy(), "cross: expected shape"),
+    "centre_of_mass": (lambda x: x[:2].copy(), r"centre_of_mass: expected shape \(3,\), got \(2,\)"),
+}
+
+
+@pytest.mark.parametrize("part", ALTERED)
+def test_altered_content_is_refused_by_name(small, tmp_path, part):
+    change, message = ALTERED[part]
+    path = altered(small, tmp_path / "body.npz", lambda a, about: with_content(a, about, part, change(a[part])))
+    with pytest.raises(InputError, match=rf"body\.npz is damaged or cannot be read: .*{message}|{message}"):
+        ep.load_body(path)
+
+
+SCALARS = {"total_mass": 0.0, "f_cut": float("nan"), "reduce_s": "x", "estimate": 3, "partition": 1}
+
+
+@pytest.mark.parametrize("field", SCALARS)
+def test_altered_numbers_are_refused_by_name(small, tmp_path, field):
+    path = altered(
+        small, tmp_path / "body.npz", lambda a, about: about["content"]["fields"].update({field: SCALARS[field]})
+    )
+    with pytest.raises(InputError, match=rf"is damaged or cannot be read: {field}: expected"):
+        ep.load_body(path)
+
+
+def test_another_class_is_refused(small, tmp_path):
+    def a_patch(a, about):
+        about["content"] = about["content"]["fields"]["partition"]["fields"]["patches"]["tuple"][0]
+
+    for change, got in ((a_patch, "Patch"), (lambda a, about: about.update(content=3), "int")):
+        with pytest.raises(InputError, match=f"expected a ReducedBody in it, got a {got}"):
+            ep.load_body(altered(small, tmp_path / "body.npz", change))
+    reduction.FILE.save(tmp_path / "pair.npz", (small, small))
+    with pytest.raises(InputError, match="expected a saved reduced body, got 2 of them"):
+        ep.load_body(tmp_path / "pair.npz")
+
+
+def test_sizes_are_checked_before_memory_is_asked_for(tmp_path):
+    """A header that claims a petabyte, and members that unpack to more than the file has."""
+    path = tmp_path / "sample.npz"
+    SAMPLES.save(path, sample())
+    with zipfile.ZipFile(path) as whole:
+        members = {name: whole.read(name) for name in whole.namelist()}
+    old, huge = b"(5, 5), }", b"(10000000, 10000000), }"
+    claimed = members["array.npy"].replace(old + b" " * (len(huge) - len(old)), huge)
+    assert len(claimed) == len(members["array.npy"])
+    assert claimed != members["array.npy"]
+    with zipfile.ZipFile(path, "w") as altered_file:
+        for name, data in (members | {"array.npy": claimed}).items():
+            altered_file.writestr(name, data)
+    with pytest.raises(InputError, match=r"array: its header claims 800000000000000 bytes .*, the file has 200"):
+        SAMPLES.load(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as altered_file:
+        for name, data in members.items():
+            altered_file.writestr(name, data)
+    with pytest.raises(InputError, match="about: expected a member that is not compressed"):
+        SAMPLES.load(path)
+
+
+def test_what_is_no_path_or_no_file_is_refused(small, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, message in (
+        (tmp_path / "pipe", "expected a saved reduced body, got .*a device or a pipe"),
+        ("/dev/zero", "a device or a pipe"),
+        (None, "path: expected a path"),
+        (small, "path: expected a path"),
+        ("a\0b", "path: expected a path"),
+        ("x" * 400, "cannot be read: .*too long"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ep.load_body(path)
+    for path in (tmp_path / "pipe", "/dev/null", None, "a\0b", "x" * 400):
+        with pytest.raises(InputError, match="path: "):
+            small.save(path)
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def save_for_ever(path, number):
     while True:
         SAMPLES.save(path, sample(number, n=300))
@@ -273,7 +399,10 @@ def computed(monkeypatch, store):
     def counting(basis):
         def make(fem, partition, f_cut, progress):
             calls.append(basis)
-            return store[basis]
+            kept = store[basis]
+            if kept.flexibility is None:
+                return kept
+            return replace(kept, flexibility=np.zeros((loads.patch_rows(fem, partition).shape[0],) * 2))
 
         return make
 
@@ -331,7 +460,7 @@ PATCHES = {
 }
 INTERFACES = {
     "name": lambda joint: "bottom",
-    "nodes": lambda joint: joint.nodes[1:].copy(),
+    "nodes": lambda joint: joint.nodes + 1,
     "kind": lambda joint: "averaged",
     "position": lambda joint: joint.position + 1e-6,
     "weights": lambda joint: 1.01 * joint.weights,
