@@ -193,23 +193,31 @@ class ReducedBody:
         """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `fem.nearest_node`."""
         return nearest_node(self.points, point)
 
-    def surface(self, position: Array, patch: int = 0) -> Surface:
-        """Contact patch number `patch` with the body shifted by `position`, (3,) [m]."""
-        return Surface.of(self.points, self.partition.patches[patch], position)
-
-    def flexibility(self, patch: int = 0, other: int | None = None) -> Array:
-        """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
-
-        Both are numbers of patches.
+    def surface(self, position: Array, patch: int | str = 0) -> Surface:
+        """Contact patch `patch`, by number or name, with the body shifted by `position`, (3,) [m].
 
         Raises
         ------
         InputError
-            If the basis has none.
+            If there is no such patch.
+        """
+        return Surface.of(self.points, self.partition.patches[self.partition.patch(patch)], position)
+
+    def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array:
+        """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
+
+        Both are numbers or names of patches.
+
+        Raises
+        ------
+        InputError
+            If the basis has none, or there is no such patch.
         """
         if self.basis.flexibility is None:
             raise InputError(f"body: basis {self.basis.name!r} has no residual flexibility, its patch has mass instead")
-        rows, columns = (patch_slice(self.partition, i) for i in (patch, patch if other is None else other))
+        rows, columns = (
+            patch_slice(self.partition, self.partition.patch(key)) for key in (patch, patch if other is None else other)
+        )
         return self.basis.flexibility[rows, columns]
 
     def interface_rows(self, name: str) -> Array:

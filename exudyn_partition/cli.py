@@ -149,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
     cut.add_argument(
         "--tolerance", type=_positive, help="or grow the body until its estimated error is below, such as 0.01"
     )
-    one.add_argument("--speed", type=_positive, default=1.0, help="of the impact that --tolerance judges [m/s]")
+    one.add_argument("--speed", type=_positive, help="of the impact that --tolerance judges [m/s]; 1 unless given")
     one.add_argument("--basis", default="contact-adapted", choices=BASES)
     one.add_argument("--scale", type=_positive, default=1.0, help="factor on the file's lengths: 1e-3 for millimetres")
     one.add_argument("--order", type=int, choices=(1, 2), help="of the elements")

@@ -26,7 +26,14 @@ from .contact_elements import add_element, add_links
 from .contact_results import ContactResults
 from .coupling import check_shared_bodies
 from .errors import InputError, RunError
-from .partition_body import REGISTRY, PartitionBody, coordinate_slices, partition_items, runs_implicit
+from .partition_body import (
+    REGISTRY,
+    PartitionBody,
+    coordinate_slices,
+    partition_items,
+    runs_implicit,
+    validate_new_name,
+)
 from .run_record import RunRecord, run_record
 
 Array = np.ndarray
@@ -170,9 +177,11 @@ class PartitionContact(ContactResults):
         Raises
         ------
         InputError
-            If the point is no vector of three numbers.
+            If the point is no vector of three numbers, or the contact is of another model.
         """
         place = validate_vector("point", point)
+        if not any(contact is self for contact in partition_items(mbs)[1]):
+            raise InputError(f"mbs: contact {self.name!r} belongs to another model, or to this one before a Reset")
         self["sMoment"] = mbs.AddSensor(
             require("exudyn.itemInterface").SensorUserFunction(
                 sensorUserFunction=lambda mbs, t, *unused: [*map(float, self.law.moment(place))], storeInternal=True
@@ -251,6 +260,7 @@ def CreatePartitionContact(
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     if slave is master:
         raise InputError("slave, master: expected two bodies, got the same twice")
+    validate_new_name(mbs, name, ("Object", "Sensor"))
     validate_choice("formulation", formulation, FORMULATIONS)
     rows = validate_choice("rows", rows or ("node-to-segment" if formulation == "lagrange" else "integrated"), ROWS)
     validate_choice("passes", passes, PASSES)

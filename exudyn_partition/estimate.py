@@ -183,7 +183,7 @@ def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[i
         weights = [np.eye(n)]
     else:
         slave, master = surfaces
-        contact = pair_surfaces(slave, master)
+        contact = pair_surfaces(slave, master, placed_by="the points of its mesh, which are taken as they are")
         sizes = [len(surface.points) for surface in surfaces]
         gaps, line, n = {"the other body": contact.gap}, contact.approach, len(contact.gap)
         rows = [G.toarray() for G in contact.matrices(*sizes)]

@@ -79,20 +79,20 @@ def without_stabilised(mbs: Any, method: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def watched(
-    mbs: Any, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
+    mbs: Any, start_time: float, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
 ) -> Iterator[Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
     last_start = None
     own_function = _function(mbs.GetPreStepUserFunction())
     contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
     with_joints = [stepper for stepper in steppers if stepper.joints is not None]
-    next_report = 0.0
+    next_report = start_time
 
     def before_step(mbs: Any, t: float) -> bool:
         nonlocal next_report, last_start
         if t >= next_report:
-            next_report = t + end_time / 100
-            progress(min(t / end_time, 1.0))
+            next_report = t + (end_time - start_time) / 100
+            progress(min((t - start_time) / (end_time - start_time), 1.0))
         start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
         if start > end_time - 1e-6 * step:
             return False

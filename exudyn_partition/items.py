@@ -16,7 +16,7 @@ from .damping import Damping, ModeDamping, Ratios, damping_of
 from .errors import InputError, RunError
 from .floating import TERMS, InertiaForces
 from .kinematics import FloatingKinematics, InertialKinematics
-from .partition_body import REGISTRY, RIGID, PartitionBody, coordinate_slices, validate_model
+from .partition_body import REGISTRY, RIGID, PartitionBody, coordinate_slices, validate_model, validate_new_name
 
 Array = np.ndarray
 
@@ -95,8 +95,8 @@ def CreatePartitionBody(
     Raises
     ------
     InputError
-        If `mbs` is no model, an argument is out of range, or the body cannot have a floating frame: it has no inertia
-        about some axis.
+        If `mbs` is no model, an argument is out of range, the model has an item of that name, or the body cannot have a
+        floating frame: it has no inertia about some axis.
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
@@ -112,6 +112,7 @@ def CreatePartitionBody(
     if frame == "auto":
         rotates = rotation is not None or angular_velocity.any()
         frame = "floating" if rotates else "inertial"
+    validate_new_name(mbs, name, ("Object",) if frame == "inertial" else ("Object", "Node"))
     if frame == "inertial":
         if rotation is not None:
             raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")

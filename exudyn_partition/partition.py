@@ -214,8 +214,8 @@ class Partition:
             return 0
         if isinstance(key, str) and key and key in names:
             return names.index(key)
-        if isinstance(key, int) and not isinstance(key, bool) and 0 <= key < len(names):
-            return key
+        if isinstance(key, int | np.integer) and not isinstance(key, bool) and 0 <= key < len(names):
+            return int(key)
         raise InputError(
             f"patch: expected the name or number of one of the {len(names)} contact patches {names}, got {key!r}"
         )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import cumulative_trapezoid
 
-from ._checks import validate_vector
+from ._checks import validate_text, validate_vector
 from ._optional import require
 from .attachments import add_guard, check_attachments
 from .body import ReducedBody
@@ -262,6 +262,18 @@ def validate_model(mbs: Any) -> None:
     if not isinstance(mbs, exu.MainSystem):
         hint = "; make one by its AddSystem()" if isinstance(mbs, exu.SystemContainer) else ""
         raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
+
+
+def validate_new_name(mbs: Any, name: Any, kinds: Collection[str]) -> str:
+    """Return `name` if none of the model's items of these kinds, such as "Object", has it, so that all can be added."""
+    validate_text("name", name)
+    for kind in kinds:
+        if name and int(getattr(mbs, f"Get{kind}Number")(name)) >= 0:
+            raise InputError(
+                f"name: the model already has the {kind.lower()} {name!r}, and Exudyn takes each name once. Choose "
+                "another; a notebook cell that builds a model and is run again begins with a new one, AddSystem()"
+            )
+    return str(name)
 
 
 def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:

@@ -23,6 +23,7 @@ from .floating import InertiaIntegrals
 from .linalg import one_blas_thread
 from .partition import Partition
 
+_SPEED = 1.0  # m/s
 _OVERSIZE = 2  # times maxh is what Netgen's largest elements come out as
 
 BASES = {
@@ -40,7 +41,7 @@ def reduce(
     f_cut: float | None = None,
     tolerance: float | None = None,
     basis: str = "contact-adapted",
-    speed: float = 1.0,
+    speed: float | None = None,
     duration: float | None = None,
     progress: Progress | None = None,
     cache: bool | str | Path = False,
@@ -63,8 +64,8 @@ def reduce(
         "free" is the paper's, "craig-bampton" keeps the patch's nodes as boundary with their static answer, "residual"
         all modes below `f_cut` with the residual flexibility of the contact, "contact-adapted" only what contacts and
         interfaces excite, with the same residual flexibility.
-    speed, duration : float
-        Of that impact [m/s], [s], with `tolerance`; see `reduce_pair`.
+    speed, duration : float, optional
+        Of that impact [m/s], [s], with `tolerance`; see `reduce_pair`. Default of the speed: 1 m/s.
     progress : callable, optional
         Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes more than two seconds.
     cache : bool or path
@@ -109,6 +110,9 @@ def reduce(
     # Whatever changes the body belongs into `inputs`.
     inputs: dict[str, Any] = {"fem": fem, "partition": partition, "basis": basis}
     if f_cut is not None:
+        for name, value in (("speed", speed), ("duration", duration)):
+            if value is not None:
+                raise InputError(f"{name}: {value!r} has no effect beside f_cut; it is of the impact of a tolerance")
         f_cut = _resolved(fem, f_cut)
         inputs |= {"f_cut": f_cut}
         with shown(progress, "reduce") as report:
@@ -118,7 +122,7 @@ def reduce(
     else:
         if basis != "contact-adapted":
             raise InputError(f"tolerance: only basis 'contact-adapted' grows to a tolerance, got {basis!r}; give f_cut")
-        options = _impact_options(tolerance, speed, duration)
+        options = _impact_options(tolerance, _SPEED if speed is None else speed, duration)
         models, patches = [(fem, partition)], [[i] for i in range(len(partition.patches))]
         if not patches:
             raise InputError("tolerance: the partition has no contact patch whose force could be judged; give f_cut")

@@ -201,7 +201,8 @@ def simulate(
     if isinstance(rows, ContactRows):
         _validate_rows(rows, *patch_nodes)
     else:
-        rows = pair_surfaces(slave.surface, master.surface, validate_choice("rows", rows, ROWS))
+        validate_choice("rows", rows, ROWS)
+        rows = pair_surfaces(slave.surface, master.surface, rows, placed_by="position of FullBody")
     sides = []
     for body, G in zip(bodies, rows.matrices(*patch_nodes), strict=True):
         wide = G @ _selection(node_dofs(body.contact.nodes), body.fem.n_dofs)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import validate_array, validate_positive
+from ._checks import validate_array, validate_integer
 from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
 from .contact_results import ContactResults
@@ -143,9 +143,8 @@ class Result:
         """
         if not len(self.t):
             raise InputError(f"result: the run kept no samples ({self.message})")
-        if isinstance(times, int):
-            validate_positive("times", times)
-            wanted = np.linspace(self.t[0], self.t[-1], times)
+        if isinstance(times, int | np.integer):
+            wanted = np.linspace(self.t[0], self.t[-1], validate_integer("times", times, least=1))
         else:
             wanted = validate_array("times", times, (None,))
             slack = 1e-9 * (self.t[-1] - self.t[0])

@@ -40,6 +40,8 @@ Array = np.ndarray
 _CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
+_MOST_STEPS = 2**31 - 1  # that Exudyn counts
+_MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
 
 
@@ -123,7 +125,9 @@ def solve_dynamic(
     mbs : exudyn.MainSystem
         Assembled.
     end_time : float
-        [s]
+        When the run ends [s]. It begins at `settings.timeIntegration.startTime`, from the model's initial values; to go
+        on from where the last run ended, make its state the initial one:
+        `mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)`.
     step : float, optional
         [s]. Default: 25 steps a period of the highest `f_cut`; explicit at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
@@ -227,9 +231,17 @@ def _run(
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
+    start = 0.0 if settings is None else float(settings.timeIntegration.startTime)
+    if not start < end_time:
+        raise InputError(f"end_time: expected more than timeIntegration.startTime, {start:.6g} s, got {end_time:.6g} s")
     step = _checked_step(mbs, step, method)
-    steps = math.ceil(end_time / step * (1 - 1e-9))
-    step = end_time / steps
+    if not (end_time - start) / step < _MOST_STEPS:
+        raise InputError(
+            f"step: {end_time - start:.4g} s in steps of {step:.4g} s are {(end_time - start) / step:.3g} steps; "
+            f"Exudyn counts to {_MOST_STEPS:.3g}. Take longer steps or a shorter end_time"
+        )
+    steps = math.ceil((end_time - start) / step * (1 - 1e-9))
+    step = (end_time - start) / steps
     if settings is None:
         settings = exu.SimulationSettings()
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
@@ -242,10 +254,13 @@ def _run(
         # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
         settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
     integration = settings.timeIntegration
-    if integration.startTime != 0.0:
-        raise InputError(f"settings: expected timeIntegration.startTime 0, got {integration.startTime}")
     # Steps that are so short need more of them to get there; the hook before each step ends the run.
     beyond = math.ceil(_EARLY / step) if step < _EARLY else 0
+    if steps + beyond > _MOST_STEPS:
+        raise InputError(
+            f"end_time: a run of {end_time - start:.4g} s is too short for Exudyn, whose solvers stop 1e-10 s before "
+            f"the end; expected at least {_EARLY / _MOST_STEPS:.2g} s"
+        )
     integration.endTime, integration.numberOfSteps = end_time + beyond * step, steps + beyond
     integration.generalizedAlpha.spectralRadius = spectral_radius
     integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
@@ -255,6 +270,7 @@ def _run(
     control = None
     if adaptive:
         control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance, unresolved)
+        _warn_of_many_steps(end_time - start, control.longest, method)
         settings.solution.sensors.writePeriod = sample_period or 0.0
         integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
         # The control lengthens steps; Exudyn only shortens those that fail.
@@ -263,7 +279,7 @@ def _run(
 
     status, message = "finished", f"reached {end_time:.6g} s"
     for contact in partition_items(mbs)[1]:
-        contact.restart()
+        contact.restart(start)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
         one_blas_thread(),
@@ -271,7 +287,7 @@ def _run(
         run_record(mbs).sensors_alone(),
         without_stabilised(mbs, method),
         multipliers(mbs, method) as steppers,
-        watched(mbs, end_time, step, report, steppers) as watch,
+        watched(mbs, start, end_time, step, report, steppers) as watch,
         controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
@@ -369,6 +385,17 @@ def _checked_step(mbs: Any, step: float | None, method: str) -> float:
             f"closed). Take at most {limit:.3g} s, a lower f_cut, a region with larger elements, or method='implicit'"
         )
     return step
+
+
+def _warn_of_many_steps(duration: float, longest: float, method: str) -> None:
+    if duration / longest > _MANY_STEPS:
+        remedy = "method='implicit', whose steps stability does not limit" if method == "explicit" else "free_step="
+        warnings.warn(
+            f"adaptive: {duration:.4g} s take at least {duration / longest:.2g} steps, for those in free flight are at "
+            f"most {longest:.4g} s, even if the bodies never touch. Take {remedy}, or a shorter end_time",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
 
 
 def _step_control(

@@ -494,7 +494,7 @@ def test_the_user_s_settings_are_kept(impact, tmp_path):
     ep.solve_dynamic(mbs, end_time=END, settings=settings)
     assert (tmp_path / "solution.txt").stat().st_size > 1000
     settings.timeIntegration.startTime = 1.0
-    with pytest.raises(InputError, match=r"expected timeIntegration.startTime 0, got 1.0"):
+    with pytest.raises(InputError, match=r"end_time: expected more than timeIntegration.startTime, 1 s, got 6e-05 s"):
         ep.solve_dynamic(mbs, end_time=END, settings=settings)
 
 

@@ -19,7 +19,7 @@ from conftest import TOP, box
 
 import exudyn_partition as ep
 from exudyn_partition import _progress
-from exudyn_partition.errors import EmptyRegionError, InputError, MeshError, RunError, UnitsWarning
+from exudyn_partition.errors import EmptyRegionError, InputError, MeshError, PenetrationError, RunError, UnitsWarning
 from exudyn_partition.ngsolve_fem import _check_tips
 
 BLOCK = box(0.01, 0.02, 0.03)
@@ -254,3 +254,75 @@ def test_the_tip_of_a_sharp_cone_is_refused():
     cut = occ.Cone(occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1)), 2e-3, 9e-3, 0.02, 2 * np.pi)
     for shape in (cone(60), cut, occ.Sphere(occ.Pnt(0, 0, 0), 0.01), occ.Cylinder(occ.Pnt(0, 0, 0), occ.X, 0.1, 0.2)):
         _check_tips(shape, 0.02)
+
+
+def counts(mbs):
+    data = mbs.systemData
+    return (
+        data.NumberOfNodes(),
+        data.NumberOfObjects(),
+        data.NumberOfMarkers(),
+        data.NumberOfLoads(),
+        data.NumberOfSensors(),
+    )
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_name_that_is_taken_leaves_the_model_as_it_was(mbs, bodies, frame):
+    """As a notebook cell that is run again; the model still runs."""
+    ball = ep.CreatePartitionBody(mbs, bodies[0], name="ball", frame=frame, referencePosition=TOP)
+    block = ep.CreatePartitionBody(mbs, bodies[1], name="block", frame=frame)
+    ep.CreatePartitionContact(mbs, ball, block, name="tip")
+    before = counts(mbs)
+    with pytest.raises(InputError, match=r"name: the model already has the object 'ball'.*notebook cell"):
+        ep.CreatePartitionBody(mbs, bodies[0], name="ball", frame=frame)
+    third = ep.CreatePartitionBody(mbs, bodies[0], frame=frame)
+    fourth = ep.CreatePartitionBody(mbs, bodies[0], frame=frame, referencePosition=[0, 0, -0.1])
+    between = counts(mbs)
+    for name in ("tip", "ball"):
+        with pytest.raises(InputError, match=f"name: the model already has the object '{name}'"):
+            ep.CreatePartitionContact(mbs, third, ep.RigidPlane((0, 0, -0.01)), name=name)
+    assert counts(mbs) == between != before
+    mbs.Assemble()
+    assert ep.solve_dynamic(mbs, end_time=1e-6).status == "finished"
+    assert len(fourth.nodes) == len(third.nodes)
+
+
+def test_patches_by_number_and_name(block, top, bodies):
+    body = bodies[1]
+    assert top.patch(np.int64(0)) == body.partition.patch(0) == 0
+    np.testing.assert_array_equal(body.flexibility(np.int32(0)), body.flexibility())
+    for call in (top.patch, body.flexibility, lambda key: body.surface(np.zeros(3), key)):
+        for key in (-1, 1, 7, "nose", True, 0.0):
+            with pytest.raises(InputError, match="patch: expected the name or number of one of the 1 contact patches"):
+                call(key)
+
+
+def test_moment_sensors_of_another_model(impact):
+    other = exu.SystemContainer().AddSystem()
+    before = counts(other)
+    with pytest.raises(InputError, match="mbs: contact 'tip' belongs to another model"):
+        impact[3].AddMomentSensor(other)
+    assert counts(other) == before
+
+
+def test_whole_numbers_of_numpy(impact):
+    result = ep.solve_dynamic(impact[0], end_time=1e-6, step=0.25e-6)
+    np.testing.assert_array_equal(result.at(np.int64(3)).t, result.at(3).t)
+
+
+@pytest.mark.parametrize("option", [{"speed": -5}, {"speed": 5.0}, {"duration": 1e-3}])
+def test_options_of_a_tolerance_beside_a_frequency(block, top, option):
+    with pytest.raises(InputError, match=f"{next(iter(option))}: .* has no effect beside f_cut"):
+        ep.reduce(block, top, f_cut=8e4, **option)
+
+
+def test_bodies_that_overlap_are_moved_by_what_there_is(ball, block, top):
+    """The ball's tip lies at the block's lower face: where no item has a referencePosition, none is named."""
+    with pytest.raises(
+        PenetrationError, match=r"along its normal \(the points of its mesh, which are taken as they ar"
+    ):
+        ep.reduce_pair(ball, (block, top), tolerance=0.5, speed=1.0)
+    bodies = [ep.reference.FullBody(*ball), ep.reference.FullBody(block, top)]
+    with pytest.raises(PenetrationError, match=r"along its normal \(position of FullBody\)"):
+        ep.reference.simulate(bodies, end_time=1e-6)

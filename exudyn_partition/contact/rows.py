@@ -104,7 +104,9 @@ def facing(projection: Projection, direction: Array, size: float) -> Array:
     return (projection.offset <= EDGE_TOLERANCE * size) & (projection.normal @ direction < -_FACING)
 
 
-def pair_surfaces(slave: Surface, master: Surface, rows: str = "integrated") -> ContactRows:
+def pair_surfaces(
+    slave: Surface, master: Surface, rows: str = "integrated", placed_by: str = "referencePosition"
+) -> ContactRows:
     """Pair every contact point of the slave with the point of the master's patch that it will meet.
 
     The slave is first moved along the line of contact, the flatter patch's, until it touches; there each point takes
@@ -116,6 +118,8 @@ def pair_surfaces(slave: Surface, master: Surface, rows: str = "integrated") -> 
     slave, master : Surface
     rows : {"integrated", "node-to-segment"}
         See `contact.points`.
+    placed_by : str
+        What a user moves a body by, for messages.
 
     Raises
     ------
@@ -138,7 +142,7 @@ def pair_surfaces(slave: Surface, master: Surface, rows: str = "integrated") -> 
             raise PenetrationError(
                 f"{np.count_nonzero(gap < 0)} of {len(gap)} contact points start inside the other body, the worst by "
                 f"{-gap.min():.4g} m at {places[worst]} m. Move one body by at least that along its normal "
-                "(referencePosition)"
+                f"({placed_by})"
             )
         clearance = projection.gap[paired].min(initial=np.inf)
         if not paired.any():  # far apart and aside: let the nearest point decide
@@ -150,7 +154,7 @@ def pair_surfaces(slave: Surface, master: Surface, rows: str = "integrated") -> 
         raise EmptyRegionError(
             f"none of the {len(places)} contact points of the slave faces a facet of the master patch: their centres "
             f"are {slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
-            f"{slave.direction} and {master.direction}. Check referencePosition and the centers of the partitions"
+            f"{slave.direction} and {master.direction}. Check {placed_by} and the centers of the partitions"
         )
     if abs(clearance) > _TOUCHING * size:
         raise EmptyRegionError(
