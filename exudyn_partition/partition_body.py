@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import warnings
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +16,11 @@ from ._optional import require
 from .attachments import add_guard, check_attachments
 from .body import ReducedBody
 from .damping import Damping
-from .errors import InputError
+from .errors import InputError, ModelLimitWarning
+from .fem import FEModel, nodal_area, node_dofs
 from .kinematics import FloatingKinematics, InertialKinematics
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
+from .recovery import StaticAnswer
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -24,9 +28,11 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Kinematics = InertialKinematics | FloatingKinematics
+Static = FEModel | StaticAnswer
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
 RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
+_LACKING = 0.02  # of a history: what it may lack by an estimate that holds within some factor of two
 _BLOCK = 1000  # samples whose patches are recovered at a time
 
 
@@ -189,26 +195,65 @@ class PartitionBody(dict):
         """Velocities of the coordinates, (n, n_dofs), at the times of `result`."""
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
 
-    def displacement(self, result: Result, point: Array) -> Array:
-        """Displacement of the node nearest to `point`, (n, 3) [m]; point (3,) in the body's own coordinates [m]."""
-        return self._node(point).displacements(self.coordinates(result))[:, 0]
+    def displacement(self, result: Result, point: Array, *, fem: Static | None = None) -> Array:
+        """Displacement of the node nearest to `point`, (n, 3) [m].
 
-    def velocity(self, result: Result, point: Array) -> Array:
-        """Velocity of the node nearest to `point`, (n, 3) [m/s]; point (3,) in the body's own coordinates [m]."""
-        return self._node(point).velocities(self.coordinates(result), self.coordinates_t(result))[:, 0]
+        Parameters
+        ----------
+        result : Result
+        point : (3,) array
+            In the body's own coordinates [m].
+        fem : FEModel or recovery.StaticAnswer, optional
+            The body's FE model, to add what the kept shapes lack of the static answer to contact forces (mode
+            acceleration): it counts near a contact, such as on the far side of a plate. A StaticAnswer is factorised
+            once for many points.
 
-    def recover(self, result: Result, rows: sp.csr_matrix) -> Array:
+        Raises
+        ------
+        InputError
+            If the point is far from the body, or the FE model is of another one.
+
+        Warns
+        -----
+        ModelLimitWarning
+            If there is no `fem`, and what is lacking is estimated to be more than 2 % of the history.
+        """
+        q = self.coordinates(result)
+        kept = self._node(point).displacements(q)[:, 0]
+        if fem is not None:
+            return kept + self._lacking(result, point, fem)
+        self._warn_near_contact(result, point, kept, "displacement", lambda force: force)
+        return kept
+
+    def velocity(self, result: Result, point: Array, *, fem: Static | None = None) -> Array:
+        """Velocity of the node nearest to `point`, (n, 3) [m/s]; see `displacement`.
+
+        The part that `fem` adds is the rate of change of the contact forces' static answer from sample to sample.
+        """
+        q, q_t = self.coordinates(result), self.coordinates_t(result)
+        kept = self._node(point).velocities(q, q_t)[:, 0]
+        if len(result.t) < 2:
+            return kept
+        rate = partial(np.gradient, axis=0)
+        if fem is not None:
+            return kept + rate(self._lacking(result, point, fem), result.t)
+        self._warn_near_contact(result, point, kept, "velocity", lambda force: rate(force, result.t))
+        return kept
+
+    def recover(self, result: Result, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
         """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
 
-        It is that of the kept shapes; see `recovery.static_correction` for what they lack. Displacements are those
+        It is that of the kept shapes, and with `fem` (see `displacement`) of what they lack. Displacements are those
         within the frame, in its axes.
 
         Parameters
         ----------
         result : Result
         rows : (k, 3 nodes) csr matrix
+        fem : FEModel or recovery.StaticAnswer, optional
         """
-        return self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
+        kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
+        return kept if fem is None else kept + self._static_part(result, rows, fem)
 
     def momentum(self, result: Result) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""
@@ -251,6 +296,60 @@ class PartitionBody(dict):
         patches = self.kinematics.at(self.body.partition.patch_nodes)
         blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
         return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
+
+    def _lacking(self, result: Result, point: Array, fem: Static) -> Array:
+        """What the kept shapes lack of the displacement of a node, (n, 3) [m]."""
+        own = node_dofs(np.array([self.body.nearest_node(point)]))
+        select = sp.csr_matrix((np.ones(3), (np.arange(3), own)), shape=(3, self.body.fe_dofs))
+        axes = self.kinematics.frame(self.coordinates(result))[1]
+        return np.einsum("tab,tb->ta", axes, self._static_part(result, select, fem))
+
+    def _warn_near_contact(
+        self, result: Result, point: Array, kept: Array, what: str, of_force: Callable[[Array], Array]
+    ) -> None:
+        """Warn if the static answer that `kept`, (n, 3), lacks may show at a point.
+
+        A force on a patch of radius a yields the residual flexibility there, and at a distance d some a / (a + d) of
+        it, as the surface of a half-space does (Boussinesq).
+        """
+        lacking = 0.0
+        for contact in result.contacts:
+            for item, number in contact.sides:
+                if item is self and self.body.basis.flexibility is not None and not contact.multipliers:
+                    patch = self.body.partition.patches[number]
+                    area = nodal_area(self.body.points, patch.facets)[patch.nodes]
+                    load = np.kron(area / area.sum(), patch.direction if patch.axes == "xyz" else 1.0)
+                    radius = np.sqrt(area.sum() / np.pi)
+                    away = np.linalg.norm(self.body.points[patch.nodes] - point, axis=1).min()
+                    compliance = load @ self.body.flexibility(number) @ load * radius / (radius + away)
+                    lacking += compliance * float(np.linalg.norm(of_force(contact.force(result))))
+        size = float(np.linalg.norm(kept - kept[0])) if len(kept) else 0.0
+        if lacking > _LACKING * size > 0:
+            warnings.warn(
+                f"body {self.name!r}: near a contact the {what} of a point lacks its static answer to the contact's "
+                f"force; at {point} that is some {lacking / size:.2g} of it. Give the FE model, {what}(result, "
+                "point, fem=fem)",
+                ModelLimitWarning,
+                stacklevel=3,
+            )
+
+    def _static_part(self, result: Result, rows: sp.csr_matrix, fem: Static) -> Array:
+        """Rows, (k, 3 nodes), on what the kept shapes lack of the static answer to the contacts' forces, (n, k)."""
+        total = np.zeros((len(result.t), rows.shape[0]))
+        own = [c for c in result.contacts if not c.multipliers and any(item is self for item, _ in c.sides)]
+        if self.body.basis.flexibility is None or not own:
+            return total
+        answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, self.body)
+        answer.check(self.body)
+        # The flexibility is symmetric: answers to the rows as loads, at the nodes with forces.
+        fields = np.array([answer(row.toarray().reshape(-1, 3)) for row in rows])
+        axes = self.kinematics.frame(self.coordinates(result))[1]
+        for contact in own:
+            for (item, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
+                if item is self:
+                    at_patch = fields[:, self.body.partition.patches[patch].nodes]
+                    total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
+        return total
 
     def _node(self, point: Array) -> Kinematics:
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))

@@ -343,6 +343,16 @@ class StaticAnswer:
             rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
             self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
 
+    def check(self, body: ReducedBody) -> None:
+        """Raise unless the answers are those of `body`.
+
+        Raises
+        ------
+        InputError
+        """
+        if body.basis is not self._basis:
+            raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
+
     def __call__(self, forces: Array) -> Array:
         """Displacements, (n, 3) [m], by forces on the nodes in the body's axes, (n, 3) [N]."""
         basis, load = self._basis, forces.ravel()

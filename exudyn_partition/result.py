@@ -179,11 +179,19 @@ class Result:
         """
         return write_report(path, self, title=title)
 
-    def history(
-        self, contact: PartitionContact, points: Mapping[str, tuple[PartitionBody, Any]] | None = None
-    ) -> History:
-        """Force of a contact and velocities of named points, to compare, plot and save."""
-        velocity = {name: body.velocity(self, point) for name, (body, point) in (points or {}).items()}
+    def history(self, contact: PartitionContact, points: Mapping[str, tuple[Any, ...]] | None = None) -> History:
+        """Force of a contact and velocities of named points, to compare, plot and save.
+
+        Parameters
+        ----------
+        contact : PartitionContact
+        points : dict of str to (PartitionBody, point) or (PartitionBody, point, fem), optional
+            With the FE model of the body velocities near a contact are better, see `PartitionBody.velocity`.
+        """
+        velocity = {
+            name: body.velocity(self, point, fem=fem[0] if fem else None)
+            for name, (body, point, *fem) in (points or {}).items()
+        }
         bodies = [item.body for item, _ in contact.sides]
         info = {
             "label": f"{bodies[0].basis.name}, {self.method}",

@@ -2,15 +2,17 @@
 
 import copy
 
+import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.sparse.linalg
 from conftest import box, relative
+from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition import recovery
-from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.errors import InputError, MeshError, ModelLimitWarning
 from exudyn_partition.linalg import eigenmodes, mass_normalised
 
 RADIUS = 0.010
@@ -270,6 +272,60 @@ def test_static_correction_leaves_inertia_alone(block, top, basis):
     assert min(kept) > 0.02  # why the correction is worth while
     assert corrected[1] < 0.02 * kept[1]
     assert corrected[1] / corrected[0] == pytest.approx(4, rel=0.05)
+
+
+BELOW, FAR = (0, 0, -0.006), (0.02, 0.02, -0.006)  # the ball on the plate; and its corner
+SIDE = ep.StrainGauge((0, 0, -0.006), (1, 0, 0), 1e-3)
+
+
+@pytest.fixture(scope="module")
+def plate():
+    """A plate of aluminium, 40 x 40 x 6 mm, with a patch at the origin."""
+    shape = occ.Box(occ.Pnt(-0.02, -0.02, -0.006), occ.Pnt(0.02, 0.02, 0))
+    fine = ep.Refine((0, 0, 0), 1e-3, 0.5e-3)
+    fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=6e-3, refine=[fine], grading=0.6)
+    return fem, ep.Partition.ball(fem, (0, 0, 0), 1.5e-3)
+
+
+def strike(ball, plate, f_cut, frame="inertial", static=True):
+    """A ball on the plate: force, displacement, velocity and strain below, and the plate, the result, its reduction."""
+    mbs = exu.SystemContainer().AddSystem()
+    striker, body = ep.reduce(*ball, basis="residual", f_cut=150e3), ep.reduce(*plate, basis="residual", f_cut=f_cut)
+    turned = Rotation.from_rotvec([0, 0.5 * np.pi * (frame == "floating"), 0]).as_matrix()
+    options = {"frame": "floating", "referenceRotation": turned} if frame == "floating" else {}
+    thrown = ep.CreatePartitionBody(mbs, striker, initialVelocity=-0.5 * turned[:, 2], **options)
+    item = ep.CreatePartitionBody(mbs, body, name="plate", **options)
+    contact = ep.CreatePartitionContact(mbs, thrown, item)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=5e-7, method="implicit", spectral_radius=1.0)
+    fem = recovery.StaticAnswer(plate[0], body) if static else None
+    strain = item.recover(result, recovery.gauge_rows(plate[0], [SIDE]), fem=fem)
+    u, v = (tell(result, BELOW, fem=fem) @ turned for tell in (item.displacement, item.velocity))
+    return (contact.force(result), u, v, strain), item, result
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_points_near_a_contact_have_its_static_answer(ball, plate, frame):
+    """Below a plate that is hit, against far more modes: the force is there with few, and with `fem` the motion is."""
+    rich = strike(ball, plate, 200e3)[0]
+    with pytest.warns(ModelLimitWarning, match=r"body 'plate': near a contact the (velocity|displacement) of a point"):
+        kept, item, result = strike(ball, plate, 30e3, frame, static=False)
+    complete = strike(ball, plate, 30e3, frame)[0]
+    errors = [[relative(*pair) for pair in zip(history, rich, strict=True)] for history in (kept, complete)]
+    assert errors[0][0] < 0.02
+    for before, after in zip(errors[0][1:], errors[1][1:], strict=True):
+        assert after < 0.5 * before
+    item.velocity(result, FAR)  # without a warning
+    points = {"below": (item, BELOW, plate[0]), "far": (item, FAR)}
+    velocity = result.history(result.contacts[0], points).velocity
+    np.testing.assert_array_equal(velocity["below"], item.velocity(result, BELOW, fem=plate[0]))
+    with pytest.raises(InputError, match="fem: expected the body's own mesh"):
+        item.velocity(result, BELOW, fem=ball[0])
+    with pytest.raises(InputError, match="fem: expected what fe_model"):
+        item.velocity(result, BELOW, fem=3.0)
+    other = recovery.StaticAnswer(plate[0], ep.reduce(*plate, basis="residual", f_cut=30e3))
+    with pytest.raises(InputError, match="got one of another body"):
+        item.displacement(result, BELOW, fem=other)
 
 
 def test_static_correction_needs_a_residual_flexibility_and_its_mesh(block, top, ball):
