@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ._checks import validate_array, validate_integer
+from .buckling import compression, links
 from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
 from .contact_results import ContactResults
@@ -27,6 +28,7 @@ _GROWTH = 1e3  # of a body's largest energy until then: what unstable steps pass
 _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
 _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
+_LARGEST_COMPRESSION = 0.1  # of the buckling load of a link
 _LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
 _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
@@ -272,6 +274,7 @@ def reviewed(mbs: Any, result: Result) -> Result:
         for item in bodies:
             if item.frame == "inertial":
                 _warn_of_rotation(item, result)
+            _warn_of_compression(item, result)
             _warn_of_strain(item, result)
         for contact in contacts:
             _warn_of_patch(contact, result)
@@ -325,6 +328,24 @@ def _warn_of_strain(item: PartitionBody, result: Result) -> None:
             ModelLimitWarning,
             stacklevel=4,
         )
+
+
+def _warn_of_compression(item: PartitionBody, result: Result) -> None:
+    for link in links(item.body):
+        force = compression(link, result.t, item.kinematics.elastic(item.coordinates(result)))
+        share = force.max() / link.buckling_load
+        if share > _LARGEST_COMPRESSION:
+            when = result.t[int((force > _LARGEST_COMPRESSION * link.buckling_load).argmax())]
+            between = " and ".join(map(repr, link.ends))
+            warnings.warn(
+                f"{_called(item)} is compressed between its interfaces {between}, from t = {when:.6g} s on by up to "
+                f"{force.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, hinged at "
+                "both ends (a quarter of them, if one end is clamped and the other free). Its bending is linear; in "
+                "truth it is softer by that share, so that frequencies and deflections are off. Divide the link into "
+                "several bodies, or keep the force below a tenth",
+                ModelLimitWarning,
+                stacklevel=4,
+            )
 
 
 def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:

@@ -22,13 +22,13 @@ ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "files", "archive", "cache", "material",
     "fem", "mesh_files", "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "contact.surface", "contact.points",
     "faces", "partition", "tied", "loads", "free_body", "basis", "contact.rows", "contact.complementarity", "estimate",
-    "mean_axes", "floating", "nodal_inertia", "body", "reduction", "kinematics", "damping", "recovery", "contact.pairs",
-    "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law", "contact.compliance", "contact.coupled",
-    "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty", "contact.two_pass",
-    "history", "markers", "attachments", "partition_body", "items", "joints", "joint_checks", "central_differences",
-    "contact_results", "run_record", "carriers", "coupling", "contact_elements", "contact_items", "step_control",
-    "output", "view", "report", "plot_input", "plot", "summary", "result", "hooks", "solve", "reference", "cli",
-    "__main__", "__init__", "contact.__init__",
+    "mean_axes", "floating", "nodal_inertia", "body", "buckling", "reduction", "kinematics", "damping", "recovery",
+    "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law", "contact.compliance",
+    "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
+    "contact.two_pass", "history", "markers", "attachments", "partition_body", "items", "joints", "joint_checks",
+    "central_differences", "contact_results", "run_record", "carriers", "coupling", "contact_elements", "contact_items",
+    "step_control", "output", "view", "report", "plot_input", "plot", "summary", "result", "hooks", "solve",
+    "reference", "cli", "__main__", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking

@@ -34,9 +34,9 @@ def test_every_axis_has_its_unit(run, comparisons, bodies):
     result, striker, *_ = run
     axes = [
         ep.plot.force(None, result),
-        ep.plot.velocity(None, (0, 0, 0), result, body=striker),
+        ep.plot.velocity(None, (0, 0, 0.02), result, body=striker),
         ep.plot.spectrum(None, result),
-        ep.plot.spectrum(None, result, (0, 0, 0), body=striker),
+        ep.plot.spectrum(None, result, (0, 0, 0.02), body=striker),
         ep.plot.energy(None, result),
         ep.plot.pressure(None, result, 20e-6),
         ep.plot.pareto(None, comparisons),
@@ -51,11 +51,11 @@ def test_every_axis_has_its_unit(run, comparisons, bodies):
 
 def test_a_result_is_drawn_like_its_history(run):
     result, striker, _, contact = run
-    history = result.history(contact, {"south pole": (striker, (0, 0, 0))})
+    history = result.history(contact, {"north pole": (striker, (0, 0, 0.02))})
     for drawn in (ep.plot.force(None, result), ep.plot.force(None, history), ep.plot.overview(result).axes[0]):
         np.testing.assert_array_equal(drawn.lines[0].get_xydata(), np.c_[1e3 * result.t, contact.force(result)])
-    of_result = ep.plot.velocity(None, (0, 0, 0), result, body=striker).lines[0]
-    of_history = ep.plot.velocity(None, "south pole", history).lines[0]
+    of_result = ep.plot.velocity(None, (0, 0, 0.02), result, body=striker).lines[0]
+    of_history = ep.plot.velocity(None, "north pole", history).lines[0]
     np.testing.assert_array_equal(of_result.get_xydata(), of_history.get_xydata())
     assert of_history.get_xydata()[0] == pytest.approx([0, -1.0])
 
