@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ._optional import require
+from .errors import RunError
 
 if TYPE_CHECKING:
     from .contact_items import PartitionContact
@@ -14,14 +17,31 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+def weakly(mbs: Any) -> Callable[[], Any]:
+    """Return what gives the model as long as the user holds it.
+
+    The model holds its user functions, so that one which held the model would keep both for ever.
+    """
+    model = weakref.ref(mbs)
+
+    def held() -> Any:
+        found = model()
+        if found is None:
+            raise RunError("mbs: the model is in use, but nothing holds it any more; keep what AddSystem() returned")
+        return found
+
+    return held
+
+
 def pose(mbs: Any, body: Any) -> Any:
     """Where an Exudyn body is now, in a model that is not assembled yet at its reference; None without a body."""
     if body is None:
         return None
     exu = require("exudyn")
-    variable, configuration = exu.OutputVariableType, exu.ConfigurationType
+    variable, configuration, model = exu.OutputVariableType, exu.ConfigurationType, weakly(mbs)
 
     def pose_now() -> tuple[Array, Array]:
+        mbs = model()
         now = configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference
         place, axes = (
             mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=now)
@@ -36,9 +56,10 @@ def motion(mbs: Any, body: Any) -> Any:
     """Velocity and angular velocity of an Exudyn body now; None without a body."""
     if body is None:
         return None
-    variable = require("exudyn").OutputVariableType
+    variable, model = require("exudyn").OutputVariableType, weakly(mbs)
 
     def motion_now() -> tuple[Array, Array]:
+        mbs = model()
         velocity, omega = (
             mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0])
             for what in (variable.Velocity, variable.AngularVelocity)

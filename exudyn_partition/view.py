@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from .result import Result
 
 Array = np.ndarray
-Fields = Callable[[BodyFields], dict[str, Array]]  # of a body, now
+Fields = Callable[[Any, BodyFields], dict[str, Array]]  # of a body in a model, now
 
 UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 _COLOURS = "viridis"
@@ -87,7 +88,7 @@ def CreatePartitionView(
     """
     validate_model(mbs)
     validate_choice("field", field, [name for name in UNITS if name != "von_mises"])
-    data, configuration = mbs.systemData, require("exudyn").ConfigurationType.Visualization
+    configuration = require("exudyn").ConfigurationType.Visualization
     held = partition_items(mbs)[0]
     pieces = _pieces(shown_bodies(held, bodies), field)
     for piece in pieces:
@@ -96,8 +97,8 @@ def CreatePartitionView(
                 f"bodies: body {piece.item.name!r} belongs to another model, or to this one before a Reset"
             )
 
-    def fields(piece: BodyFields) -> dict[str, Array]:
-        slices = coordinate_slices(mbs, piece.item)
+    def fields(mbs: Any, piece: BodyFields) -> dict[str, Array]:
+        data, slices = mbs.systemData, coordinate_slices(mbs, piece.item)
         q, q_t = (
             np.concatenate([np.asarray(get(configuration))[s] for s in slices])
             for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t)
@@ -248,7 +249,7 @@ def _scene(
     loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
     histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
 
-    def fields(piece: BodyFields) -> dict[str, Array]:
+    def fields(mbs: Any, piece: BodyFields) -> dict[str, Array]:
         i = now()
         q, q_t = histories[id(piece)]
         return piece.fields(q[i], q_t[i], piece.forces(loads, i))
@@ -278,13 +279,18 @@ def _add(
         )
 
     def draw(mbs: Any, item: Any) -> list[dict[str, Any]]:
-        return _graphics(pieces, fields, field, scale, given, turn or Rotation.identity())
+        return _graphics(pieces, partial(fields, mbs), field, scale, given, turn or Rotation.identity())
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
 
 
 def _graphics(
-    pieces: list[BodyFields], fields: Fields, field: str, scale: float, limits: Array | None, turn: Rotation
+    pieces: list[BodyFields],
+    fields: Callable[[BodyFields], dict[str, Array]],
+    field: str,
+    scale: float,
+    limits: Array | None,
+    turn: Rotation,
 ) -> list[dict[str, Any]]:
     """Exudyn's graphics data of the deformed surfaces, and a text that says what the colours mean."""
     places, values = [], []

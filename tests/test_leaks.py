@@ -1,8 +1,12 @@
 """Memory that is given back: the same work over and over needs no more of it."""
 
+import gc
 import os
+import weakref
 from pathlib import Path
 
+import exudyn as exu
+import exudyn.itemInterface as items
 import pytest
 
 import exudyn_partition as ep
@@ -25,3 +29,44 @@ def test_reductions_give_their_factors_back(block, top):
         ep.reduce(block, top, f_cut=80e3)
         used.append(resident())
     assert used[-1] - used[WARM_UP - 1] < GROWTH
+
+
+def model(body, kind):
+    """A ball above a plane; returns the model and what it holds."""
+    mbs = exu.SystemContainer().AddSystem()
+    frame = "floating" if kind == "floating" else "inertial"
+    ball = ep.CreatePartitionBody(
+        mbs, body, frame=frame, referencePosition=[0, 0, 1e-6], superElement=kind == "markers"
+    )
+    carrier = None
+    if kind == "carried":
+        node = mbs.AddNode(items.NodeRigidBodyRotVecLG(referenceCoordinates=[0.0] * 6))
+        carrier = mbs.AddObject(items.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=[1, 1, 1, 0, 0, 0]))
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), masterBody=carrier)
+    if kind == "view":
+        ep.CreatePartitionView(mbs)
+    mbs.Assemble()
+    return mbs, ball, contact
+
+
+@pytest.mark.parametrize("kind", ["floating", "markers", "carried", "view"])
+def test_models_that_are_dropped_are_gone(bodies, kind):
+    """A model holds its user functions; one that held the model would keep it, 1 to 2 MB each."""
+    mbs, ball, contact = model(bodies[0], kind)
+    ep.solve_dynamic(mbs, end_time=1e-6, step=0.25e-6)
+    kept = weakref.ref(mbs), weakref.ref(ball), weakref.ref(contact)
+    del mbs, ball, contact
+    gc.collect()
+    assert [reference() for reference in kept] == [None] * 3
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="there is no such file on this system")
+def test_many_models_need_no_more_memory_than_few(bodies):
+    for cycle in range(60):
+        for kind in ("floating", "markers", "carried", "view"):
+            model(bodies[0], kind)
+        if cycle == 9:
+            gc.collect()
+            before = resident()
+    gc.collect()
+    assert resident() - before < 200 * 0.1
