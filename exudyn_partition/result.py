@@ -19,6 +19,7 @@ from .errors import ContactPatchWarning, InputError, ModelLimitWarning, RunError
 from .history import History
 from .partition_body import PartitionBody, partition_items
 from .run_record import run_record
+from .stored_run import FILE, StoredRun, check_items, described
 from .summary import write_report
 
 Array = np.ndarray
@@ -159,6 +160,71 @@ class Result:
         middles = (self.t[1:] + self.t[:-1]) / 2
         nearest = np.unique(np.searchsorted(middles, wanted))
         return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
+
+    def save(self, path: str | Path) -> None:
+        """Write the result to a file, to go on with it in another process; `load` reads it.
+
+        Forces of rows, pressures and contact areas are not in it.
+
+        Parameters
+        ----------
+        path : str or Path
+            Taken as it is.
+
+        Raises
+        ------
+        InputError
+            If no file can stand there.
+        OutputError
+            If the disk is full or protected; the file that was there is kept.
+        """
+        stored = StoredRun(
+            t=self.t.copy(),
+            status=self.status,
+            message=self.message,
+            step=float(self.step),
+            steps=int(self.steps),
+            method=self.method,
+            time_s=float(self.time_s),
+            numbers=np.array([*self.sensors], dtype=np.int64),
+            seldom=np.array(sorted(self.seldom), dtype=np.int64),
+            samples=tuple(np.array(data) for data in self.sensors.values()),
+            items=described(self.bodies, self.contacts),
+        )
+        FILE.save(path, stored)
+
+    @classmethod
+    def load(cls, path: str | Path, mbs: Any) -> Result:
+        """Read what `save` wrote, as a result of a model that was built as the one that was run.
+
+        Parameters
+        ----------
+        path : str or Path
+        mbs : exudyn.MainSystem
+            It need not have been run.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged or of another kind, or the model is another one.
+        """
+        bodies, contacts = partition_items(mbs)
+        stored: StoredRun = FILE.load(path)
+        check_items(stored.items, described(bodies, contacts))
+        return cls(
+            t=stored.t,
+            status=stored.status,
+            message=stored.message,
+            step=stored.step,
+            steps=stored.steps,
+            method=stored.method,
+            time_s=stored.time_s,
+            sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
+            bodies=tuple(bodies),
+            contacts=tuple(contacts),
+            runs=tuple(object() for _ in contacts),
+            seldom=frozenset(map(int, stored.seldom)),
+        )
 
     def report(self, path: str | Path, *, title: str = "") -> Path:
         """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.

@@ -26,15 +26,16 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law", "contact.compliance",
     "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
     "contact.two_pass", "history", "markers", "attachments", "partition_body", "items", "joints", "joint_checks",
-    "central_differences", "contact_results", "run_record", "carriers", "coupling", "contact_elements", "contact_items",
-    "step_control", "output", "view", "report", "plot_input", "plot", "summary", "result", "hooks", "solve",
-    "reference", "cli", "__main__", "__init__", "contact.__init__",
+    "central_differences", "contact_results", "run_record", "stored_run", "carriers", "coupling", "contact_elements",
+    "contact_items", "step_control", "output", "view", "report", "plot_input", "plot", "summary", "result",
+    "hooks", "solve", "reference", "cli", "__main__", "__init__", "contact.__init__",
 ]  # fmt: skip
 
 TYPES_ONLY = {  # imported for type checking
     "contact.surface": {"partition"}, "joint_checks": {"result"}, "floating": {"nodal_inertia"},
     "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
-    "run_record": {"contact_items"}, "attachments": {"partition_body"},
+    "run_record": {"contact_items"}, "stored_run": {"contact_results", "partition_body"},
+    "attachments": {"partition_body"},
     "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
     "contact_elements": {"contact_items"},
     "view": {"result"}, "plot": {"result"}, "plot_input": {"result"}, "summary": {"result"},
