@@ -57,6 +57,10 @@ class OutputError(PartitionError, OSError):
     """A file that the system could not write: a full disk, or a protected folder; the old file is kept."""
 
 
+class MemoryLimitError(PartitionError, MemoryError):
+    """A model that needs more memory than there is."""
+
+
 class MissingPackageError(PartitionError, ImportError):
     """An optional package that is not installed."""
 
@@ -71,6 +75,10 @@ class UnitsWarning(PartitionWarning):
 
 class ContactPatchWarning(PartitionWarning):
     """A contact that reaches the edge of its patch, or slides further than frozen pairs allow."""
+
+
+class MemoryWarning(PartitionWarning):
+    """A model that needs more memory than is free."""
 
 
 class CacheWarning(PartitionWarning):

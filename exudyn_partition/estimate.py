@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 
 from ._checks import validate_number, validate_positive, validate_text
 from ._progress import Progress
@@ -179,15 +180,15 @@ def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[i
         line = surface.direction
         gaps = _gaps_to_rigid(surface, spaces[0].fem, speed)
         n = len(surface.points)
-        rows = [-np.kron(np.eye(n), line)]
-        weights = [np.eye(n)]
+        rows = [-sp.kron(sp.identity(n), line[None], format="csr")]
+        weights = [sp.identity(n, format="csr")]
     else:
         slave, master = surfaces
         contact = pair_surfaces(slave, master, placed_by="the points of its mesh, which are taken as they are")
         sizes = [len(surface.points) for surface in surfaces]
         gaps, line, n = {"the other body": contact.gap}, contact.approach, len(contact.gap)
-        rows = [G.toarray() for G in contact.matrices(*sizes)]
-        weights = [w.toarray() for w in contact.interpolation(*sizes)]
+        rows = list(contact.matrices(*sizes))
+        weights = list(contact.interpolation(*sizes))
     H, omega = [], []
     F = np.zeros((n, n))
     for space, pair, i, G, w in zip(spaces, pairs, patches, rows, weights, strict=True):

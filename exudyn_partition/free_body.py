@@ -25,7 +25,7 @@ _BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
 _OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
 
 
-_COLUMNS = 96  # unit loads answered at a time: of all of them, only what is read is kept
+COLUMNS = 96  # unit loads answered at a time: of all of them, only what is read is kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +78,8 @@ class FreeBody:
         flexibility = flexibility or self.flexibility()
         rows = (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
         at_patches = np.empty((rows.shape[0],) * 2)
-        for first in range(0, len(at_patches), _COLUMNS):
-            block = slice(first, first + _COLUMNS)
+        for first in range(0, len(at_patches), COLUMNS):
+            block = slice(first, first + COLUMNS)
             at_patches[:, block] = rows @ flexibility(rows[block].T.toarray())
         of_interfaces = interface_loads(self.fem, self.partition.interfaces) @ self.model.expand
         return StaticAnswers(at_patches, flexibility(of_interfaces.T.toarray()))

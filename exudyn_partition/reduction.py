@@ -21,6 +21,7 @@ from .estimate import Estimate, grow_to_tolerance, warn_if_missed
 from .fem import FEModel, node_dofs
 from .floating import InertiaIntegrals
 from .linalg import one_blas_thread
+from .memory import watched
 from .partition import Partition
 
 _SPEED = 1.0  # m/s
@@ -84,6 +85,8 @@ def reduce(
     InputError
         If another argument is out of range, both or none of `f_cut` and `tolerance` are given, or the impact region
         holds every node and the basis is not "free".
+    MemoryLimitError
+        If memory is too small, by an estimate before the work, or runs out.
 
     Warns
     -----
@@ -94,6 +97,8 @@ def reduce(
         If `f_cut` is so far below all modes that it may be in kHz.
     CacheWarning
         If a kept file is damaged, or the folder cannot be written; the body is computed.
+    MemoryWarning
+        If the reduction needs more memory than is free, by an estimate.
     """
     _validate_partition(fem, partition)
     validate_choice("basis", basis, BASES)
@@ -171,11 +176,11 @@ def reduce_pair(
 
     Raises
     ------
-    InputError, EmptyRegionError, PenetrationError
+    InputError, EmptyRegionError, PenetrationError, MemoryLimitError
 
     Warns
     -----
-    ToleranceWarning, CacheWarning
+    ToleranceWarning, CacheWarning, MemoryWarning
         As `reduce`.
     """
     for name, model in (("slave", slave), ("master", master)):
@@ -229,7 +234,7 @@ def _impact_options(tolerance: float | None, speed: float, duration: float | Non
 
 def _reduce(fem: FEModel, partition: Partition, f_cut: float, basis: str, progress: Progress | None) -> ReducedBody:
     begin = time.perf_counter()
-    with one_blas_thread():
+    with watched([(fem, partition)], basis), one_blas_thread():
         reduced = BASES[basis](fem, partition, f_cut, progress)
         return _body(fem, partition, reduced, f_cut, begin)
 
@@ -241,7 +246,7 @@ def _reduce_to_tolerance(
     progress: Progress | None,
 ) -> tuple[ReducedBody, ...]:
     begin = time.perf_counter()
-    with one_blas_thread():
+    with watched(models, "contact-adapted"), one_blas_thread():
         spaces, estimate = grow_to_tolerance(models, patches, **options, progress=progress)
         reduced = [bases.adapted_basis(space, estimate.f_cut, "a smaller tolerance keeps more") for space in spaces]
         bodies = [_body(*model, r, estimate.f_cut, begin, estimate) for model, r in zip(models, reduced, strict=True)]

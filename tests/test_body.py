@@ -2,6 +2,7 @@
 
 import math
 import re
+import tracemalloc
 
 import netgen.occ as occ
 import numpy as np
@@ -13,9 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import exudyn_partition as ep
-from exudyn_partition import free_body, loads
-from exudyn_partition.errors import FrequencyRangeError, InputError
+from exudyn_partition import free_body, loads, memory
+from exudyn_partition.errors import FrequencyRangeError, InputError, MemoryLimitError, MemoryWarning
 from exudyn_partition.fem import rigid_modes
+from exudyn_partition.partition import Patch
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
 
@@ -263,3 +265,49 @@ def test_bad_arguments(block, top, sphere):
             ep.reduce(block, top, f_cut=f_cut)
     with pytest.raises(InputError, match="made for another mesh"):
         ep.reduce(block, sphere[1], f_cut=1e5)
+
+
+def test_static_answers_of_all_rows_are_never_held_at_once(block, monkeypatch):
+    """Dense arrays of all dofs by all patch rows: 16 GB for a fine patch, of which its own rows are read."""
+    whole = Patch(block.facets, np.array([0, 0, 1.0]), np.empty(0, dtype=np.int64))
+    part = ep.Partition(whole.nodes, (whole,), (), block.n_nodes)
+    body = free_body.FreeBody(block, part)
+    flexibility = body.flexibility()
+    expected = flexibility(loads.patch_rows(block, part).T.toarray())
+    expected = loads.patch_rows(block, part) @ expected
+    monkeypatch.setattr(free_body, "COLUMNS", 8)
+    tracemalloc.start()
+    static = body.static_answers(flexibility)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.8 * 8 * block.n_dofs * len(whole.nodes)
+    assert relative(static.at_patches, expected) < 1e-12
+
+
+def test_memory_is_told_before_it_is_asked_for(block, top, monkeypatch):
+    need = memory.needed([(block, top)], "contact-adapted")
+    assert 1e6 < need < 1e8
+    assert memory.needed([(block, top)] * 2, "contact-adapted") > 1.9 * need
+    assert memory.needed([(block, top)], "craig-bampton") > need
+    free, most = memory.available()
+    assert 0 < free <= most
+    monkeypatch.setattr(memory, "available", lambda: (0.5 * need, 2 * need))
+    with pytest.warns(MemoryWarning, match=r"1560 dofs with 21 patch nodes needs some 0\.0\d+ GB .* Coarsen") as said:
+        ep.reduce(block, top, f_cut=80e3)
+    assert said[0].filename == __file__
+    monkeypatch.setattr(memory, "available", lambda: (0.5 * need, 0.5 * need))
+    for reduction in (
+        lambda: ep.reduce(block, top, f_cut=80e3),
+        lambda: ep.reduce_pair((block, top), (block, top), tolerance=0.1, speed=1.0),
+    ):
+        with pytest.raises(MemoryLimitError, match="three elements per contact radius are enough"):
+            reduction()
+
+
+def test_memory_that_runs_out_is_named(block, top, monkeypatch):
+    def full(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(free_body.BlockKrylov, "grow", full)
+    with pytest.raises(MemoryLimitError, match="memory ran out while reducing 1560 dofs with 21 patch nodes"):
+        ep.reduce(block, top, f_cut=80e3)

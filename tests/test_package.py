@@ -21,7 +21,8 @@ PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
     "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "files", "archive", "cache", "material",
     "fem", "mesh_files", "ngsolve_fem", "ordering", "linalg", "spectrum", "hertz", "contact.surface", "contact.points",
-    "faces", "partition", "tied", "loads", "free_body", "basis", "contact.rows", "contact.complementarity", "estimate",
+    "faces", "partition", "tied", "loads", "free_body", "memory",
+    "basis", "contact.rows", "contact.complementarity", "estimate",
     "mean_axes", "floating", "nodal_inertia", "body", "buckling", "reduction", "kinematics", "damping", "recovery",
     "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law", "contact.compliance",
     "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
