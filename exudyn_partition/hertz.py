@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ._checks import read_only, validate_positive
+from ._checks import read_only, validate_positive, validate_type
 from .errors import InputError
 from .material import Material
 from .spectrum import truncation_frequency
@@ -87,18 +87,33 @@ _MOST_SAMPLES = 2**18  # in all: forces that rise in no time beside their durati
 _SETTLED = 20  # time for a force that only an impedance limits: what it lacks of its limit falls by exp(-1.5 t)
 
 
+_EXTREME = 1e30  # in SI units no mechanism is beyond it, nor below its inverse; products of some of them stay finite
+_SLOWEST = 1e-10  # share of the speed that a mass takes while a force rises on an impedance: less is not followed
+
+
+def _positive(name: str, value: float, unit: str) -> float:
+    number = validate_positive(name, value, unit)
+    if not 1 / _EXTREME <= number <= _EXTREME:
+        raise InputError(f"{name}: expected {1 / _EXTREME:g} to {_EXTREME:g} in {unit}, got {number!r}")
+    return number
+
+
 def _validate_limit(name: str, value: float, unit: str) -> float:
-    return math.inf if value == math.inf else validate_positive(name, value, unit)
+    if isinstance(value, float) and value == math.inf:
+        return math.inf
+    return _positive(name, value, unit)
 
 
 def _combined(
     radius_1: float, radius_2: float, material_1: Material, material_2: Material | None
 ) -> tuple[float, float]:
-    for name, radius in (("radius_1", radius_1), ("radius_2", radius_2)):
-        _validate_limit(name, radius, "m, or math.inf for a plane")
-    curvature = 1 / radius_1 + 1 / radius_2
+    radii = (("radius_1", radius_1), ("radius_2", radius_2))
+    curvature = sum(1 / _validate_limit(name, radius, "m, or math.inf for a plane") for name, radius in radii)
     if curvature == 0:
         raise InputError("radius_1, radius_2: two planes have no Hertz contact; one radius must be finite")
+    validate_type("material_1", material_1, Material, "Material()")
+    if material_2 is not None:
+        validate_type("material_2", material_2, Material, "Material()")
     compliance = 1 / material_1.plane_strain_modulus
     if material_2 is not None:
         compliance += 1 / material_2.plane_strain_modulus
@@ -130,7 +145,7 @@ def contact_radius(
         If a number is not above zero, or both radii are infinite.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
-    return (3 * validate_positive("force", force, "N") * R / (4 * E)) ** (1 / 3)
+    return (3 * _positive("force", force, "N") * R / (4 * E)) ** (1 / 3)
 
 
 def effective(first: float, second: float) -> float:
@@ -169,7 +184,8 @@ def rod_impedance(material: Material, area: float) -> float:
     InputError
         If the area is not above zero.
     """
-    return material.rho * material.bar_wave_speed * validate_positive("area", area, "m2")
+    validate_type("material", material, Material, "Material()")
+    return material.rho * material.bar_wave_speed * _positive("area", area, "m2")
 
 
 def plate_impedance(material: Material, thickness: float) -> float:
@@ -194,7 +210,8 @@ def plate_impedance(material: Material, thickness: float) -> float:
     InputError
         If the thickness is not above zero.
     """
-    h = validate_positive("thickness", thickness, "m")
+    validate_type("material", material, Material, "Material()")
+    h = _positive("thickness", thickness, "m")
     stiffness = material.plane_strain_modulus * h**3 / 12
     return 8 * math.sqrt(stiffness * material.rho * h)
 
@@ -246,10 +263,11 @@ def impact(
     Raises
     ------
     InputError
-        If an argument is out of range, or neither mass nor impedance is finite.
+        If an argument is out of range, neither mass nor impedance is finite, or the mass acts 1e10 times more slowly
+        than the force rises.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
-    speed = validate_positive("speed", speed, "m/s")
+    speed = _positive("speed", speed, "m/s")
     wave_limit = _validate_limit("impedance", impedance, "N s/m, or math.inf for none") * speed
     energy = _validate_limit("mass", mass, "kg, or math.inf where only impedances count") * speed**2
     stiffness = 4 / 3 * E * math.sqrt(R)
@@ -259,7 +277,14 @@ def impact(
     if math.isinf(limit):
         raise InputError("mass, impedance: expected at least one of them finite, for nothing else limits the force")
     length = (limit / stiffness) ** (2 / 3)
-    y, end, rise, shape = _solve(limit / wave_limit, limit * length / energy)
+    b = limit * length / energy
+    if 0 < b < _SLOWEST:
+        raise InputError(
+            f"mass, impedance: the force would rise on the impedance in {length / speed:.3g} s, and the mass stop the "
+            f"bodies only after some {length / speed / b:.3g} s: expected times nearer to each other. Give "
+            "mass=math.inf for the rise alone"
+        )
+    y, end, rise, shape = _solve(limit / wave_limit, b)
     period = length / speed
     duration = end * period if math.isfinite(mass) else math.inf
     t = np.linspace(0, end * period, len(shape))

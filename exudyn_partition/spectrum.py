@@ -10,6 +10,7 @@ from .errors import InputError
 Array = np.ndarray
 
 _WINDOWS = ("none", "hann")
+_LARGEST = 1e150  # the transform of what is larger may not be finite
 _FINE = 2**19  # samples with zeros beyond the record, at least: they make the bins of the spectrum narrow
 
 
@@ -61,8 +62,8 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
             f"x: expected a pulse that begins and ends at rest, got {x[0]:.4g} and {x[-1]:.4g} at the ends beside "
             f'{abs(x).max():.4g} at most; record it wholly, or use window="hann" for a vibration that goes on'
         )
-    f, amplitude = amplitude_spectrum(t, x, window=window)
-    energy = amplitude**2
+    f, amplitude = amplitude_spectrum(t, x / abs(x).max(), window=window)
+    energy = (amplitude / amplitude.max()) ** 2
     bins = (energy[1:] + energy[:-1]) / 2
     above = np.append(np.cumsum(bins[::-1])[::-1], 0)
     highest = np.interp(tolerance**2 * above[0], above[::-1], f[::-1])
@@ -110,6 +111,8 @@ def amplitude_spectrum(t: Array, x: Array, *, window: str = "none") -> tuple[Arr
 def _validate_signal(t: Array, x: Array) -> tuple[Array, Array]:
     t = validate_array("t", t, (None,))
     x = validate_array("x", x, (len(t),))
+    if abs(x).max(initial=0.0) > _LARGEST:
+        raise InputError(f"x: expected numbers up to {_LARGEST:g}, got {abs(x).max():.4g}")
     step = np.diff(t)
     if len(t) < 3 or step.min() <= 0 or np.ptp(step) > 1e-3 * step.mean():
         raise InputError("t: expected at least three times, ascending and equally spaced; resample, as by numpy.interp")

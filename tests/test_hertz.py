@@ -224,3 +224,43 @@ def test_an_impact_prints_itself_in_a_line():
     text = str(hertz.impact(0.03, 1.0, 0.01, math.inf, ep.STEEL))
     assert re.fullmatch(r"HertzImpact\(peak force \d+ N, approach \S+ m, .*, contact radius \S+ m\)", text)
     assert len(text) < 140
+
+
+IMPACT = {
+    "mass": 1.0,
+    "speed": 1.0,
+    "radius_1": 0.01,
+    "radius_2": 0.01,
+    "material_1": STEEL,
+    "material_2": STEEL,
+    "impedance": math.inf,
+}
+
+
+@pytest.mark.parametrize("name", IMPACT)
+@pytest.mark.parametrize("value", ["x", True, math.nan, -1, 1e-300, 1e300, [1], np.ones(2), 1j], ids=str)
+def test_what_is_no_impact_is_named(name, value):
+    with pytest.raises(InputError, match=f"^{name}: expected "):
+        hertz.impact(**{**IMPACT, name: value})
+
+
+@settings(deadline=None, max_examples=20)
+@given(*(st.floats(-30, 30) for _ in range(4)))
+def test_impacts_of_any_size_are_impacts_or_refused(mass, speed, radius, impedance):
+    """Over 60 orders of magnitude: finite, no more than either limit, or an error of ours."""
+    mass, speed, radius, impedance = (10.0**x for x in (mass, speed, radius, impedance))
+    try:
+        found = hertz.impact(mass, speed, radius, math.inf, STEEL, impedance=impedance)
+    except InputError as error:
+        assert "mass, impedance: the force would rise" in str(error)  # noqa: PT017, for it may also do without
+        return
+    by_mass = (4 / 3 * STEEL.plane_strain_modulus * math.sqrt(radius)) ** 0.4 * (1.25 * mass * speed**2) ** 0.6
+    assert 0 < found.peak_force < 1.0001 * min(by_mass, impedance * speed)
+    assert 0 < found.rise_time < found.duration < math.inf
+    assert np.isfinite(found.force).all()
+
+
+@pytest.mark.parametrize("call", [lambda x: hertz.rod_impedance(x, 1.0), lambda x: hertz.plate_impedance(x, 1.0)])
+def test_what_is_no_material_is_named(call):
+    with pytest.raises(InputError, match=r"material: expected what .* a Material, got str"):
+        call("steel")
