@@ -9,7 +9,16 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import check_floats, check_indices, read_only, validate_number, validate_positive, validate_type
+from ._checks import (
+    check_floats,
+    check_indices,
+    read_only,
+    validate_array,
+    validate_number,
+    validate_positive,
+    validate_type,
+    validate_vector,
+)
 from .archive import Format
 from .basis import ReducedBasis
 from .contact.surface import Surface
@@ -140,7 +149,15 @@ class ReducedBody:
         Parameters
         ----------
         nodes : (k,) int array
+
+        Raises
+        ------
+        InputError
+            If they are no numbers of nodes.
         """
+        nodes = np.asarray(nodes)
+        if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or not ((nodes >= 0) & (nodes < len(self.points))).all():
+            raise InputError(f"nodes: expected numbers of nodes, 0 to {len(self.points) - 1}, an array of shape (k,)")
         dofs = node_dofs(nodes)
         shapes = self.basis.shapes[dofs]
         nodal = self.basis.nodal
@@ -168,6 +185,8 @@ class ReducedBody:
         InputError
             If they are of another mesh.
         """
+        if not sp.issparse(rows) and not (isinstance(rows, np.ndarray) and rows.ndim == 2):
+            raise InputError(f"rows: expected a csr matrix, as `recovery` makes them, got {type(rows).__name__}")
         if rows.shape[1] != self.fe_dofs:
             raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
         dofs = (3 * self.basis.nodal[:, None] + np.arange(3)).ravel()
@@ -182,9 +201,7 @@ class ReducedBody:
         InputError
             If q has another shape.
         """
-        q = np.asarray(q, dtype=float)
-        if q.shape != (self.n_dofs,):
-            raise InputError(f"q: expected shape ({self.n_dofs},), got {q.shape}")
+        q = validate_array("q", q, (self.n_dofs,))
         u = (self.basis.shapes @ q[: self.n_shapes]).reshape(-1, 3)
         u[self.basis.nodal] += q[self.n_shapes :].reshape(-1, 3)
         return u
@@ -201,7 +218,8 @@ class ReducedBody:
         InputError
             If there is no such patch.
         """
-        return Surface.of(self.points, self.partition.patches[self.partition.patch(patch)], position)
+        place = validate_vector("position", position)
+        return Surface.of(self.points, self.partition.patches[self.partition.patch(patch)], place)
 
     def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array:
         """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.

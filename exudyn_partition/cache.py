@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ._checks import validate_path
 from ._version import __version__
 from .archive import Format, digest
 from .errors import CacheWarning, InputError
@@ -41,9 +42,10 @@ def cached(cache: bool | str | Path, inputs: Any, file: Format, make: Callable[[
         raise InputError(f"cache: expected True, False or a folder, got {cache!r}")
     if cache is False:
         return make()
+    folder = user_folder() if cache is True else validate_path("cache", cache)
     key = digest({"inputs": inputs, "format": file.version, "library": __version__, "code": _code()})
     try:
-        path = (user_folder() if cache is True else Path(cache)) / f"{key}.npz"
+        path = folder / f"{key}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
         kept = path.exists()
     except (OSError, RuntimeError) as error:

@@ -105,7 +105,7 @@ class PartitionContact(ContactResults):
         self._stepped_to = t
 
     def sample(self, mbs: Any, record: RunRecord, t: float) -> list[float]:
-        """Values of the sensor `sForce` at t."""
+        """Values of the sensor `sForce` at t, where `record` is that of the run."""
         record.see(mbs, t)
         return self._values(mbs, t, mbs.systemData.GetODE2Coordinates(copy=False))
 

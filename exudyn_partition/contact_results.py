@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
+from ._checks import validate_result
 from .contact.coupled import CoupledContacts
 from .contact.lagrange import LagrangeContact
 from .contact.rigid import RigidGaps
@@ -86,6 +87,7 @@ class ContactResults(dict):
 
     def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
         """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
+        validate_result(result)
         samples = result.sensor_of(self, self["sForce"])
         if not self.ahead or len(result.t) < 2:
             return samples[:, forces]
@@ -103,10 +105,18 @@ class ContactResults(dict):
         """
         if "sMoment" not in self:
             raise InputError("contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble()")
+        validate_result(result)
         return result.sensor_of(self, self["sMoment"])
 
     def closed_rows(self, result: Result) -> Array:
-        """Number of closed contact rows, (n,)."""
+        """Number of closed contact rows, (n,).
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        validate_result(result)
         return result.sensor_of(self, self["sForce"])[:, 1].astype(int)
 
     def gap(self, result: Result) -> Array:
@@ -114,7 +124,13 @@ class ContactResults(dict):
 
         Integrated rows have mean gaps around nodes: a convex tip touches when the first mean closes, after its lowest
         point by the order of a facet's size squared over the radius.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
         """
+        validate_result(result)
         return result.sensor_of(self, self["sForce"])[:, 5]
 
     def row_forces(self, result: Result) -> sp.csr_matrix:
@@ -127,6 +143,7 @@ class ContactResults(dict):
         InputError
             If the model has been run again since `result`: forces of rows are kept of the last run only.
         """
+        validate_result(result)
         result.check_last_run(self)
         place = {t: i for i, t in enumerate(result.t)}
         kept = [(place[t], nodes, lam) for t, nodes, lam in self._samples if t in place]
@@ -168,8 +185,14 @@ class ContactResults(dict):
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
         The contact is evaluated again at the stored coordinates, in their order.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
         """
         if self.multipliers:
+            validate_result(result)
             return np.zeros(len(result.t))
         if len(self.group) == 1:
             return np.array([self.law.potential(q) for q in self._again(result)])

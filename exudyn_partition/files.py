@@ -136,7 +136,7 @@ def writable(path: str | Path, name: str = "path") -> Path:
         kind = _kind(path)
     except (OSError, ValueError) as error:  # too long, NUL in it, links in a circle
         reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"{name}: no file can have the name {str(path)[:100]!r}: {reason}") from error
+        raise InputError(f"{name}: no file can have the name {str(path)[:100]!r}: {reason}; choose another") from error
     if not folder:
         raise InputError(f"{name}: there is no folder {target.parent} to write {target.name} into; make it first")
     if kind is not None and stat.S_ISDIR(kind):

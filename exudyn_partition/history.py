@@ -121,7 +121,8 @@ class History:
         end_time = validate_number("end_time", end_time, "a time in s")
         keep = self.t <= end_time + 1e-9 * abs(end_time)
         if not keep.any():
-            raise InputError(f"end_time: the history begins at {self.t[0]:.6g} s, got {end_time:.6g} s")
+            begin = f"{self.t[0]:.6g} s, where the history begins"
+            raise InputError(f"end_time: expected at least {begin}, got {end_time:.6g} s")
         return History(self.t[keep], self.force[keep], {k: v[keep] for k, v in self.velocity.items()}, self.info)
 
     def save(self, path: str | Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ._checks import validate_array, validate_choice, validate_vector
+from ._checks import validate_array, validate_choice, validate_flag, validate_vector
 from ._optional import require
 from .body import ReducedBody
 from .damping import Damping, ModeDamping, Ratios, damping_of
@@ -107,8 +107,11 @@ def CreatePartitionBody(
     velocity = validate_vector("initialVelocity", initialVelocity)
     angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
     acceleration = validate_vector("gravity", gravity)
+    if isinstance(inertiaTerms, str) or not isinstance(inertiaTerms, Collection):
+        raise InputError(f"inertiaTerms: expected a collection of {', '.join(TERMS)}, got {inertiaTerms!r}")
     for term in inertiaTerms:
         validate_choice("inertiaTerms", term, TERMS)
+    validate_flag("superElement", superElement)
     if frame == "auto":
         rotates = rotation is not None or angular_velocity.any()
         frame = "floating" if rotates else "inertial"

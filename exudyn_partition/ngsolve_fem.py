@@ -104,6 +104,8 @@ def _meshed(shape: Any, maxh: float, refine: Iterable[Refine], grading: float) -
     validate_positive("grading", grading)
     if not isinstance(shape, occ.TopoDS_Shape):
         raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
+    if not isinstance(refine, Refine | Iterable):
+        raise InputError(f"refine: expected ep.Refine(center, radius, h), or a list of such, got {refine!r}")
     regions: list[Refine] = [refine] if isinstance(refine, Refine) else list(refine)
     for region in regions:
         if not isinstance(region, Refine):

@@ -102,6 +102,8 @@ def write_paraview(
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     contacts = validate_contacts(result.contacts if contacts is None else contacts)
+    for contact in contacts:
+        result.sensor_of(contact, contact["sForce"])  # which knows the run's own
     chosen = result.at(times)
     pieces = [BodyFields(entry, names, surface) for entry in shown_bodies(result.bodies, bodies)]
     answered = static_answer and any(piece.fem is not None for piece in pieces)
@@ -189,10 +191,10 @@ class BodyFields:
             raise InputError(
                 f"bodies: {what} of {self.item.name or 'a body'!r} needs its FE model, give pairs (body, fem)"
             )
-        if self.fem is not None and self.body.fe_dofs != self.fem.n_dofs:
+        if self.fem is not None and not np.array_equal(self.body.points, self.fem.points):
             raise InputError(
                 f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, got "
-                f"{self.fem!r}"
+                f"another one: {self.fem!r}"
             )
         cells = self.body.facets if surface or self.fem is None else self.fem.cells
         self.kind = (_FACETS if surface else _CELLS)[cells.shape[1]]

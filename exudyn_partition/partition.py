@@ -223,7 +223,7 @@ class Partition:
     def find_interface(self, name: str) -> Interface:
         """Return the interface of that name; InputError if there is none."""
         names = [interface.name for interface in self.interfaces]
-        if name not in names:
+        if not isinstance(name, str) or name not in names:
             raise InputError(
                 f"interface: expected one of {', '.join(map(repr, names)) or 'none, for the body has no interfaces'}, "
                 f"got {name!r}. Nodes beside interfaces are reduced away, and with them the body's static answer to "

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import cumulative_trapezoid
 
-from ._checks import validate_text, validate_vector
+from ._checks import validate_result, validate_text, validate_vector
 from ._optional import require
 from .attachments import add_guard, check_attachments
 from .body import ReducedBody
@@ -188,11 +188,25 @@ class PartitionBody(dict):
             raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
 
     def coordinates(self, result: Result) -> Array:
-        """Coordinates q, (n, n_dofs), at the times of `result`."""
+        """Coordinates q, (n, n_dofs), at the times of `result`.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        validate_result(result)
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates"]])
 
     def coordinates_t(self, result: Result) -> Array:
-        """Velocities of the coordinates, (n, n_dofs), at the times of `result`."""
+        """Velocities of the coordinates, (n, n_dofs), at the times of `result`.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        validate_result(result)
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
 
     def displacement(self, result: Result, point: Array, *, fem: Static | None = None) -> Array:
@@ -282,17 +296,30 @@ class PartitionBody(dict):
 
         By the trapezoidal rule between samples, which must resolve the vibration.
         """
+        q_t = self.coordinates_t(result)
         if self.damping is None:
             return np.zeros(len(result.t))
-        q_t = self.coordinates_t(result)
         return cumulative_trapezoid(np.sum(q_t * self.damping.force(q_t), axis=1), result.t, initial=0.0)
 
     def rigid_motion(self, q: Array) -> Array:
-        """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body."""
-        return self.kinematics.rigid_motion(q)
+        """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body.
+
+        Raises
+        ------
+        InputError
+            If q has another shape.
+        """
+        return self.kinematics.rigid_motion(self._coordinates(q))
 
     def deformation(self, q: Array) -> Array:
-        """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m]."""
+        """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m].
+
+        Raises
+        ------
+        InputError
+            If q has another shape.
+        """
+        q = self._coordinates(q)
         patches = self.kinematics.at(self.body.partition.patch_nodes)
         blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
         return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
@@ -350,6 +377,13 @@ class PartitionBody(dict):
                     at_patch = fields[:, self.body.partition.patches[patch].nodes]
                     total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
         return total
+
+    def _coordinates(self, q: Array) -> Array:
+        """Coordinates that may be without end, of a run that became unstable."""
+        if not isinstance(q, np.ndarray) or q.dtype.kind != "f" or q.ndim != 2 or q.shape[1] != self.body.n_dofs:
+            got = f"one of {q.dtype} {q.shape}" if isinstance(q, np.ndarray) else type(q).__name__
+            raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
+        return q
 
     def _node(self, point: Array) -> Kinematics:
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))

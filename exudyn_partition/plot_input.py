@@ -66,7 +66,8 @@ def contact_of(result: Result, contact: PartitionContact | None) -> PartitionCon
 def history_of(run: History | Result, contact: PartitionContact | None) -> History:
     """Return a history, or that of a contact of a Result."""
     if not isinstance(run, History):
-        return run.history(contact_of(run, contact))
+        chosen = contact_of(run, contact)
+        return run.history(chosen)
     if contact is not None:
         raise InputError("contact: a History has one force; name a contact of a Result")
     return run

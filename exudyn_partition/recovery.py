@@ -335,8 +335,10 @@ class StaticAnswer:
             raise InputError(
                 f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
             )
-        if body.fe_dofs != fem.n_dofs:
-            raise InputError(f"fem: expected the body's own mesh with {body.fe_dofs} dofs, got {fem.n_dofs}")
+        if not np.array_equal(body.points, fem.points):
+            raise InputError(
+                f"fem: expected the body's own mesh, of {len(body.points)} nodes, got another one of {fem.n_nodes}"
+            )
         self._basis = body.basis
         with one_blas_thread():
             self._model = tie(fem, body.partition)
@@ -350,6 +352,7 @@ class StaticAnswer:
         ------
         InputError
         """
+        validate_type("body", body, ReducedBody, "reduce() or load_body()")
         if body.basis is not self._basis:
             raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
 

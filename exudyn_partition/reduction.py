@@ -190,6 +190,8 @@ def reduce_pair(
                 "reduce_pair((fem, partition), (fem, partition), ...)"
             )
         _validate_partition(*model)
+    if not isinstance(patches, tuple | list) or len(patches) != 2:
+        raise InputError(f"patches: expected the slave's and the master's, two names or numbers, got {patches!r}")
     numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
     options = _impact_options(tolerance, speed, duration)
     models = [slave, master]
@@ -205,7 +207,8 @@ def _validate_partition(fem: FEModel, partition: Partition) -> None:
     validate_type("partition", partition, Partition, "Partition.ball()")
     if partition.n_nodes != fem.n_nodes:
         raise InputError(
-            f"partition: it was made for another mesh, with {partition.n_nodes} nodes; this one has {fem.n_nodes}"
+            f"partition: it was made for another mesh, with {partition.n_nodes} nodes; this one has {fem.n_nodes}. "
+            "Make it of this one"
         )
 
 

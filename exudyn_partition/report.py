@@ -81,7 +81,8 @@ def compare(run: History, reference: History) -> Comparison:
         validate_type(name, history, History, "Result.history(), reference.simulate() or History.load()")
     missing = set(reference.velocity) - set(run.velocity)
     if missing:
-        raise InputError(f"run: has no velocity of {', '.join(sorted(missing))}, which the reference has")
+        said = ", ".join(sorted(missing))
+        raise InputError(f"run: has no velocity of {said}, which the reference has; name all its points in history()")
     begin, end = max(run.t[0], reference.t[0]), min(run.t[-1], reference.t[-1])
     slack = 1e-9 * abs(end)
     common = (reference.t >= begin - slack) & (reference.t <= end + slack)
@@ -136,7 +137,7 @@ def validate_runs(runs: Mapping[str, Comparison], quantity: str) -> None:
 def _relative(name: str, x: Array, x_ref: Array) -> float:
     size = np.linalg.norm(x_ref)
     if not size:
-        raise InputError(f"reference: has no {name} in the common time, so that no relative error of it is defined")
+        raise InputError(f"reference: has no {name} in the common time; expected some, for an error relative to it")
     return float(np.linalg.norm(x - x_ref) / size)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import validate_array, validate_integer
+from ._checks import validate_array, validate_integer, validate_type
 from .buckling import compression, links
 from .contact.rigid import RigidGaps
 from .contact_items import PartitionContact
@@ -90,6 +90,8 @@ class Result:
         InputError
             If the run has no such sensor, or Exudyn read it too seldom.
         """
+        if isinstance(number, str | bytes | float | bool | np.ndarray) or not hasattr(number, "__int__"):
+            raise InputError(f"number: expected that of a sensor, as mbs.AddSensor returns it, got {number!r}")
         if int(number) in self.seldom:
             raise InputError(
                 f"number: Exudyn read sensor {int(number)} less often than this result has times, which are those of "
@@ -108,6 +110,11 @@ class Result:
         InputError
             If the item was not in the model that was run.
         """
+        if not isinstance(item, PartitionBody | ContactResults):
+            raise InputError(
+                "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
+                f"{type(item).__name__}"
+            )
         if not any(item is known for known in (*self.bodies, *self.contacts)):
             raise InputError(
                 f"result: expected one of the model that {_called(item)} belongs to, got one of another model, or of "
@@ -123,6 +130,7 @@ class Result:
         InputError
             If the contact is of another model, or this one has been run again.
         """
+        validate_type("contact", contact, ContactResults, "CreatePartitionContact()")
         self.sensor_of(contact, contact["sForce"])
         runs = [run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact]
         if runs[0] is not contact.run:
@@ -255,11 +263,23 @@ class Result:
         contact : PartitionContact
         points : dict of str to (PartitionBody, point) or (PartitionBody, point, fem), optional
             With the FE model of the body velocities near a contact are better, see `PartitionBody.velocity`.
+
+        Raises
+        ------
+        InputError
+            If an argument is no such thing, or the contact is of another model.
         """
-        velocity = {
-            name: body.velocity(self, point, fem=fem[0] if fem else None)
-            for name, (body, point, *fem) in (points or {}).items()
-        }
+        validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
+        expected = "points: expected a dict of name: (body, point) or (body, point, fem)"
+        if points is not None and not isinstance(points, Mapping):
+            raise InputError(f"{expected}, got {type(points).__name__}")
+        velocity = {}
+        for name, entry in (points or {}).items():
+            if not isinstance(entry, tuple | list) or len(entry) not in (2, 3):
+                raise InputError(f"{expected}, got {entry!r} for {name!r}")
+            body, point, *fem = entry
+            validate_type("points", body, PartitionBody, "CreatePartitionBody()")
+            velocity[name] = body.velocity(self, point, fem=fem[0] if fem else None)
         bodies = [item.body for item, _ in contact.sides]
         info = {
             "label": f"{bodies[0].basis.name}, {self.method}",

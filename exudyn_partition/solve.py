@@ -14,7 +14,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ._checks import validate_choice, validate_positive
+from ._checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
 from ._interrupt import interruptible
 from ._optional import require
 from ._progress import LONG, Progress
@@ -222,6 +222,13 @@ def _run(
     """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start."""
     exu = require("exudyn")
     validate_choice("method", method, ("explicit", "implicit"))
+    validate_flag("adaptive", adaptive)
+    if not 0 <= validate_number("spectral_radius", spectral_radius) <= 1:
+        raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
+    if settings is not None and not isinstance(settings, exu.SimulationSettings):
+        raise InputError(f"settings: expected an exudyn.SimulationSettings, got {type(settings).__name__}")
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
     end_time = validate_positive("end_time", end_time, "s")
     validate_model(mbs)
     if mbs.systemData.ODE2Size() == 0:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ._checks import validate_array, validate_type
 from .contact_items import PartitionContact
 from .estimate import STEPS_A_PERIOD
 from .kinematics import FloatingKinematics
@@ -59,7 +60,16 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     -------
     float
         Zero if the contact is closed.
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, or of another length.
     """
+    validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
+    n = sum(item.body.n_dofs for item, _ in contact.sides)
+    q, q_t = validate_array("q", q, (n,)), validate_array("q_t", q_t, (n,))
+    q_tt = None if q_tt is None else validate_array("q_tt", q_tt, (n,))
     return _first_touch(contact, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
 
 

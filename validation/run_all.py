@@ -81,6 +81,11 @@ def stability(d):
                 len(d["beyond_limits"]))]  # fmt: skip
 
 
+def misuse(d):
+    return [Row(f"{d['tried']} wrong inputs: raw, silent, hang or crash", "a named error or a warning", 0,
+                len(d["beyond_limits"]))]  # fmt: skip
+
+
 def paper(d):
     """What is judged; disagreements that are understood are in the table below, with why."""
     judged = [r for r in d["rows"] if r["limit"] is not None and not (r["known"] and not r["agrees"])]
@@ -197,6 +202,7 @@ def pareto(d):
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
+    "misuse": Case("stability/misuse.py", misuse, quick=()),
     "paper": Case("paper/paper.py", paper, ("--quick", "--out", "{out}/paper_quick.json"),
                   ("paper_fig6.png", "paper.png", "paper_fig11.png", "paper_crank_slider.png")),
     "calculix": Case("calculix.py", limits(("force", "peak", "impulse", "contact-adapted")),

@@ -9,7 +9,6 @@ the table; no result that is not finite, no warning that is not stated, no silen
 
 import argparse
 import json
-import multiprocessing
 import os
 import platform
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 import cases
 from rich.console import Console
 from rich.table import Table
+from worker import Worker
 
 import exudyn_partition as ep
 from exudyn_partition.errors import PartitionError, PartitionWarning
@@ -53,48 +53,15 @@ def evaluate(case, method):
     }  # fmt: skip
 
 
-class Worker:
-    """Runs cases in a process of its own; one that crashes or hangs loses only its case, the next gets a new process.
-
-    Bodies that cases share are kept in the process. It is spawned, for threads of the FE code do not survive a fork.
-    """
-
-    def __init__(self, limit):
-        self.limit, self.process = limit, None
-
-    def evaluate(self, case, method):
-        """Return the row of a case, also of one that crashed or hung."""
-        if self.process is None:
-            context = multiprocessing.get_context("spawn")
-            self.pipe, theirs = context.Pipe()
-            self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-            self.process.start()
-            theirs.close()
-        try:
-            self.pipe.send((case.name, method))
-            if self.pipe.poll(self.limit):
-                return self.pipe.recv()
-            end = f"not done after {self.limit:g} s"
-        except (EOFError, BrokenPipeError, ConnectionResetError):
-            self.process.join()
-            end = f"crashed, exit code {self.process.exitcode}"
-        self.close()
-        return {"case": case.name, "method": method, "must": case.must, "passed": False, "beyond": [end], "checks": {},
-                "error": "", "message": "", "warnings": [], "time_s": float("nan")}  # fmt: skip
-
-    def close(self):
-        """End the process."""
-        if self.process is not None:
-            self.process.kill()
-            self.process.join()
-        self.process = None
+def evaluate_named(name, method):
+    """`evaluate` by the case's name, in another process."""
+    return evaluate(next(c for c in cases.CASES if c.name == name and method in c.methods), method)
 
 
-def _serve(pipe):
-    while True:
-        name, method = pipe.recv()
-        case = next(c for c in cases.CASES if c.name == name and method in c.methods)
-        pipe.send(evaluate(case, method))
+def lost(case, method, end):
+    """Row of a case that crashed or hung."""
+    return {"case": case.name, "method": method, "must": case.must, "passed": False, "beyond": [end], "checks": {},
+            "error": "", "message": "", "warnings": [], "time_s": float("nan")}  # fmt: skip
 
 
 def show(rows, console):
@@ -125,11 +92,12 @@ def main():
     options = parser.parse_args()
     wanted = [c for c in cases.CASES if options.only in c.name and (c.quick or not options.quick)]
     chosen = [(c, m) for c in wanted for m in c.methods]
-    rows, console, worker = [], Console(width=170), Worker(options.limit)
+    rows, console, worker = [], Console(width=170), Worker(options.limit, evaluate_named)
     with ep.progress("cases") as report:
         for i, (case, method) in enumerate(chosen):
             report(i / len(chosen))
-            rows.append(worker.evaluate(case, method))
+            row, end = worker(case.name, method)
+            rows.append(row or lost(case, method, end))
     worker.close()
     show(rows, console)
     failed = [f"{r['case']} ({r['method']}): {'; '.join(r['beyond'])}" for r in rows if not r["passed"]]

@@ -1,0 +1,141 @@
+"""Wrong inputs over the whole public interface and the command line: each ends in a named error or a warning.
+
+Reference: every argument of every public function with values that are wrong for it, and arguments given for each other
+(`misuse_calls.py`); scenes set up wrongly and command lines (`misuse_scenes.py`). Quantity: how each ends. Limit: raw
+errors of the inside, wrong values taken silently, hangs and crashes: none, but for those that `KNOWN` explains.
+
+    python validation/stability/misuse.py [--only PART OF A NAME] [--out FILE] [--limit SECONDS]
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import platform
+import re
+import sys
+import time
+import traceback
+import warnings
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import exudyn as exu
+from misuse_calls import misuses
+from misuse_scenes import SCENES
+from misuse_values import Scene
+from rich.console import Console
+from rich.table import Table
+from worker import Worker
+
+import exudyn_partition as ep
+from exudyn_partition.errors import PartitionError, PartitionWarning
+
+LIMIT = 60.0  # seconds a call
+KINDS = ("named error", "warning", "raw", "silent", "hang", "crash")
+GOOD = ("named error", "warning")
+# What a dependency does in its own process and cannot be caught, by the case's name, with the reason.
+KNOWN: dict[str, str] = {}
+# A message leads to the fix: it says what was expected, or what to do.
+_REMEDY = re.compile(
+    r"expected|there is no|cannot|belongs to|only|is no |nearest|no effect|needs|at most|at least|must |is it |"
+    r"\b(take|give|make|call|choose|check|move|enlarge|refine|lower|coarsen|restore|use|run|join|compute|put|add|set|"
+    r"leave|name|ask|pip install)\b",
+    re.IGNORECASE,
+)
+
+
+def classify(misuse, scene):
+    """How a wrong call ends: kind, what was said, seconds."""
+    begin, said = time.perf_counter(), ""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PartitionWarning)
+        try:
+            misuse(scene)
+            kind = "silent"
+        except PartitionError as error:
+            kind, said = "named error", f"{type(error).__name__}: {error}"
+            if not _REMEDY.search(str(error)):
+                kind, said = "raw", f"without a remedy: {said}"
+        except BaseException:  # also SystemExit, which a library must not raise
+            kind, said = "raw", traceback.format_exc(limit=-3)
+    told = [str(w.message) for w in caught if isinstance(w.message, PartitionWarning)]
+    if kind == "silent" and told:
+        kind, said = "warning", told[0]
+    return {"case": misuse.name, "kind": kind, "said": said, "time_s": time.perf_counter() - begin}
+
+
+@cache
+def _all():
+    return {misuse.name: misuse for misuse in [*misuses(), *SCENES]}
+
+
+@cache
+def _scene():
+    exu.config.suppressWarnings = True
+    scene = Scene()
+    os.chdir(scene.folder)  # names that turn out to be right are written there
+    return scene
+
+
+def classify_named(name):
+    """`classify` by the case's name, in another process, without what Exudyn and NGSolve print."""
+    with open(os.devnull, "w") as silence:  # noqa: PTH123
+        with contextlib.suppress(OSError):
+            os.dup2(silence.fileno(), 1)
+            os.dup2(silence.fileno(), 2)
+        with contextlib.redirect_stdout(silence), contextlib.redirect_stderr(silence):
+            return classify(_all()[name], _scene())
+
+
+def tried(names, limit, report=lambda share: None):
+    """Rows of all cases, each guarded against crash and hang."""
+    rows, worker = [], Worker(limit, classify_named, _scene)
+    for i, name in enumerate(names):
+        report(i / len(names))
+        row, end = worker(name)
+        kind = "hang" if end.startswith("not done") else "crash"
+        rows.append(row or {"case": name, "kind": kind, "said": end, "time_s": limit})
+    worker.close()
+    for row in rows:
+        row["known"] = KNOWN.get(row["case"], "")
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="cases whose name holds this; the JSON is not written then")
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".json"), help="file of the results")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds a call")
+    options = parser.parse_args()
+    console, begin = Console(width=170), time.perf_counter()
+    with ep.progress("wrong inputs") as report:
+        rows = tried([name for name in _all() if options.only in name], options.limit, report)
+    counts = Counter(row["kind"] for row in rows)
+    beyond = [row for row in rows if row["kind"] not in GOOD and not row["known"]]
+    for row in beyond:
+        console.print(f"{row['kind']}: {row['case']}: {row['said'].strip().splitlines()[-1:]}", markup=False)
+    table = Table(*KINDS, title=f"{len(rows)} wrong inputs, {time.perf_counter() - begin:.0f} s")
+    table.add_row(*(str(counts[kind]) for kind in KINDS))
+    console.print(table)
+    for row in rows:
+        if row["known"]:
+            console.print(f"{row['case']}: {row['kind']}, {row['known']}", markup=False)
+    if not options.only:
+        machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
+        data = {
+            "tried": len(rows),
+            "counts": {kind: counts[kind] for kind in KINDS},
+            "known": KNOWN,
+            "functions": Counter(row["case"].partition("(")[0] for row in rows),
+            "beyond_limits": [f"{row['kind']}: {row['case']}" for row in beyond],
+            "slowest_s": max(row["time_s"] for row in rows),
+            "machine": machine,
+        }
+        options.out.write_text(json.dumps(data, indent=1) + "\n")
+    sys.exit(f"{len(beyond)} end neither in a named error nor in a warning" if beyond else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,618 @@
+"""What `misuse.py` calls: every public function with its arguments, whole scenes set up wrongly, command lines.
+
+`CALLS` has all that `public()` finds in the package; what stands in `NOT_CALLED` needs no check, and says why. Each
+entry has the kinds of its arguments, of `misuse_values`, with a right value where the kind has none of its own.
+"""
+
+import importlib
+import inspect
+from dataclasses import dataclass
+from itertools import combinations
+from types import ModuleType
+from typing import Any
+
+import misuse_values as v
+import numpy as np
+import scipy.sparse as sp
+from misuse_values import STEP, Kind, Made
+
+import exudyn_partition as ep
+
+
+def public():
+    """Functions, methods with arguments, and classes that a user can call, by their names: module.name."""
+    found, home = {}, "exudyn_partition."
+    for name in ep.__all__:
+        thing = getattr(ep, name)
+        members = vars(thing) if isinstance(thing, ModuleType) else {name: thing}
+        for key, value in members.items():
+            own = not isinstance(thing, ModuleType) or getattr(value, "__module__", "") == thing.__name__
+            if not own or key.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
+                continue
+            if inspect.isclass(value) and issubclass(value, BaseException):
+                continue
+            full = f"{value.__module__}.{value.__qualname__}".removeprefix(home)
+            found[full] = value
+            if inspect.isclass(value):
+                found |= _methods(full, value)
+    return {name: value for name, value in found.items() if _takes_something(value)}
+
+
+def _methods(full, kind):
+    found = {}
+    for base in reversed([c for c in kind.__mro__ if c.__module__.startswith("exudyn_partition")]):
+        for key in vars(base):
+            if not key.startswith("_") and callable(getattr(kind, key)):
+                found[f"{full}.{key}"] = getattr(kind, key)
+    return found
+
+
+def _takes_something(thing):
+    return bool({*inspect.signature(thing).parameters} - {"self", "cls"})
+
+
+@dataclass(frozen=True)
+class Call:
+    """A function, and the kinds of its arguments; `of` makes what it is a method of."""
+
+    arguments: dict[str, Kind]
+    of: Any = None
+    swaps: bool = True  # whether its first arguments, given for each other, are always wrong
+
+
+def call(of=None, swaps=True, **arguments):
+    return Call(arguments, of, swaps)
+
+
+_item, _contact, _result, _body = (lambda s: s.item), (lambda s: s.contact), (lambda s: s.result), (lambda s: s.body)
+_history = lambda s: s.history  # noqa: E731
+_of_result = {"of": _contact, "result": v.result}
+_new = v.mbs(Made(lambda s: s.empty()))
+_ready = v.mbs(Made(lambda s: s.assembled()))
+_axes = Kind({"text": "x", "number": 1, "a result": Made(_result), "list": []}, None)
+_rows = Kind({**v.NOTHING, "array": np.zeros(3), "of another mesh": sp.csr_matrix((1, 3))})
+_rows = _rows(Made(lambda s: sp.csr_matrix((1, s.fem.n_dofs))))
+_fem = v.fem.or_none.but(**{"another mesh": Made(lambda s: s.other_fem)})
+_t, _x = np.linspace(0, 1, 101), np.sin(np.linspace(0, np.pi, 101)) ** 2
+_signal_t = v.samples.but(descending=_t[::-1], uneven=_t**2, two=[0.0, 1.0])(_t)
+_signal_x = v.samples.but(**{"another length": _x[:50], "infinite": np.full(101, np.inf)})(_x)
+_names = v.text.but("number", "list")
+_runs = Kind({**v.NOTHING, "list": [1], "of numbers": {"a": 1.0}, "empty name": {"": None}})
+_runs = _runs(Made(lambda s: {"run": s.comparison}))
+_named_points = Kind(
+    {
+        "text": "x",
+        "list": [1],
+        "no pair": {"P": 1},
+        "no point": {"P": (0, "x")},
+        "index 2": {"P": (2, (0, 0, 0))},
+        "index -1": {"P": (-1, (0, 0, 0))},
+        "nan": {"P": (0, (v.nan, 0, 0))},
+        "no name": {1: (0, (0, 0, 0))},
+    },
+    None,
+)
+_body_points = Kind(
+    {
+        "text": "x",
+        "list": [1],
+        "no pair": {"P": 1},
+        "no point": {"P": ("x", (0, 0, 0))},
+        "swapped": {"P": ((0, 0, 0), 1)},
+    },
+    None,
+)
+_pair = Kind(
+    {
+        **v.NOTHING,
+        "fem": Made(lambda s: s.fem),
+        "swapped": Made(lambda s: (s.part, s.fem)),
+        "three": Made(lambda s: (s.fem, s.part, 1)),
+        "of two meshes": Made(lambda s: (s.fem, s.other_part)),
+    }
+)
+_q = Kind({**v.NOTHING, "number": 1.0, "flat": np.zeros(3), "nan": np.full((1, 12), v.nan), "texts": [["a"]]})
+_fems = {"fem": v.fem, "points": v.points([(0, 0, 5e-3)])}
+_two = Kind(
+    {
+        **v.NOTHING,
+        "one": Made(lambda s: [s.full]),
+        "three": Made(lambda s: [s.full] * 3),
+        "a fem": Made(lambda s: [s.full, s.other_fem]),
+        "swapped in space": Made(lambda s: [s.full, s.full]),
+        "of text": ["a", "b"],
+    },
+    Made(lambda s: [s.full, s.other_full]),
+)
+_limits = Kind({"text": "x", "one": [1], "descending": (2, 1), "equal": (1, 1), "nan": (0, v.nan), "number": 1}, None)
+_bodies = Kind(
+    {
+        "text": "x",
+        "number": 1,
+        "empty": [],
+        "bodies": Made(lambda s: [s.body]),
+        "dict": {1: 2},
+        "an item": Made(lambda s: 5),
+        "pair of text": Made(lambda s: [(s.item, "x")]),
+        "Nones": [None],
+        "triple": Made(lambda s: [(s.item, s.fem, 1)]),
+        "other fem": Made(lambda s: [(s.item, s.part)]),
+        "foreign": Made(lambda s: [s.foreign[0]]),
+    },
+    None,
+)
+_contacts = Kind(
+    {
+        "text": "x",
+        "number": 1,
+        "items": Made(lambda s: [s.item]),
+        "Nones": [None],
+        "foreign": Made(lambda s: [s.foreign[1]]),
+    },
+    None,
+)
+_foreign_item = {"of another model": Made(lambda s: s.foreign[0])}
+_foreign_contact = {"of another model": Made(lambda s: s.foreign[1])}
+_plain_body, _plain_contact = v.item.or_none.but(**_foreign_item), v.contact.or_none.but(**_foreign_contact)
+_cache = v.path_out.or_none.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")
+_size = Kind(
+    {**v.NOTHING, "one": (1,), "negative": (-1, 5), "halves": (1.5, 2.5), "huge": (10**6, 10**6), "nan": (v.nan, 1)},
+    (32, 24),
+)
+_refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ())
+
+CALLS = {
+    "material.Material": call(
+        E=v.positive(1e9), nu=v.number.but(half=0.5, **{"minus one": -1.0})(0.3), rho=v.positive(1e3), swaps=False
+    ),
+    "damping.Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
+    "ngsolve_fem.Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
+    "ngsolve_fem.generate_mesh": call(
+        shape=v._own("shape")(Made(lambda s: s.shape)),
+        maxh=v.positive(8e-3),
+        refine=_refine,
+        grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
+    ),
+    "ngsolve_fem.fe_model": call(
+        source=v.path_in.but("folder").but(folder=Made(lambda s: s.folder))(Made(lambda s: s.shape)),
+        material=v.material,
+        order=v.count.or_none.but(three=3),
+        maxh=v.positive(8e-3),
+        refine=_refine,
+        grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
+        scale=v.positive(1.0),
+    ),
+    "fem.FEModel.nearest_node": call(of=lambda s: s.fem, point=v.vector),
+    "partition.Partition.ball": call(
+        fem=v.fem,
+        center=v.vector.but(outside=(1, 1, 1)),
+        radius=v.positive(4e-3),
+        contact_radius=v.positive.or_none.but(larger=1.0),
+        direction=v.direction.or_none,
+        axes=v.choice("normal"),
+        name=v.text("tip"),
+    ),
+    "partition.Partition.interface": call(
+        fem=v.fem,
+        name=v.text("pin"),
+        position=v.vector.or_none,
+        kind=v.choice("rigid"),
+        nodes=Kind(
+            {
+                **v.NOTHING,
+                "none": [],
+                "halves": [0.5, 1.5, 2.5],
+                "beyond": [0, 1, 10**6],
+                "two": [0, 1],
+                "negative": [-1, 0, 1],
+                "Trues": [True, False, True],
+            }
+        )(np.arange(12)),
+    ),
+    "partition.Partition.patch": call(of=lambda s: s.part, key=v.patch),
+    "partition.Partition.find_interface": call(of=lambda s: s.part, name=v.choice("pin")),
+    "reduction.reduce": call(
+        fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}),
+        partition=v.part,
+        tolerance=v.positive.or_none,
+        duration=v.positive.or_none,
+        f_cut=v.positive.but("None", beyond=1e9, below=1.0)(60e3),
+        basis=v.choice("residual"),
+        speed=v.number.or_none,
+        progress=v.function,
+        cache=_cache,
+    ),
+    "reduction.reduce_pair": call(
+        slave=_pair(Made(lambda s: (s.fem, s.part))),
+        master=_pair(Made(lambda s: (s.other_fem, s.other_part))),
+        tolerance=v.positive.but(two=2.0)(0.1),
+        speed=v.positive(1.0),
+        duration=v.positive.or_none(1e-5),
+        patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1}, (None, None)),
+        progress=v.function,
+        cache=_cache,
+        swaps=False,
+    ),
+    "body.load_body": call(path=v.path_in(Made(lambda s: s.folder / "body.npz"))),
+    "body.ReducedBody.save": call(of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz"))),
+    "body.ReducedBody.rows": call(
+        of=_body, nodes=Kind({**v.NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]}, np.arange(3))
+    ),
+    "body.ReducedBody.reduced_rows": call(of=_body, rows=_rows),
+    "body.ReducedBody.displacement": call(of=_body, q=_q.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
+    "body.ReducedBody.nearest_node": call(of=_body, point=v.vector),
+    "body.ReducedBody.surface": call(of=_body, position=v.vector, patch=v.patch(0), swaps=False),
+    "body.ReducedBody.flexibility": call(of=_body, patch=v.patch(0), other=v.patch(None), swaps=False),
+    "body.ReducedBody.interface_rows": call(of=_body, name=v.choice("pin")),
+    "items.CreatePartitionBody": call(
+        mbs=_new,
+        body=v.body,
+        name=v.text(""),
+        frame=v.choice("floating"),
+        referencePosition=v.vector,
+        referenceRotation=Kind(
+            {
+                "text": "x",
+                "vector": (0, 0, 0),
+                "mirror": -np.eye(3),
+                "zeros": np.zeros((3, 3)),
+                "nan": np.full((3, 3), v.nan),
+            },
+            None,
+        ),
+        initialVelocity=v.vector,
+        initialAngularVelocity=v.vector,
+        gravity=v.vector,
+        damping=Kind({"text": "x", "negative": -0.1, "nan": v.nan, "too many": [0.1] * 999, "dict": {}}, 0.0),
+        inertiaTerms=Kind({"None": None, "number": 1, "unknown": ["x"], "text": "coriolis"}, ("coriolis",)),
+        superElement=v.flag,
+    ),
+    "contact_items.CreatePartitionContact": call(
+        mbs=_ready,
+        slave=v.item,
+        master=v.item(Made(lambda s: ep.RigidPlane())),
+        formulation=v.choice("compliance"),
+        rows=v.choice.or_none,
+        passes=v.choice("finer"),
+        slavePatch=v.patch(None),
+        masterPatch=v.patch(None),
+        masterBody=Kind({"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "a body": Made(_item)}, None),
+        stiffness=v.positive.or_none,
+        name=v.text(""),
+    ),
+    "contact.rigid.RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),
+    "contact.rigid.RigidSphere": call(center=v.vector, radius=v.positive(1.0)),
+    "contact.rigid.RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), swaps=False),
+    "partition_body.PartitionBody.CreateInterfaceMarker": call(of=_item, mbs=v.mbs, interface=v.choice("pin")),
+    "partition_body.PartitionBody.CreateNodeMarker": call(of=_item, mbs=v.mbs, point=v.vector),
+    "partition_body.PartitionBody.CreatePointMarker": call(
+        of=_item, mbs=v.mbs, point=v.vector.but(outside=(1, 1, 1))((0, 0, 5e-3))
+    ),
+    **{
+        f"partition_body.PartitionBody.{name}": call(of=_item, result=v.result)
+        for name in ("coordinates", "coordinates_t", "momentum", "energy", "dissipated_energy")
+    },
+    **{
+        f"partition_body.PartitionBody.{name}": call(
+            of=_item, result=v.result, point=v.vector.but(outside=(1, 1, 1)), fem=_fem
+        )
+        for name in ("displacement", "velocity")
+    },
+    "partition_body.PartitionBody.angular_momentum": call(of=_item, result=v.result, point=v.vector),
+    "partition_body.PartitionBody.recover": call(of=_item, result=v.result, rows=_rows, fem=_fem),
+    "partition_body.PartitionBody.rigid_motion": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
+    "partition_body.PartitionBody.deformation": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
+    **{
+        f"contact_items.PartitionContact.{name}": call(**_of_result)
+        for name in (
+            "force",
+            "force_on_slave",
+            "closed_rows",
+            "gap",
+            "row_forces",
+            "pressure",
+            "area",
+            "radius",
+            "impacts",
+            "energy",
+            "nodal_forces",
+            "moment_on_slave",
+        )
+    },
+    "contact_items.PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
+    "solve.collect": call(mbs=v.mbs.but(**{"not run": _ready.right})),
+    "solve.stability_limit": call(mbs=v.mbs),
+    "solve.solve_dynamic": call(
+        mbs=_ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right}),
+        end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
+        step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
+        method=v.choice("explicit"),
+        sample_period=v.positive.or_none,
+        spectral_radius=v.share.but(**{"of explicit steps": 2.0})(0.9),
+        adaptive=v.flag,
+        free_step=v.positive.or_none.but("number"),
+        gap_tolerance=v.positive.or_none,
+        unresolved=v.positive.or_none,
+        settings=Kind({"text": "x", "number": 1, "dict": {}, "a model": Made(lambda s: s.mbs)}, None),
+        progress=v.function,
+    ),
+    "step_control.time_to_contact": call(
+        contact=v.contact,
+        q=_q(Made(lambda s: np.zeros(s.body.n_dofs + s.other_body.n_dofs))),
+        q_t=_q(Made(lambda s: np.zeros(s.body.n_dofs + s.other_body.n_dofs))),
+        q_tt=_q.or_none,
+        swaps=False,
+    ),
+    "result.Result.sensor": call(
+        of=_result, number=Kind({**v.NOTHING, "beyond": 999, "negative": -1, "half": 1.5, "list": [1]}, 0)
+    ),
+    "result.Result.sensor_of": call(
+        of=_result, item=v._own("item", "contact").but(**_foreign_item)(Made(_item)), number=v.count(0).but("zero")
+    ),
+    "result.Result.check_last_run": call(of=_result, contact=v.contact.but(**_foreign_contact)),
+    "result.Result.at": call(of=_result, times=v.times(2)),
+    "result.Result.report": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "run.html")), title=v.text("")),
+    "result.Result.history": call(of=_result, contact=v.contact.but(**_foreign_contact), points=_body_points),
+    "result.Result.save": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "result.npz"))),
+    "result.Result.load": call(
+        path=v.path_in.but(**{"a body": Made(lambda s: s.folder / "body.npz")})(Made(lambda s: s.folder / "run.npz")),
+        mbs=v.mbs.but(**{"another": _new.right}),
+    ),
+    "history.History": call(
+        t=v.samples.but(none=[], descending=[2.0, 1.0, 0.0])(np.arange(3.0)),
+        force=v.samples.but(two=[1.0, 2.0])(np.zeros(3)),
+        velocity=Kind(
+            {
+                "None": None,
+                "text": "x",
+                "list": [1],
+                "flat": {"P": [0, 0, 0]},
+                "text in it": {"P": "x"},
+                "no name": {1: np.zeros((3, 3))},
+            },
+            {},
+        ),
+        info=Kind({"None": None, "text": "x", "list": []}, {}),
+        swaps=False,
+    ),
+    "history.History.until": call(of=_history, end_time=v.number.but(before=-1.0)(1.0)),
+    "history.History.save": call(of=_history, path=v.path_out(Made(lambda s: s.folder / "saved"))),
+    "history.History.load": call(path=v.path_in(Made(lambda s: s.folder / "history.npz"))),
+    "report.Comparison": call(
+        error=Kind({**v.NOTHING, "text in it": {"a": "x"}, "nan": {"a": v.nan}, "negative": {"a": -1}}).but("dict")(
+            {"a": 1.0}
+        ),
+        time_s=v.number.but("nan", negative=-1.0),
+        reference_time_s=v.number.but("nan", negative=-1.0),
+        end_time=v.number,
+        swaps=False,
+    ),
+    "report.compare": call(run=v.history, reference=v.history, swaps=False),
+    "report.front": call(runs=_runs.but("dict"), quantity=v.choice("force")),
+    "report.validate_runs": call(runs=_runs.but("dict"), quantity=v.choice("force")),
+    "spectrum.amplitude_spectrum": call(t=_signal_t, x=_signal_x, window=v.choice("hann"), swaps=False),
+    "spectrum.truncation_frequency": call(
+        t=_signal_t,
+        x=_signal_x.but(constant=np.ones(101)),
+        tolerance=v.share.but(zero=0.0)(0.01),
+        window=v.choice("none"),
+        swaps=False,
+    ),
+    "hertz.contact_radius": call(
+        force=v.positive,
+        radius_1=v.limit,
+        radius_2=v.limit,
+        material_1=v.material,
+        material_2=v.material.or_none,
+        swaps=False,
+    ),
+    "hertz.effective": call(first=v.limit, second=v.limit, swaps=False),
+    "hertz.rod_impedance": call(material=v.material, area=v.positive),
+    "hertz.plate_impedance": call(material=v.material, thickness=v.positive),
+    "hertz.impact": call(
+        mass=v.limit,
+        speed=v.positive,
+        radius_1=v.limit(0.01),
+        radius_2=v.limit(0.01),
+        material_1=v.material,
+        material_2=v.material.or_none,
+        impedance=v.limit,
+        swaps=False,
+    ),
+    "hertz.HertzImpact.truncation_frequency": call(
+        of=lambda s: ep.hertz.impact(1.0, 1.0, 1.0, 1.0, ep.STEEL), tolerance=v.share.but(zero=0.0)(0.01)
+    ),
+    "recovery.StrainGauge": call(
+        position=v.vector, direction=v.direction, length=v.positive(1e-3), name=v.text(""), swaps=False
+    ),
+    "recovery.gauge_rows": call(
+        fem=v.fem, gauges=v.several(Kind(v.NOTHING))(Made(lambda s: [ep.StrainGauge((0, 0, 5e-3), (0, 0, 1), 1e-3)]))
+    ),
+    **{f"recovery.{name}": call(**_fems) for name in ("displacement_rows", "strain_rows", "stress_rows")},
+    **{
+        f"recovery.{name}": call(fem=v.fem, displacement=_q(Made(lambda s: np.zeros((s.fem.n_nodes, 3)))))
+        for name in ("nodal_strain", "nodal_stress")
+    },
+    "recovery.von_mises": call(stress=_q.but(**{"five": np.zeros(5)})(np.zeros((2, 6)))),
+    "recovery.static_correction": call(
+        fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}), body=v.body, patch=v.patch
+    ),
+    "recovery.StaticAnswer": call(fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}), body=v.body),
+    "recovery.StaticAnswer.check": call(
+        of=lambda s: ep.recovery.StaticAnswer(s.fem, s.body), body=v.body.but(another=Made(lambda s: s.other_body))
+    ),
+    "reference.FullBody": call(
+        fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}),
+        partition=v.part,
+        position=v.vector,
+        velocity=v.vector,
+        mass=v.choice("lumped"),
+        patch=v.patch(None),
+    ),
+    "reference.simulate": call(
+        bodies=_two,
+        end_time=v.positive(4 * STEP),
+        step=v.positive.but(**{"longer": 1.0, "1e-30": 1e-30})(STEP),
+        points=_named_points,
+        alpha=v.share(0.1),
+        rows=v.choice("integrated"),
+        progress=v.function,
+        swaps=False,
+    ),
+    "output.write_paraview": call(
+        folder=v.folder(Made(lambda s: s.folder / "paraview")),
+        result=v.own_result,
+        bodies=_bodies,
+        fields=v.choice.but(none=[], **{"stress without a mesh": "stress"})("velocity"),
+        times=v.times(2),
+        contacts=_contacts,
+        surface=v.flag(True),
+        static_answer=v.flag,
+        progress=v.function,
+    ),
+    "output.contact_loads": call(contacts=_contacts(Made(lambda s: [s.contact])), result=v.result),
+    "output.shown_bodies": call(
+        held=Kind({}, ()), bodies=Kind({"text": "x", "number": 1, "dict": {1: 2}}, [1]), swaps=False
+    ),
+    "output.validate_contacts": call(contacts=_contacts.but("foreign")(Made(lambda s: [s.contact]))),
+    "plot.force": call(
+        axes=_axes, run=v.run(_result and Made(_result)), reference=v.history.or_none, contact=_plain_contact
+    ),
+    "plot.velocity": call(
+        axes=_axes,
+        point=v.vector.but(outside=(1, 1, 1)),
+        run=v.run(Made(_result)),
+        reference=v.history.or_none,
+        axis=v.count(2).but("zero", three=3),
+        body=_plain_body(Made(_item)),
+    ),
+    "plot.spectrum": call(
+        axes=_axes,
+        run=v.run(Made(_result)),
+        point=v.vector.or_none,
+        axis=v.count(2).but("zero", three=3),
+        contact=_plain_contact,
+        body=v.Kind({}),
+        f_cut=v.positive.or_none,
+        swaps=False,
+    ),
+    "plot.energy": call(axes=_axes, result=v.own_result, bodies=_bodies.but("empty"), contacts=_contacts),
+    "plot.pressure": call(
+        axes=_axes, result=v.own_result, time=v.number.but(beyond=1.0, negative=-1.0)(STEP), contact=_plain_contact
+    ),
+    "plot.modes": call(axes=_axes, body=v.item_or_body),
+    "plot.pareto": call(axes=_axes, runs=_runs, quantity=v.choice("force")),
+    "plot.overview": call(run=v.run(Made(_result)), reference=v.history.or_none, contact=_plain_contact),
+    "view.CreatePartitionView": call(
+        mbs=v.mbs(Made(lambda s: s.mbs)),
+        bodies=_bodies,
+        field=v.choice("velocity"),
+        scale=v.positive.but(**{"1e300": 1e300}),
+        limits=_limits,
+    ),
+    "view.picture": call(
+        result=v.own_result,
+        time=v.number.but(beyond=1.0, negative=-1.0)(STEP),
+        bodies=_bodies,
+        field=v.choice("velocity"),
+        scale=v.positive.but(**{"1e300": 1e300}),
+        limits=_limits,
+        rotation=v.vector,
+        size=_size,
+    ),
+    "view.show": call(
+        result=v.own_result,
+        bodies=_bodies,
+        field=v.choice("velocity"),
+        scale=v.positive.but(**{"1e300": 1e300}),
+        limits=_limits,
+        times=v.times(2),
+        period=v.positive,
+        cycles=v.count.or_none(1),
+    ),
+    "_progress.progress": call(title=v.text, after=v.number.but(negative=-1.0)(0.0)),
+}
+
+_MADE_BY_US = "made by the library, whose functions check what it is made of"
+_EVERY_STEP = "called by Exudyn's solvers in every step, with what they have"
+_INSIDE = "takes what the library has checked, in loops"
+NOT_CALLED = {
+    "fem.FEModel": _MADE_BY_US,
+    "partition.Partition": _MADE_BY_US,
+    "estimate.Estimate": _MADE_BY_US,
+    "body.ReducedBody": _MADE_BY_US,
+    "partition_body.PartitionBody": _MADE_BY_US,
+    "contact_items.PartitionContact": _MADE_BY_US,
+    "result.Result": _MADE_BY_US,
+    "hertz.HertzImpact": _MADE_BY_US,
+    "partition_body.PartitionBody.is_in": _EVERY_STEP,
+    **{
+        f"contact_items.PartitionContact.{name}": _EVERY_STEP
+        for name in (
+            "restart",
+            "before_step",
+            "take_law",
+            "stepped",
+            "sample",
+            "slices",
+            "force_in_group",
+            "rows_on",
+            "recorded",
+        )
+    },
+    **{f"contact.rigid.{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
+    "output.BodyFields": _INSIDE,
+    "output.BodyFields.frames": _INSIDE,
+    "output.BodyFields.forces": _INSIDE,
+    "output.BodyFields.fields": _INSIDE,
+}
+
+
+@dataclass(frozen=True)
+class Misuse:
+    """A wrong call: its name, the function, and what it is called with, by argument."""
+
+    name: str
+    function: Any
+    of: Any
+    arguments: dict[str, Any]
+
+    def __call__(self, scene):
+        """Make the call."""
+
+        def made(value):
+            return value.make(scene) if isinstance(value, Made) else value
+
+        function, arguments = self.function, {name: made(value) for name, value in self.arguments.items()}
+        if self.of is not None:
+            function = getattr(self.of(scene), function.__name__)
+        found = function(**arguments)
+        if hasattr(found, "__enter__"):
+            with found:
+                pass
+        return found
+
+
+def misuses(functions=None):
+    """All wrong calls: each argument of each function with each wrong value, and arguments given for each other."""
+    found, callables = [], public()
+    for name, entry in CALLS.items():
+        if functions is not None and name not in functions:
+            continue
+        right = {argument: kind.right for argument, kind in entry.arguments.items()}
+        for argument, kind in entry.arguments.items():
+            for said, wrong in kind.wrong.items():
+                title = f"{name}({argument}={said})"
+                found.append(Misuse(title, callables[name], entry.of, {**right, argument: wrong}))
+        if entry.swaps:
+            for one, other in combinations([*right][:3], 2):
+                if right[one] is not None and right[other] is not None:
+                    title = f"{name}({one} and {other} swapped)"
+                    swapped = {**right, one: right[other], other: right[one]}
+                    found.append(Misuse(title, callables[name], entry.of, swapped))
+    return found
+
+
+def module_of(name):
+    """Module that a call is of."""
+    return importlib.import_module(f"exudyn_partition.{name.partition('(')[0].rsplit('.', 1)[0]}")

@@ -1,0 +1,231 @@
+"""What `misuse.py` tries: a small scene, and for each kind of argument a right value and many wrong ones.
+
+A wrong value is wrong wherever its kind is asked for, so that a call that takes it without a word is a fault.
+"""
+
+import contextlib
+import io
+import os
+import tempfile
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+
+import exudyn_partition as ep
+
+LONG = "x" * 400  # longer than a file's name may be
+STEP, LENGTH = 0.5e-6, 0.04
+
+
+@dataclass(frozen=True)
+class Made:
+    """A value that is made of the scene for each call."""
+
+    make: Any
+
+    def __repr__(self):
+        return "..."
+
+
+class Scene:
+    """Two small bars, one above the other: as meshes, reduced, in models, after a run. Made once a process."""
+
+    def __init__(self):
+        self._folder = tempfile.TemporaryDirectory(prefix="misuse")
+        self.folder = Path(self._folder.name)
+        upper, lower = (occ.Box((-5e-3, -5e-3, z), (5e-3, 5e-3, z + LENGTH)) for z in (0.0, -LENGTH))
+        self.shape = upper
+        self.fem, self.other_fem = (ep.fe_model(s, ep.STEEL, maxh=8e-3) for s in (upper, lower))
+        high = np.flatnonzero(self.fem.points[:, 2] > LENGTH - 1e-9)
+        self.part = ep.Partition.ball(self.fem, (0, 0, 0), 4e-3, name="tip") | ep.Partition.interface(
+            self.fem, "pin", high
+        )
+        self.other_part = ep.Partition.ball(self.other_fem, (0, 0, 0), 4e-3)
+        self.body = ep.reduce(self.fem, self.part, f_cut=60e3)
+        self.other_body = ep.reduce(self.other_fem, self.other_part, f_cut=60e3)
+        self.full = ep.reference.FullBody(self.fem, self.part, velocity=(0, 0, -1))
+        self.other_full = ep.reference.FullBody(self.other_fem, self.other_part)
+        self.mbs, self.item, self.target, self.contact = self.model()
+        self.mbs.Assemble()
+        self.result = ep.solve_dynamic(self.mbs, end_time=20 * STEP, step=STEP)
+        self.history = self.result.history(self.contact, {"P": (self.item, (0, 0, LENGTH), self.fem)})
+        self.comparison = ep.Comparison({"force": 0.1}, 1.0, 2.0, 1.0)
+        self.body.save(self.folder / "body.npz")
+        self.result.save(self.folder / "run.npz")
+        self.history.save(self.folder / "history.npz")
+        self.shape.WriteStep(str(self.folder / "block.step"))
+        (self.folder / "text.npz").write_text("no archive")
+        (self.folder / "empty.npz").write_bytes(b"")
+        whole = (self.folder / "body.npz").read_bytes()
+        (self.folder / "half.npz").write_bytes(whole[: len(whole) // 2])
+        np.savez(self.folder / "other.npz", x=1)
+        np.save(self.folder / "pickled.npy", np.array([{}], dtype=object), allow_pickle=True)
+
+    @cached_property
+    def foreign(self):
+        """Body and contact of another model."""
+        _, item, _, contact = self.model()
+        return item, contact
+
+    def model(self):
+        """Model, striker, target and contact, not assembled."""
+        mbs = exu.SystemContainer().AddSystem()
+        item = ep.CreatePartitionBody(mbs, self.body, name="upper", initialVelocity=[0, 0, -1])
+        target = ep.CreatePartitionBody(mbs, self.other_body, name="lower")
+        return mbs, item, target, ep.CreatePartitionContact(mbs, item, target, name="contact")
+
+    def assembled(self):
+        """A model that is ready to run."""
+        mbs = self.model()[0]
+        mbs.Assemble()
+        return mbs
+
+    def empty(self):
+        """A model without anything."""
+        return exu.SystemContainer().AddSystem()
+
+    def pipe(self):
+        """A pipe that nobody writes into."""
+        path = self.folder / "pipe"
+        with contextlib.suppress(FileExistsError):
+            os.mkfifo(path)
+        return path
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Wrong values of a kind of argument, by what is said of them; a right one where most calls take the same."""
+
+    wrong: dict[str, Any]
+    right: Any = None
+    optional: bool = field(default=False)
+
+    def but(self, *names, **more):
+        """The same kind without some of the wrong values, and with others."""
+        return Kind({k: v for k, v in {**self.wrong, **more}.items() if k not in names}, self.right)
+
+    def __call__(self, right):
+        """The same kind with another right value."""
+        return Kind(self.wrong, right)
+
+    @property
+    def or_none(self):
+        """The same kind where None is right, as it means the default."""
+        return Kind({k: v for k, v in self.wrong.items() if k != "None"}, None)
+
+
+nan, inf = float("nan"), float("inf")
+NOTHING = {"None": None, "text": "x", "dict": {}, "object": object()}
+NUMBERS = {**NOTHING, "list": [1, 2], "complex": 1j, "nan": nan, "inf": inf, "text of a number": "1.0", "True": True}
+
+number = Kind(NUMBERS, 1.0)
+positive = number.but(**{"negative": -1.0, "zero": 0.0})
+limit = positive.but("inf")  # math.inf is a wall, a plane, ...
+share = number.but(**{"negative": -0.1, "two": 2.0})
+count = Kind({**NOTHING, "half": 1.5, "negative": -1, "zero": 0, "nan": nan, "list": [1]}, 1)
+_VECTORS = {
+    **NOTHING,
+    "number": 1.0,
+    "two": (0, 0),
+    "four": (0, 0, 0, 0),
+    "nested": [[0, 0, 0]],
+    "nan": (nan, 0, 0),
+    "inf": (0, inf, 0),
+    "texts": ("0", "0", "0"),
+    "Nones": (None, 0, 0),
+    "ragged": [0, [0], 0],
+    "huge": (10**400, 0, 0),
+}
+vector = Kind(_VECTORS, (0.0, 0.0, 0.0))
+direction = vector.but(zero=(0, 0, 0))((0.0, 0.0, 1.0))
+points = Kind({**NOTHING, "flat": (0, 0, 0), "pairs": [[0, 0]], "nan": [(nan, 0, 0)], "far away": [(1, 1, 1)]})
+text = Kind({"None": None, "number": 1, "bytes": b"x", "list": [], "NUL": "a\0b"}, "name")
+choice = Kind({**NOTHING, "empty": "", "number": 1, "list": ["x"], "array": np.arange(3)})
+flag = Kind({"None": None, "text": "yes", "number": 2, "list": [], "half": 0.5}, False)
+patch = Kind({"unknown": "none", "negative": -1, "beyond": 99, "half": 0.5, "True": True, "list": [0], "dict": {}})
+function = Kind({"text": "x", "number": 1, "list": []}, None)
+times = Kind({**NOTHING, "nan": [nan], "beyond": [1.0], "negative": [-1.0], "no frames": 0, "half": 0.5, "-1": -1})
+samples = Kind({**NOTHING, "number": 1.0, "nested": [[0.0, 1.0]], "nan": [0, nan, 1], "texts": ["a", "b", "c"]})
+path_out = Kind(
+    {
+        "None": None,
+        "number": 1,
+        "list": [],
+        "bytes": b"x",
+        "empty": "",
+        "NUL": "a\0b",
+        "400 characters": LONG,
+        "folder": Made(lambda s: s.folder),
+        "no folder": Made(lambda s: s.folder / "none" / "x"),
+        "below a file": Made(lambda s: s.folder / "text.npz" / "x"),
+        "device": "/dev/full",
+        "/proc": "/proc/x",
+        "pipe": Made(Scene.pipe),
+    },
+)
+path_in = path_out.but(
+    "device",
+    "/proc",
+    **{
+        "missing": Made(lambda s: s.folder / "none"),
+        "no archive": Made(lambda s: s.folder / "text.npz"),
+        "empty file": Made(lambda s: s.folder / "empty.npz"),
+        "half a file": Made(lambda s: s.folder / "half.npz"),
+        "another archive": Made(lambda s: s.folder / "other.npz"),
+        "pickle": Made(lambda s: s.folder / "pickled.npy"),
+        "device": "/dev/null",
+    },
+)
+folder = path_out.but("folder", "no folder", file=Made(lambda s: s.folder / "text.npz"))
+
+_OWN = {
+    "material": Made(lambda s: ep.STEEL),
+    "fem": Made(lambda s: s.fem),
+    "part": Made(lambda s: s.part),
+    "body": Made(lambda s: s.body),
+    "item": Made(lambda s: s.item),
+    "contact": Made(lambda s: s.contact),
+    "result": Made(lambda s: s.result),
+    "history": Made(lambda s: s.history),
+    "mbs": Made(lambda s: s.mbs),
+    "comparison": Made(lambda s: s.comparison),
+    "shape": Made(lambda s: s.shape),
+}
+
+
+def _own(name, *also_right):
+    """A thing of the library: wrong are None, plain values, all other things, and the thing in a list."""
+    wrong = {**NOTHING, "number": 1.0, "list": [], "class": dict}
+    wrong |= {f"a {other}": value for other, value in _OWN.items() if other not in (name, *also_right)}
+    wrong["in a list"] = Made(lambda s: [_OWN[name].make(s)])
+    return Kind(wrong, _OWN[name])
+
+
+material, fem, part, body, item = (_own(name) for name in ("material", "fem", "part", "body", "item"))
+contact, result, history, mbs = (_own(name) for name in ("contact", "result", "history", "mbs"))
+mbs = mbs.but(**{"a SystemContainer": Made(lambda s: exu.SystemContainer())})
+own_result = result
+result = result.but(**{"of another model": Made(lambda s: _result_of_another(s))})
+run = _own("result", "history")
+item_or_body = _own("item", "body")
+
+
+def _result_of_another(scene):
+    mbs = scene.assembled()
+    with contextlib.redirect_stdout(io.StringIO()):
+        return ep.solve_dynamic(mbs, end_time=2 * STEP, step=STEP)
+
+
+def several(kind):
+    """A list of a kind: wrong are all that its members may not be, alone and in a list."""
+    wrong = {name: value for name, value in kind.wrong.items() if name not in ("None", "list", "in a list", "dict")}
+
+    def listed(value):
+        return Made(lambda s: [value.make(s) if isinstance(value, Made) else value])
+
+    return Kind({**wrong, **{f"[{name}]": listed(value) for name, value in wrong.items()}, "dict": {1: 2}})
