@@ -185,8 +185,7 @@ class Partition:
                 raise InputError(f"name: expected each name once, got {', '.join(map(repr, names))}")
 
     def __or__(self, other: Partition) -> Partition:
-        if not isinstance(other, Partition):
-            return NotImplemented
+        validate_type("partition", other, Partition, "Partition.ball() or Partition.interface()")
         if other.n_nodes != self.n_nodes:
             raise InputError(f"partition: one is of a mesh with {self.n_nodes} nodes, the other with {other.n_nodes}")
         return Partition(
@@ -346,7 +345,12 @@ class Partition:
         if isinstance(nodes, str):
             validate_choice("nodes", nodes, fem.boundaries)
             nodes = fem.facets[fem.boundaries[nodes]]
-        nodes = np.unique(np.asarray(nodes))
+        nodes = np.asarray(nodes)
+        if nodes.size and nodes.dtype.kind not in "iu":
+            raise InputError(
+                f"nodes: expected whole numbers of nodes or the name of a boundary, got {type(nodes.flat[0]).__name__}"
+            )
+        nodes = np.unique(nodes)
         if not nodes.size:
             raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
         if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import cumulative_trapezoid
 
-from ._checks import validate_result, validate_text, validate_vector
+from ._checks import validate_result, validate_text, validate_type, validate_vector
 from ._optional import require
 from .attachments import add_guard, check_attachments
 from .body import ReducedBody
@@ -362,6 +362,8 @@ class PartitionBody(dict):
 
     def _static_part(self, result: Result, rows: sp.csr_matrix, fem: Static) -> Array:
         """Rows, (k, 3 nodes), on what the kept shapes lack of the static answer to the contacts' forces, (n, k)."""
+        if not isinstance(fem, StaticAnswer):
+            validate_type("fem", fem, FEModel, "fe_model()")
         total = np.zeros((len(result.t), rows.shape[0]))
         own = [c for c in result.contacts if not c.multipliers and any(item is self for item, _ in c.sides)]
         if self.body.basis.flexibility is None or not own:

@@ -163,7 +163,7 @@ class StepControl:
         q, q_t, q_tt = self._state(item)
         if isinstance(item.kinematics, FloatingKinematics):
             return q, q_t, np.concatenate([q_tt[:6], np.zeros(len(q) - 6)])
-        return q, q_t, item.body.rigid @ item.rigid_motion(q_tt)
+        return q, q_t, item.body.rigid @ item.kinematics.rigid_motion(q_tt)
 
     def _resolving_step(self) -> float:
         """Step that resolves what vibrates and rotates [s]."""

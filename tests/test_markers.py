@@ -524,3 +524,28 @@ def test_joints_of_round_off_are_closed(body, frame):
     mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs, place), foot], constrainedAxes=HINGE))
     mbs.Assemble()
     assert ep.solve_dynamic(mbs, end_time=2e-5, step=1e-6, method="implicit").status == "finished"
+
+
+def test_wrong_types_are_named(mbs, link, body):
+    item = ep.CreatePartitionBody(mbs, body, name="bar")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-6)
+    for call in (
+        lambda: item.coordinates(None),
+        lambda: item.velocity(result, None),
+        lambda: item.displacement((0, 0, 0), result),
+        lambda: item.velocity(result, (0, 0, 0), fem="bar"),
+        lambda: item.recover(result, np.eye(3)),
+        lambda: item.deformation(None),
+        lambda: item.CreateInterfaceMarker(mbs, np.zeros(2)),
+        lambda: item.CreateInterfaceMarker("head", mbs),
+        lambda: item.CreatePointMarker(mbs, [np.nan] * 3),
+        lambda: ep.CreatePartitionBody(mbs, body, superElement=1),
+        lambda: ep.CreatePartitionBody(mbs, body, inertiaTerms=None),
+        lambda: ep.Partition.interface(link[0], "pin", [None] * 3),
+        lambda: ep.Partition.interface(link[0], "pin", [0.0, 1.0, 2.0]),
+        lambda: ep.Partition.interface(link[0], "pin", [0, 1, 2], position="here"),
+        lambda: link[1] | None,
+    ):
+        with pytest.raises(InputError, match="expected"):
+            call()

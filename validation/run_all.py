@@ -155,6 +155,11 @@ def markers(d):
     ]
 
 
+def exudyn_examples(d):
+    rows = [(f"{row['scene']}, {row['idiom']}: {name}", row, name) for row in d["rows"] for name in row["limits"]]
+    return [Row(title, "Exudyn's FFRF", row["limits"][name], row["error"][name]) for title, row, name in rows]
+
+
 def damping(d):
     return [Row(f"{k} of a damped mode", "one mode", d["limit"], found) for k, found in d["worst"].items()]
 
@@ -218,6 +223,7 @@ CASES = {
     "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),
     "formulations": Case("contact/formulations.py", formulations),
     "markers": Case("joints/markers.py", markers),
+    "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
     "damping": Case("inelastic/damping.py", damping),
