@@ -52,7 +52,7 @@ def test_fields_read_back_are_the_body_s_own(run, ball, block, tmp_path):
         np.testing.assert_allclose(data["stress"], stress, atol=1e-9 * abs(stress).max())
         np.testing.assert_allclose(data["von_mises"], recovery.von_mises(stress), atol=1e-9 * abs(stress).max())
         # The mean displacement by mass is the motion of the centre of mass, and deformation has none.
-        for name, expected in (("displacement", item.rigid_motion(q)[:3]), ("deformation", np.zeros(3))):
+        for name, expected in (("displacement", item.kinematics.rigid_motion(q)[:3]), ("deformation", np.zeros(3))):
             momentum = (fem.mass @ data[name].ravel()).reshape(-1, 3).sum(axis=0)
             np.testing.assert_allclose(momentum / fem.total_mass, expected, atol=1e-9 * abs(u).max() + 1e-18)
     assert {*data} == {*fields}
