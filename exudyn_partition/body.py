@@ -216,7 +216,7 @@ class ReducedBody:
         Raises
         ------
         InputError
-            If there is no such patch.
+            If there is no such patch, or the position is no vector.
         """
         place = validate_vector("position", position)
         return Surface.of(self.points, self.partition.patches[self.partition.patch(patch)], place)

@@ -49,6 +49,7 @@ PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
 _AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
 _SETTLED = 3  # of the tolerance: how far the mobilities of the richer bodies settle
 _CROSSINGS = 30  # default duration: of a longitudinal wave through the larger body
+_SHORTEST, _LONGEST = 0.01, 1e4  # durations in such crossings: of the smaller body, of the larger one
 _FIRST = 8  # first f_top: times the inverse of a longitudinal wave's way through the smaller body and back
 _SAMPLES = 5000
 
@@ -270,6 +271,12 @@ def grow_to_tolerance(
     f_limit = min(fem.resolved_frequency for fem, _ in models)
     f_top = min(_FIRST / (2 * min(crossing)), 2 * f_limit)
     duration = _CROSSINGS * max(crossing) if duration is None else duration
+    shortest, longest = _SHORTEST * min(crossing), _LONGEST * max(crossing)
+    if not shortest <= duration <= longest:
+        raise InputError(
+            f"duration: expected {shortest:.3g} to {longest:.3g} s, {_SHORTEST:g} to {_LONGEST:g} crossings of a "
+            f"longitudinal wave, got {duration!r}"
+        )
     spaces: list[AdaptedSpace] = []
     while True:
         for i, model in enumerate(models):

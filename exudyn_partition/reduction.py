@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from . import basis as bases
-from ._checks import validate_choice, validate_positive, validate_type
+from ._checks import validate_callable, validate_choice, validate_positive, validate_type
 from ._progress import Progress, shown
 from .basis import ReducedBasis
 from .body import FILE, ReducedBody
@@ -25,6 +25,7 @@ from .memory import watched
 from .partition import Partition
 
 _SPEED = 1.0  # m/s
+_FASTEST = 1e30  # m/s: errors do not depend on the speed of impact, but numbers have an end
 _OVERSIZE = 2  # times maxh is what Netgen's largest elements come out as
 
 BASES = {
@@ -102,6 +103,7 @@ def reduce(
     """
     _validate_partition(fem, partition)
     validate_choice("basis", basis, BASES)
+    _validate_progress(progress)
     if len(partition.nodes) == fem.n_nodes and basis != "free":
         raise InputError(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
@@ -190,6 +192,7 @@ def reduce_pair(
                 "reduce_pair((fem, partition), (fem, partition), ...)"
             )
         _validate_partition(*model)
+    _validate_progress(progress)
     if not isinstance(patches, tuple | list) or len(patches) != 2:
         raise InputError(f"patches: expected the slave's and the master's, two names or numbers, got {patches!r}")
     numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
@@ -200,6 +203,11 @@ def reduce_pair(
         pair = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
     warn_if_missed(pair[0].estimate)
     return pair
+
+
+def _validate_progress(progress: Progress | None) -> None:
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
 
 
 def _validate_partition(fem: FEModel, partition: Partition) -> None:
@@ -228,9 +236,12 @@ def _impact_options(tolerance: float | None, speed: float, duration: float | Non
     tolerance = validate_positive("tolerance", tolerance)
     if tolerance >= 1:
         raise InputError(f"tolerance: expected a relative error below 1, such as 0.01, got {tolerance!r}")
+    speed = validate_positive("speed", speed, "m/s")
+    if not 1 / _FASTEST < speed < _FASTEST:
+        raise InputError(f"speed: expected {1 / _FASTEST:g} to {_FASTEST:g} m/s, got {speed!r}")
     return {
         "tolerance": tolerance,
-        "speed": validate_positive("speed", speed, "m/s"),
+        "speed": speed,
         "duration": None if duration is None else validate_positive("duration", duration, "s"),
     }
 

@@ -326,3 +326,35 @@ def test_bodies_that_overlap_are_moved_by_what_there_is(ball, block, top):
     bodies = [ep.reference.FullBody(*ball), ep.reference.FullBody(block, top)]
     with pytest.raises(PenetrationError, match=r"along its normal \(position of FullBody\)"):
         ep.reference.simulate(bodies, end_time=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda fem, part, body: ep.reduce(fem, part, f_cut=60e3, progress=3), "progress: expected"),
+        (
+            lambda fem, part, body: ep.reduce(fem, part, tolerance=0.5, speed=1e300),
+            "speed: expected 1e-30 to 1e.30 m/s",
+        ),
+        (lambda fem, part, body: ep.reduce(fem, part, tolerance=0.5, duration=1e9), "duration: expected .* crossings"),
+        (
+            lambda fem, part, body: ep.reduce(fem, part, tolerance=0.5, duration=1e-30),
+            "duration: expected .* crossings",
+        ),
+        (
+            lambda fem, part, body: ep.reduce_pair((fem, part), (fem, part), tolerance=0.5, speed=1.0, patches=0),
+            "patches: expected the slave's and the master's, two names or numbers, got 0",
+        ),
+        (lambda fem, part, body: body.rows(None), "nodes: expected numbers of nodes"),
+        (lambda fem, part, body: body.rows([10**6]), "nodes: expected numbers of nodes"),
+        (lambda fem, part, body: body.reduced_rows("x"), "rows: expected a csr matrix"),
+        (lambda fem, part, body: body.displacement("x"), "q: expected numbers of shape"),
+        (lambda fem, part, body: body.displacement(np.full(body.n_dofs, np.nan)), "q: expected finite numbers"),
+        (lambda fem, part, body: body.surface(float("nan")), "position: expected shape"),
+        (lambda fem, part, body: body.flexibility(7), "patch: expected the name or number"),
+        (lambda fem, part, body: body.interface_rows(np.ones(2)), "interface: expected one of none"),
+    ],
+)
+def test_reductions_and_bodies_are_not_given_anything(block, top, bodies, call, message):
+    with pytest.raises(InputError, match=message):
+        call(block, top, bodies[1])
