@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from .result import Result
 
 Array = np.ndarray
+
+_LOOKED_AT = 200  # samples beside an impact, until its surface has opened
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,11 @@ class ContactResults(dict):
     def n_rows(self) -> int:
         """Number of rows that the contact starts with."""
         return len(self._areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
+
+    @property
+    def slave_facet_size(self) -> float:
+        """Mean edge length of the slave's facets [m]."""
+        return float(self.law.gaps.slave.surface.facet_size)
 
     def force(self, result: Result) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
@@ -171,15 +179,35 @@ class ContactResults(dict):
         return np.sqrt(self.area(result) / np.pi)
 
     def impacts(self, result: Result) -> list[SubImpact]:
-        """Times of uninterrupted contact, with the impulse and peak of each."""
-        force, t = self.force(result), result.t
-        edges = np.diff(np.r_[0, force > 0, 0].astype(int))
-        found = []
-        for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
-            around = slice(max(first - 1, 0), min(last + 1, len(t)))
+        """Times of uninterrupted contact, with the impulse and peak of each.
+
+        Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
+        linear interpolation. Mean gaps of integrated rows, which make the force, close later. Times are those of
+        samples with a force where the surface is not known: with multipliers, and where a body of another kind carries
+        the rigid surface.
+        """
+        force, t, found = self.force(result), result.t, []
+        spans, gap = self.closed_samples(result), self._surface_gap(result)
+        for k, (first, last) in enumerate(spans):
+            around = slice(max(first - 1, 0), min(last + 2, len(t)))
             impulse = float(np.trapezoid(force[around], t[around]))
-            found.append(SubImpact(float(t[first]), float(t[last - 1]), impulse, float(force[around].max())))
+            start = _crossing(t, gap, first, spans[k - 1][1] if k else -1)
+            end = _crossing(t, gap, last, spans[k + 1][0] if k + 1 < len(spans) else len(t))
+            found.append(SubImpact(start, end, impulse, float(force[around].max())))
         return found
+
+    def closed_samples(self, result: Result) -> list[tuple[int, int]]:
+        """First and last sample with a force, of each time of uninterrupted contact."""
+        edges = np.diff(np.r_[0, self.force(result) > 0, 0].astype(int))
+        return [*zip(np.flatnonzero(edges > 0).tolist(), (np.flatnonzero(edges < 0) - 1).tolist(), strict=True)]
+
+    def _surface_gap(self, result: Result) -> Callable[[int], float] | None:
+        """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
+        gaps = self.law.gaps
+        if self.multipliers or (isinstance(gaps, RigidGaps) and gaps.carried):
+            return None
+        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
+        return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
 
     def energy(self, result: Result) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
@@ -261,3 +289,16 @@ class ContactResults(dict):
             slave = self.slave.name or "the slave"
             said.append(f"{unpaired} contact points of {slave} that face no facet of the master patch")
         return said
+
+
+def _crossing(t: Array, gap: Callable[[int], float] | None, sample: int, other: int) -> float:
+    """Time at which a gap vanishes [s], from a sample in contact towards another one, which is in contact or none."""
+    way = 1 if other > sample else -1
+    if gap is not None:
+        for inside in range(sample, sample + way * _LOOKED_AT, way):
+            if inside + way == other or gap(inside) > 0:
+                break
+            if gap(inside + way) > 0:
+                share = gap(inside) / (gap(inside) - gap(inside + way))
+                return float(t[inside] + share * (t[inside + way] - t[inside]))
+    return float(t[sample])

@@ -30,6 +30,10 @@ _LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
 _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
 _LARGEST_COMPRESSION = 0.1  # of the buckling load of a link
+_FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
+_RINGS_AT = 1.2  # of f_cut: where the mobility of what is kept vanishes
+_MANY, _AT_ONCE = 4, 0.5  # rows, and of a contact's rows, that close at once on a flat patch
+_RIPPLE = 0.2  # of the mean force, as a standard deviation
 _LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
 _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
@@ -366,12 +370,14 @@ def reviewed(mbs: Any, result: Result) -> Result:
             _warn_of_patch(contact, result)
             _warn_of_overlap(contact, result)
             _warn_of_steps(contact, result)
+            _warn_of_few_rows(contact, result)
+            _warn_of_ringing(contact, result)
             _warn_of_missing(contact, result)
     return result
 
 
 def _unbounded(item: PartitionBody, result: Result, small: Array) -> Array:
-    """Samples in which energy has grown without limit, (n,) bool, by those in which deformation is small, (n,) bool.
+    """Samples of large deformation whose energy grows without limit, (n,) bool, by those of a small one, (n,) bool.
 
     Unstable steps multiply it. Large strain alone does not: linear bodies may be run beyond what materials bear.
     """
@@ -380,7 +386,8 @@ def _unbounded(item: PartitionBody, result: Result, small: Array) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         energy = item.energy(result)
     first = int(small.argmin())
-    return ~small & ~(energy <= _GROWTH * energy[:first].max(initial=0.0))
+    grows = not (energy[~small] <= _GROWTH * energy[:first].max(initial=0.0)).all()
+    return ~small & grows
 
 
 def cut(result: Result, count: int) -> Result:
@@ -457,16 +464,63 @@ def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
     every_step = len(result.t) > 1 and np.diff(result.t).min() < 1.5 * result.step
     if result.method != "implicit" or contact.multipliers or not every_step:
         return
-    impacts = contact.impacts(result)
-    largest = max((impact.impulse for impact in impacts), default=0.0)
-    for impact in impacts:
-        steps = round((impact.end - impact.start) / result.step) + 1
-        if impact.impulse > _LARGE * largest and steps < _STEPS_AN_IMPACT and impact.end < result.t[-1]:
+    force, spans = contact.force(result), contact.closed_samples(result)
+    impulses = [float(np.trapezoid(force[first : last + 1], result.t[first : last + 1])) for first, last in spans]
+    for (first, last), impulse in zip(spans, impulses, strict=True):
+        steps = round((result.t[last] - result.t[first]) / result.step) + 1
+        if impulse >= _LARGE * max(impulses) and steps < _STEPS_AN_IMPACT and last < len(result.t) - 1:
             warnings.warn(
-                f"{_called(contact)} at t = {impact.start:.6g} s: the impact is over within {steps} steps of "
+                f"{_called(contact)} at t = {result.t[first]:.6g} s: the impact is over within {steps} steps of "
                 f"{result.step:.4g} s, which do not resolve its force; implicit steps that long give bodies energy. "
                 "Take a twentieth of the impact's duration or less, see ep.hertz.impact; without `step` the library "
                 "chooses",
+                ModelLimitWarning,
+                stacklevel=4,
+            )
+            return
+
+
+def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
+    """A contact smaller than the facets around it is that of one row, whatever its true area."""
+    force, closed = contact.force(result), contact.closed_rows(result)
+    top = int(force.argmax())
+    if contact.multipliers or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
+        return
+    warnings.warn(
+        f"{_called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
+        f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
+        "smaller than the facets that should resolve it, and the force is too large, by a quarter and more. Refine "
+        f"both meshes there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
+        "ep.hertz.contact_radius",
+        ModelLimitWarning,
+        stacklevel=4,
+    )
+
+
+def _warn_of_ringing(contact: PartitionContact, result: Result) -> None:
+    """Flat ends that meet at once excite the frequency above all modes that residual flexibility has (`bars.py`)."""
+    every_step = len(result.t) > 1 and np.diff(result.t).max() < 1.5 * result.step
+    if contact.multipliers or not every_step:
+        return
+    period = 1 / (_RINGS_AT * min(item.body.f_cut for item, _ in contact.sides))
+    window = max(3, round(period / result.step))
+    force, closed = contact.force(result), contact.closed_rows(result)
+    for first, last in contact.closed_samples(result):
+        soon = closed[first : first + max(2, window // 8)].max()
+        if soon < max(_MANY, _AT_ONCE * contact.n_rows) or last - first < 3 * window:
+            continue
+        part = force[first : last + 1]
+        mean = np.convolve(part, np.full(window, 1 / window), mode="valid")
+        ripple = part[window // 2 : window // 2 + len(mean)] - mean
+        share = float(np.sqrt(np.mean(ripple**2)) / mean.mean())
+        if share > _RIPPLE:
+            warnings.warn(
+                f"{_called(contact)} at t = {result.t[first]:.6g} s: {soon} of {contact.n_rows} rows close at once, "
+                f"and the force rings by {share:.0%} about its mean, at 1.2 f_cut whatever f_cut is, for nothing damps "
+                f"the last mode. Read means over {period:.3g} s or more, not peaks. What helps: "
+                "basis='craig-bampton' with formulation='lagrange' and method='implicit'; or method='implicit', "
+                f"spectral_radius=0.3, step={0.12 * period:.2g}; or a damping ratio of 0.3 for modes above 0.7 f_cut, "
+                "damping= of CreatePartitionBody. README tells what each takes of the energy",
                 ModelLimitWarning,
                 stacklevel=4,
             )

@@ -6,6 +6,7 @@ import contextlib
 import math
 import time
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +34,7 @@ from .linalg import one_blas_thread
 from .partition_body import PartitionBody, check_model, coordinate_slices, partition_items, validate_model
 from .result import Result, cut, reviewed, samples, warn_of_turns
 from .run_record import Solver, run_record
-from .step_control import LONGEST, UNRESOLVED, StepControl
+from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 
 Array = np.ndarray
 
@@ -129,7 +130,8 @@ def solve_dynamic(
         on from where the last run ended, make its state the initial one:
         `mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)`.
     step : float, optional
-        [s]. Default: 25 steps a period of the highest `f_cut`; explicit at most 0.9 of `stability_limit`.
+        [s]. Default: 25 steps a period of the highest `f_cut`, and 32 in the first impact as bodies fly at the start
+        (`step_control.impact_step`), where patches are flat more; explicit at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
         Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
         motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
@@ -384,7 +386,8 @@ def _checked_step(mbs: Any, step: float | None, method: str) -> float:
     if step is None:
         if not bodies:
             raise InputError("step: the model has no partition body to choose it from; give it [s]")
-        return min(SAFETY * limit, 1 / (STEPS_A_PERIOD * max(item.body.f_cut for item in bodies)))
+        by_modes = 1 / (STEPS_A_PERIOD * max(item.body.f_cut for item in bodies))
+        return min(SAFETY * limit, by_modes, *_impact_steps(mbs, limit))
     step = validate_positive("step", step, "s")
     if step > limit:
         raise StepSizeError(
@@ -403,6 +406,27 @@ def _warn_of_many_steps(duration: float, longest: float, method: str) -> None:
             ModelLimitWarning,
             stacklevel=4,
         )
+
+
+def _impact_steps(mbs: Any, limit: float) -> Iterator[float]:
+    """Steps that resolve each contact's next impact, as the model starts [s]."""
+    exu, data = require("exudyn"), mbs.systemData
+    initial = exu.ConfigurationType.Initial
+    q, q_t = data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial)
+    q_tt = np.zeros_like(q)
+    bodies, contacts = partition_items(mbs)
+    for item in bodies:
+        weight = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))
+        if weight.any():
+            dofs = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+            q_tt[dofs] = weight / item.kinematics.mass
+
+    def finite_limit() -> float:
+        return limit if math.isfinite(limit) else stability_limit(mbs)
+
+    for contact in contacts:
+        at, rate, acceleration = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (q, q_t, q_tt))
+        yield impact_step(contact, at, rate, acceleration, finite_limit)
 
 
 def _step_control(

@@ -113,7 +113,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
         rows += [
             ("peak force", f"{force[peak]:.5g} N at {result.t[peak]:.6g} s"),
             ("impulse", f"{history.impulse:.5g} N s"),
-            ("time in contact", f"{history.contact_duration:.5g} s in {len(impacts)} sub-impacts"),
+            ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
             ("largest contact area", f"{1e6 * contact.area(result).max():.4g} mm2"),
             ("largest pressure", f"{1e-6 * contact.pressure(result).max():.4g} MPa"),
         ]

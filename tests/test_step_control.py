@@ -65,7 +65,7 @@ def speeds(item, contact, result):
 def overshoots(contact, result):
     """Depth to which each first touch closes the gap [m]."""
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
-    touched = np.isin(result.t, [impact.start for impact in contact.impacts(result)])
+    touched = [first for first, _ in contact.closed_samples(result)]
     contact.law.reset()
     return np.array([-contact.law.gaps.at(x).min() for x in q[touched]])
 

@@ -140,6 +140,15 @@ def bouncing_bar(d):
     return [Row(key, "Doyen, Ern, Piperno", d["limit"], error) for key, error in d["runs"][-1]["error"].items()]
 
 
+def ringing(d):
+    limits = d["limits"]
+    return [
+        Row("mean force while it rings", "Saint-Venant", limits["force"], max(abs(r["force"]) for r in d["runs"])),
+        Row("energy of a whole flat face", "conservation", limits["block_energy"],
+            max(abs(b["energy"]) for b in d["blocks"] if b["default"])),
+    ]  # fmt: skip
+
+
 def formulations(d):
     own = [c for c in d["cases"] if c["formulation"] == "compliance" and c["passes"] == "given"]
     worst = max(own, key=lambda c: abs(c["impulse"]))
@@ -221,6 +230,7 @@ CASES = {
     "oblique": Case("contact/oblique.py", oblique),
     "bouncing": Case("contact/bouncing.py", bouncing),
     "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),
+    "ringing": Case("contact/ringing.py", ringing),
     "formulations": Case("contact/formulations.py", formulations),
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),

@@ -108,10 +108,6 @@ class ComplianceContact(ElasticContact):
         return H.T @ np.linalg.solve(self._flexibility(everything), H)
 
     def potential(self, q: Array) -> float:
-        """Energy stored in the contact's flexibility, 1/2 lambda' F lambda [J]."""
+        """Energy stored in the contact's flexibility, 1/2 lambda' F lambda = -1/2 lambda' h by complementarity [J]."""
         self.force(q)
         return self.stored()
-
-    def stored(self) -> float:
-        """Energy stored at present [J]: 1/2 lambda' F lambda = -1/2 lambda' h by complementarity."""
-        return -0.5 * float(self.lam[self.index] @ self.h[self.index])

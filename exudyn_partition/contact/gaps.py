@@ -147,6 +147,13 @@ class Gaps:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         raise NotImplementedError
 
+    def surface_gap(self, q: Array) -> float:
+        """Gap of the slave's lowest point, among its nodes and contact points, at coordinates q, (n,) [m].
+
+        Without the contact's own flexibility, and whatever the present rows are; infinite if no point faces the master.
+        """
+        raise NotImplementedError
+
     def of_present(self, q: Array) -> Array:
         """Gaps at coordinates q, (n,), of the rows that are present now, which `at` may exchange, (nr,) [m]."""
         return self.at(q)

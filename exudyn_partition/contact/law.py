@@ -92,7 +92,17 @@ class ContactLaw:
 
 
 class ElasticContact(ContactLaw):
-    """A contact whose forces follow from the coordinates alone, and so have a stiffness."""
+    """A contact whose forces follow from the coordinates alone, and so have a stiffness and a potential."""
+
+    h: Array
+
+    def answer(self, gap: Array) -> None:
+        """Find the forces on the present rows by their gaps, (nr,) [m]."""
+        raise NotImplementedError
+
+    def stored(self) -> float:
+        """Energy stored at present [J]: -1/2 lambda' h, the half of forces times depths."""
+        return -0.5 * float(self.lam[self.index] @ self.h[self.index])
 
     def tangent_of(self, H: Any) -> Array:
         """Stiffness that the closed rows make on some coordinates, (m, m), by their derivatives H, (na, m)."""

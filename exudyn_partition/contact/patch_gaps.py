@@ -168,6 +168,13 @@ class PatchGaps(Gaps):
         self._q = q
         return self._follow(*self.places(q))
 
+    def surface_gap(self, q: Array) -> float:
+        """See `Gaps.surface_gap`."""
+        x_s, x_m = self.places(q)
+        found = closest_points(np.vstack([x_s, self._all.at(x_s)]), x_m[self.sides[1].surface.facets])
+        direction = replace(self.slave.surface, points=x_s).normal_here
+        return float(found.gap[facing(found, direction, self.size)].min(initial=np.inf))
+
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """As `Gaps.closing`; with what is no row yet, as near as it can be and as fast as the patches are."""
         self.at(q)

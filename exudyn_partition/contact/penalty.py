@@ -33,15 +33,20 @@ class PenaltyContact(ElasticContact):
 
     def force(self, q: Array) -> Array:
         """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
-        self.h = self.gaps.at(q)
-        self.least_gap = self.h.min(initial=np.inf)
+        self.answer(self.gaps.at(q))
+        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+
+    def answer(self, gap: Array) -> None:
+        """Find the forces on the present rows by their gaps, (nr,) [m]."""
+        self.h = gap
+        self.least_gap = gap.min(initial=np.inf)
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if self.least_gap >= 0.0:
-            return self._open()
-        lam = np.where(self.h < 0.0, -self.stiffness * self.gaps.area * self.h, 0.0)
+            self._open()
+            return
+        lam = np.where(gap < 0.0, -self.stiffness * self.gaps.area * gap, 0.0)
         self._close(lam, np.flatnonzero(lam))
-        return self.gaps.generalised(lam)
 
     def tangent_of(self, H: Array) -> Array:
         """Stiffness of the closed rows on any coordinates, (m, m), H (na, m)."""
@@ -59,7 +64,7 @@ class PenaltyContact(ElasticContact):
     def potential(self, q: Array) -> float:
         """Energy stored in the layer [J]."""
         self.force(q)
-        return -0.5 * float(self.lam[self.index] @ self.h[self.index])
+        return self.stored()
 
 
 def bed_stiffness(gaps: Gaps) -> float:

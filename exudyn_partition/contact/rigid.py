@@ -187,6 +187,11 @@ class RigidGaps(Gaps):
             return self._gap + self.H @ q
         return self._evaluate(self.places(q)[0])
 
+    def surface_gap(self, q: Array) -> float:
+        """As `Gaps.surface_gap`, of a surface that is fixed in space."""
+        nodes = self.places(q)[0]
+        return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
+
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """As `Gaps.closing`; accelerations of what carries the surface are not known here."""
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
