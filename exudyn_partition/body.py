@@ -290,7 +290,7 @@ class ReducedBody:
 
 FILE = Format(
     name="reduced body",
-    version=5,
+    version=6,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
     classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
 )

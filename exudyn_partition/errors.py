@@ -73,6 +73,10 @@ class UnitsWarning(PartitionWarning):
     """Numbers that look like a slip of units, such as millimetres with SI materials."""
 
 
+class MeshQualityWarning(PartitionWarning):
+    """A mesh with nodes or elements that look damaged, or that misses the volume of its shape."""
+
+
 class ContactPatchWarning(PartitionWarning):
     """A contact that reaches the edge of its patch, or slides further than frozen pairs allow."""
 

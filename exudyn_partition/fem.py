@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from ._checks import read_only, validate_array, validate_vector
 from .errors import InputError, LockingError, MeshError, UnitsWarning
 from .material import Material
+from .walls import Wall, weakest_wall
 
 Array = np.ndarray
 
@@ -37,7 +38,9 @@ _WAVE_SPEEDS = ((10.0, 2e4), (1e6, 2e7))
 _SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
 _LINEAR_NU = 0.49  # Poisson's ratio up to which linear elements are usable
 _LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
-_LARGEST_PLAUSIBLE_MASS = 1e5  # kg; a 10 mm cube of steel taken for one of 10 m has 8e6 kg
+_LARGEST_PLAUSIBLE_MASS = 2e3  # kg; a steel part of 0.05 kg in inches, taken for metres, has 3000 kg
+_SMALLEST_PLAUSIBLE = 1e-4  # m; a part of 30 mm scaled by 1e-3 twice has 30 um
+_SLENDEREST_PLAUSIBLE = 2000  # length by thickness; a wire of 0.2 mm drawn 1 long for 1 mm has 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,8 @@ class FEModel:
     Raises
     ------
     MeshError
-        If shapes do not fit together, rigid motion strains the body, or it is in several parts.
+        If shapes do not fit together, rigid motion strains the body, it is in several parts, elements are there twice,
+        overlap, or share a face with two others.
     LockingError
         If elements are linear and the material is nearly incompressible.
     """
@@ -112,6 +116,7 @@ class FEModel:
             unused = self.n_nodes - len(np.unique(self.cells))
             if unused:
                 raise MeshError(f"points: {unused} nodes belong to no element; remove them")
+        _check_neighbours(self.cells, *self._faces)
         # A common edge is a hinge: it leaves a motion without stiffness.
         parts = _part_sizes(self._faces[1])
         if len(parts) > 1:
@@ -129,7 +134,7 @@ class FEModel:
             )
 
     def warn_if_units_slipped(self) -> None:
-        """Warn (`UnitsWarning`) of a material of no solid, or of a size and density with an implausible frequency."""
+        """Warn (`UnitsWarning`) of a material of no solid, or of a size, shape, frequency or mass of few bodies."""
         speed = self.material.bar_wave_speed
         dimensionless = 1.0 in (self.material.E, self.material.rho)
         if not dimensionless and not any(low <= speed <= high for low, high in _WAVE_SPEEDS):
@@ -145,11 +150,19 @@ class FEModel:
             return  # another system of units, mm-t-s or dimensionless
         size = np.ptp(self.points, axis=0).max()
         lowest = speed / (2 * size)
-        if lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:
+        thickness = 3.5 * np.sqrt(np.linalg.eigvalsh(np.cov(self.points.T))[1])  # as of a rectangle, the second side
+        if size < _SMALLEST_PLAUSIBLE or size > _SLENDEREST_PLAUSIBLE * thickness:
+            warnings.warn(
+                f"the body is {size:.4g} long and {thickness:.3g} thick in the material's units, metres with an SI "
+                "material. Was it scaled twice, or drawn in two units? Go on if that is its size",
+                UnitsWarning,
+                stacklevel=3,
+            )
+        elif lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:
             warnings.warn(
                 f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, its first "
                 f"longitudinal frequency would be about {lowest:.3g} Hz. With an SI material the geometry must be in "
-                "metres: if it is in millimetres, scale it by 1e-3 (scale=1e-3 of fe_model)",
+                "metres: if it is in millimetres, scale it by 1e-3 (scale=1e-3 of fe_model), in inches by 0.0254",
                 UnitsWarning,
                 stacklevel=3,
             )
@@ -185,6 +198,16 @@ class FEModel:
         corners = np.sort(facet_corners(faces), axis=1)
         number = np.unique(corners, axis=0, return_inverse=True)[1]
         return faces, number.reshape(len(self.cells), len(local))
+
+    @property
+    def neighbours(self) -> Array:
+        """(ne, 4) or (ne, 6) int array: numbers of the elements' faces; two elements that share one are neighbours."""
+        return self._faces[1]
+
+    @cached_property
+    def fingerprint(self) -> Array:
+        """(9,) array: a few sums over nodes and facets that tell this mesh from any other; see `same_mesh`."""
+        return mesh_fingerprint(self.points, self.facets)
 
     @cached_property
     def lumped_mass(self) -> Array:
@@ -226,8 +249,25 @@ class FEModel:
 
     @property
     def resolved_frequency(self) -> float:
-        """Highest frequency that the mesh resolves [Hz]: four node spacings of the largest element a shear wave."""
+        """Highest frequency that the mesh resolves [Hz]: of shear waves, or of bending waves of its thinnest walls.
+
+        Four node spacings of the largest element make a shear wave; for bending waves see `walls.weakest_wall`.
+        """
+        return min(self.resolved_shear_frequency, self.weakest_wall.frequency)
+
+    @property
+    def resolved_shear_frequency(self) -> float:
+        """Frequency of a shear wave as long as four node spacings of the largest element [Hz]."""
         return self.material.shear_wave_speed * self.order / (4 * self.max_size)
+
+    @cached_property
+    def weakest_wall(self) -> Wall:
+        """The wall whose bending waves are worst resolved."""
+        faces, number = self._faces
+        corners = facet_corners(faces).reshape(*number.shape, -1)
+        of_surface = np.flatnonzero(np.bincount(number.ravel())[number.ravel()] == 1)
+        facets = np.column_stack(np.divmod(of_surface, number.shape[1]))
+        return weakest_wall(self.points, corners, facets, number, self.order, self.material)
 
     def nearest_node(self, point: Array) -> int:
         """Index of the node nearest to `point`, (3,) [m]; see `nearest_node`."""
@@ -239,6 +279,26 @@ class FEModel:
             f"FEModel({self.n_nodes} nodes, {len(self.cells)} {shape} of order {self.order}, "
             f"{self.n_dofs} dofs, {self.total_mass:.4g} kg)"
         )
+
+
+def mesh_fingerprint(points: Array, facets: Array) -> Array:
+    """(9,) array: numbers of points and facets, sums over both with weights of no pattern a mesh could have, its place.
+
+    The last three are where the first point is, all before them are those of the mesh wherever it is.
+    """
+    weight = np.sin(1.0 + np.arange(len(points)))
+    surface = (weight[facets].sum(axis=1) ** 2).mean()  # whatever the order of facets
+    size = np.ptp(points, axis=0).max()
+    shape, place = weight @ (points - points[0]) / size, points[0] / size
+    found = np.array([len(points), len(facets), surface, *shape, *place])
+    read_only(found)
+    return found
+
+
+def same_mesh(one: Array, other: Array, *, same_place: bool = True) -> bool:
+    """Whether two fingerprints are of one mesh: equal but for the round-off of making it twice, or of moving it."""
+    n = 9 if same_place else 6
+    return bool(np.allclose(one[:n], other[:n], rtol=1e-9, atol=1e-9 * np.sqrt(one[0])))
 
 
 def node_dofs(nodes: Array) -> Array:
@@ -284,6 +344,43 @@ def nodal_area(points: Array, facets: Array) -> Array:
     area = np.linalg.norm(area_vectors(points, facets), axis=1)
     n_loaded = facet_corners(facets).shape[1]
     return np.bincount(facets[:, -n_loaded:].ravel(), np.repeat(area / n_loaded, n_loaded), minlength=len(points))
+
+
+def _check_neighbours(cells: Array, faces: Array, number: Array) -> None:
+    """Refuse elements that are there twice, that share a face with two others, or that lie on their neighbour's side.
+
+    `cells` have positive volume, `faces` and `number` are `FEModel._faces`.
+    """
+    count = np.bincount(number.ravel())
+    by_faces = np.sort(number, axis=1)
+    order = np.lexsort(by_faces.T)
+    same = np.flatnonzero((np.diff(by_faces[order], axis=0) == 0).all(axis=1))
+    if len(same):
+        raise MeshError(
+            f"cells: {len(same)} of {len(cells)} elements are there twice, the first are elements "
+            f"{order[same[0]]} and {order[same[0] + 1]} (counted from 0), of the same nodes. Their mass and stiffness "
+            "would count twice; remove them"
+        )
+    if count.max() > 2:
+        owners = np.flatnonzero((number == count.argmax()).any(axis=1))
+        raise MeshError(
+            f"cells: {np.count_nonzero(count > 2)} faces belong to more than two elements, the first to elements "
+            f"{', '.join(map(str, owners))} (counted from 0), so that some of them overlap. Remove those, or mesh anew"
+        )
+    # Outward faces of two neighbours turn opposite ways.
+    ring = facet_corners(faces)
+    start = ring.argmin(axis=1)[:, None]
+    k = ring.shape[1]
+    after, before = (np.take_along_axis(ring, (start + step) % k, axis=1)[:, 0] for step in (1, -1))
+    turn = np.bincount(number.ravel(), np.where(after < before, 1, -1))
+    overlapping = np.flatnonzero((count == 2) & (turn != 0))
+    if len(overlapping):
+        owners = np.flatnonzero((number == overlapping[0]).any(axis=1))
+        raise MeshError(
+            f"cells: {len(overlapping)} pairs of elements overlap, for both lie on the same side of the face that "
+            f"they share, the first are elements {' and '.join(map(str, owners))} (counted from 0). A node lies where "
+            "it does not belong, or the order of nodes is wrong; mesh anew"
+        )
 
 
 def _part_sizes(face: Array) -> Array:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
-import re
+import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ._checks import read_only, validate_array, validate_file
 from ._optional import require
 from .errors import InputError, MeshError, MissingPackageError
 from .fem import TET_EDGES
+from .input_decks import check_deck, check_regions
 
 Array = np.ndarray
 
@@ -65,7 +67,8 @@ def read_mesh(path: Path) -> VolumeMesh:
         If there is no such file, or meshio cannot read it.
     MeshError
         If it holds no volume elements, others than linear or quadratic tetrahedra or linear hexahedra, several kinds
-        of them, inverted ones, or nodes of no element.
+        of them, several regions, inverted ones, or nodes of no element; or if meshio does not read all of it, see
+        `input_decks.check_deck`.
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
@@ -100,7 +103,7 @@ def _read(path: Path) -> Any:
     """Read a file as a `meshio.Mesh`."""
     validate_file("path", path)
     meshio = require("meshio")
-    said = io.StringIO()
+    said = _Said(sys.stdout)
     try:
         # meshio prints what it could not read, and ends the process.
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
@@ -114,24 +117,20 @@ def _read(path: Path) -> Any:
         raise InputError(
             f"path: {path} could not be read by meshio ({reason}). Is it complete, and does its ending name its format?"
         ) from error
-    _refuse_what_meshio_drops(path, mesh)
+    check_deck(path, mesh)
+    check_regions(path, mesh)
     return mesh
 
 
-def _refuse_what_meshio_drops(path: Path, mesh: Any) -> None:
-    """Refuse input decks whose nodes meshio reads at other places than their solver does."""
-    if path.suffix.lower() == ".inp":
-        sections = len(re.findall(r"^\*node\s*(?:,|$)", path.read_text(errors="replace"), re.IGNORECASE | re.MULTILINE))
-        if sections > 1:
-            raise MeshError(
-                f"{path}: expected one *NODE section, got {sections}, of which meshio keeps the last alone. Export one "
-                "part without reference points"
-            )
-    if np.any(mesh.point_data.get("nastran:ref", 0)):
-        raise MeshError(
-            f"{path}: some GRID entries refer to a coordinate system of their own, which meshio ignores. Export the "
-            "nodes in the basic system"
-        )
+class _Said(io.StringIO):
+    """Keeps what its own thread prints; what others print meanwhile goes where it would have gone."""
+
+    def __init__(self, others: TextIO) -> None:
+        super().__init__()
+        self._others, self._thread = others, threading.get_ident()
+
+    def write(self, text: str) -> int:
+        return super().write(text) if threading.get_ident() == self._thread else self._others.write(text)
 
 
 def _check_nodes(path: Path, kind: str, n: int, cells: Array) -> None:

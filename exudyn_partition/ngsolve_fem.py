@@ -2,66 +2,43 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import threading
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import validate_file, validate_positive, validate_vector
+from ._checks import validate_file, validate_number, validate_path, validate_positive
 from ._optional import require
 from ._progress import pulsing
-from .errors import InputError, MeshError, UnitsWarning
+from .errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning, UnitsWarning
 from .fem import TET_EDGES, FEModel, facet_corners
+from .input_decks import refuse_regions
 from .material import Material
 from .mesh_files import VolumeMesh, inverted, read_mesh
+from .mesh_quality import check_mesh
+from .mesh_size import Refine, check_memory_of_mesh, check_memory_of_model, check_sizes
+from .step_files import ENDINGS, check_step
 
 Array = np.ndarray
 
-_STEP_ENDINGS = (".step", ".stp")
-_MOST_POINTS = 1e7  # of a ball's grid: more than an FE model in memory has nodes
+_UNNAMED = (None, "", "default")  # by shapes and meshes
 _SHARP = np.sin(np.radians(44.0))  # of cones' half angles: below, Netgen fails at the tip
+_GRADING = 0.3
+_GRADINGS = (0.05, 1.0)  # below, Netgen forgets local sizes or crashes; above, it does not end
+_VOLUME_MISSED = 0.05  # relative: by how much a mesh may miss the volume of its shape
+
+# NGSolve and Netgen keep global state: of two threads that mesh or assemble at once, one crashes or gets the other's.
+_ONE_AT_A_TIME = threading.RLock()
 
 
-@dataclass(frozen=True)
-class Refine:
-    """Local mesh size around a point.
-
-    Parameters
-    ----------
-    center : (3,) array
-        Centre of the refined ball [m].
-    radius : float
-        Its radius [m].
-    h : float
-        Element size within it [m]; quadratic elements have nodes every h / 2.
-    """
-
-    center: Array
-    radius: float
-    h: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", validate_vector("center", self.center))
-        validate_positive("radius", self.radius, "m")
-        validate_positive("h", self.h, "m")
-
-    @property
-    def n_points(self) -> float:
-        """Number of `points`, estimated without making them."""
-        return 4 / 3 * np.pi * (self.radius / self.h + 0.5) ** 3
-
-    def points(self) -> Array:
-        """(n, 3) array: a grid of spacing h that fills the ball [m]."""
-        n = int(np.ceil(self.radius / self.h))
-        grid = self.h * np.stack(np.meshgrid(*[np.arange(-n, n + 1)] * 3), axis=-1).reshape(-1, 3)
-        return self.center + grid[np.linalg.norm(grid, axis=1) <= self.radius]
-
-
-def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), grading: float = 0.3) -> Any:
+def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), grading: float = _GRADING) -> Any:
     """Mesh an OCC shape with tetrahedra.
 
     Parameters
@@ -73,7 +50,7 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     refine : iterable of Refine
         Balls with smaller elements.
     grading : float
-        How fast elements grow away from them, 0 (slowly) to 1.
+        How fast elements grow away from them, 0.05 (slowly) to 1.
 
     Returns
     -------
@@ -83,9 +60,12 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     Raises
     ------
     InputError
-        If the shape is no OCC shape, a size is not above zero, or a ball takes more elements than memory holds.
+        If the shape is no OCC shape or has no finite size, a size is not above zero, `grading` is out of range, or a
+        ball takes more elements than memory holds.
     MeshError
-        If Netgen cannot mesh the shape with this size.
+        If the shape has no solid, or Netgen cannot mesh it with this size.
+    MemoryLimitError
+        If the mesh would not fit into the memory that is free, before it is begun.
     MissingPackageError
         If ngsolve is not installed.
 
@@ -94,24 +74,28 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
     UnitsWarning
         If `maxh` is longer than the body, or a ball misses it or has no effect.
     """
-    return _meshed(shape, maxh, refine, grading)
+    with _ONE_AT_A_TIME:
+        return _meshed(shape, maxh, refine, grading, 1)
 
 
-def _meshed(shape: Any, maxh: float, refine: Iterable[Refine], grading: float) -> Any:
+def _meshed(shape: Any, maxh: Any, refine: Any, grading: Any, order: int) -> Any:
     """What `generate_mesh` does, as far from the caller's line, which warnings name, as from that of `fe_model`."""
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
-    validate_positive("maxh", maxh, "m")
-    validate_positive("grading", grading)
+    maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
+    if not _GRADINGS[0] <= grading <= _GRADINGS[1]:
+        raise InputError(f"grading: expected {_GRADINGS[0]} (slow) to {_GRADINGS[1]:g} (fast), got {grading:g}")
     if not isinstance(shape, occ.TopoDS_Shape):
         raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
-    if not isinstance(refine, Refine | Iterable):
-        raise InputError(f"refine: expected ep.Refine(center, radius, h), or a list of such, got {refine!r}")
-    regions: list[Refine] = [refine] if isinstance(refine, Refine) else list(refine)
-    for region in regions:
-        if not isinstance(region, Refine):
-            raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
-    size = _checked_size(shape, maxh, regions)
+    regions = _regions(refine)
+    if not np.isfinite([[v.p.x, v.p.y, v.p.z] for v in shape.vertices]).all():  # OCC crashes on some of these
+        raise InputError("shape: expected a body of finite size, got corners that are not finite")
+    low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
+    size = check_sizes(low, high, maxh, regions)
+    if not len(shape.solids):
+        raise MeshError("shape: expected a solid, got none: its faces enclose no volume, or some are missing")
     _check_tips(shape, size)
+    surface = sum(face.mass for face in shape.faces)
+    check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
     parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
     for region in regions:
         for x, y, z in region.points():
@@ -119,7 +103,7 @@ def _meshed(shape: Any, maxh: float, refine: Iterable[Refine], grading: float) -
     try:
         with pulsing("mesh"):
             mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
-    except meshing.NgException as error:
+    except (meshing.NgException, RuntimeError) as error:  # OCC raises the latter
         raise MeshError(
             f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
             "elements not much larger than they are thick"
@@ -167,34 +151,6 @@ def _derivatives(surface: Any, v: float) -> list[Array]:
     return [np.array([x.x, x.y, x.z]) for x in surface.D1(0.0, v)]
 
 
-def _checked_size(shape: Any, maxh: float, regions: list[Refine]) -> float:
-    """Size of a shape [m], with element sizes judged beside it."""
-    low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
-    size = float((high - low).max())
-    if maxh > size:
-        warnings.warn(
-            f"maxh: {maxh:g} m is longer than the body, {size:.4g} m; lengths are those of the shape, metres: give "
-            "maxh in them, or scale=1e-3 of fe_model for a shape in millimetres",
-            UnitsWarning,
-            stacklevel=4,
-        )
-    for region in regions:
-        if region.n_points > _MOST_POINTS:
-            raise InputError(
-                f"refine: a ball of radius {region.radius:g} m with elements of {region.h:g} m takes "
-                f"{region.n_points:.2g} of them, expected at most {_MOST_POINTS:g}; the body is {size:.4g} m long. Is "
-                "a length in millimetres? Give radius and h in metres"
-            )
-        if region.h >= maxh:
-            warnings.warn(
-                f"refine: h={region.h:g} m has no effect, it is not below maxh={maxh:g} m; the body is {size:.4g} m "
-                "long. Is it in millimetres? Give it in metres",
-                UnitsWarning,
-                stacklevel=4,
-            )
-    return size
-
-
 def fe_model(
     source: Any,
     material: Material,
@@ -202,7 +158,7 @@ def fe_model(
     order: int | None = None,
     maxh: float | None = None,
     refine: Iterable[Refine] = (),
-    grading: float = 0.3,
+    grading: float = _GRADING,
     scale: float = 1.0,
 ) -> FEModel:
     """Assemble the FE model of a free body.
@@ -233,58 +189,137 @@ def fe_model(
 
     Raises
     ------
-    InputError, MeshError, MissingPackageError
+    InputError
+        If an argument is of the wrong kind, has no effect on this source, or a file cannot be read. A STEP file is
+        tried in a process of its own, which a damaged file may crash.
+    MeshError
+        If the mesh or shape is of several regions, which are named, of several parts, or cannot be used.
+    MemoryLimitError
+        If mesh or matrices would not fit into the memory that is free; estimated beforehand.
+    MissingPackageError
 
     Warns
     -----
     UnitsWarning
         If the material is that of no solid, size and density give an implausible frequency or mass, `maxh` is longer
         than the body, or a ball of `refine` misses it or has no effect.
+    MeshQualityWarning
+        If the mesh looks damaged, see `mesh_quality.check_mesh`, or misses the volume of its shape by 5 %.
+
+    Notes
+    -----
+    Threads take turns, for NGSolve and Netgen are not made for several.
     """
     ngsolve = require("ngsolve")
-    if order not in (None, 1, 2):
+    if isinstance(order, bool) or order not in (None, 1, 2):
         raise InputError(f"order: expected 1 or 2, got {order!r}")
     if not isinstance(material, Material):
         raise InputError(f"material: expected an ep.Material, such as ep.STEEL, got {type(material).__name__}")
     scale = validate_positive("scale", scale)
-    path = Path(source) if isinstance(source, str | Path) else None
-    if path and path.suffix.lower() not in _STEP_ENDINGS:
-        with pulsing("assemble"):
-            fem = _from_file(ngsolve, path, material, order, scale)
-    else:
-        mesh = _read_step(path) if path else source
-        if isinstance(mesh, ngsolve.Mesh):
-            if scale != 1:
-                raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
-        else:
-            if maxh is None:
-                raise InputError("maxh: a shape needs a largest element size [m]")
-            mesh = _meshed(_scaled(mesh, scale), maxh, refine, grading)
-        with pulsing("assemble"):
-            fem = _from_mesh(ngsolve, mesh, material, order or 2)
+    path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
+    is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
+    try:
+        with _ONE_AT_A_TIME:
+            if is_shape:
+                shape = _scaled(_read_step(path) if path else source, scale)
+                if maxh is None:
+                    raise InputError("maxh: a shape needs a largest element size [m]")
+                _check_regions("shape", [solid.name for solid in shape.solids])
+                mesh = _meshed(shape, maxh, refine, grading, order or 2)
+                with pulsing("assemble"):
+                    fem = _from_mesh(ngsolve, mesh, material, order or 2)
+            elif path:
+                with pulsing("assemble"):
+                    file = read_mesh(path)
+                    _refuse_mesh_options(maxh, refine, grading)
+                    fem = _from_file(ngsolve, path, file, material, order, scale)
+            else:
+                _refuse_mesh_options(maxh, refine, grading)
+                if scale != 1:
+                    raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
+                with pulsing("assemble"):
+                    fem = _from_mesh(ngsolve, source, material, order or 2)
+    except MemoryLimitError:
+        raise
+    except MemoryError as error:
+        raise MemoryLimitError(
+            "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
+        ) from error
+    check_mesh(fem)
+    if is_shape and fem.order == 2:
+        missed = fem.total_mass / material.rho / shape.mass - 1
+        if abs(missed) > _VOLUME_MISSED:
+            warnings.warn(
+                f"shape: its mesh has {missed:+.1%} of its volume, {shape.mass:.4g} m3. Take smaller elements where it "
+                "is curved; or is the shape damaged, such that faces miss each other?",
+                MeshQualityWarning,
+                stacklevel=2,
+            )
     fem.warn_if_units_slipped()
     return fem
 
 
+def _is_geometry(ngsolve: Any, source: Any) -> bool:
+    """Whether `source` is a mesh or a shape; what else it may be is a path."""
+    if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape):
+        return True
+    if isinstance(source, str | Path):
+        return False
+    raise InputError(
+        "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, or the path of a STEP or mesh file, got "
+        f"{type(source).__name__}"
+    )
+
+
+def _refuse_mesh_options(maxh: Any, refine: Any, grading: Any) -> None:
+    """Refuse options that would have no effect on a mesh."""
+    named = {"maxh": maxh is not None, "grading": grading != _GRADING}
+    named["refine"] = bool(_regions(refine))
+    given = [name for name, is_given in named.items() if is_given]
+    if given:
+        raise InputError(
+            f"{', '.join(given)}: a mesh is taken as it is, so that this would have no effect. Mesh it finer where it "
+            "was made, or give its shape or STEP file"
+        )
+
+
+def _regions(refine: Any) -> list[Refine]:
+    """Balls of an option `refine`, one or several."""
+    regions = [refine] if isinstance(refine, Refine) or not isinstance(refine, Iterable) else list(refine)
+    for region in regions:
+        if not isinstance(region, Refine):
+            raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
+    return regions
+
+
 def _read_step(path: Path) -> Any:
     """OCC shape of a STEP file."""
-    occ, meshing = require("netgen.occ"), require("netgen.meshing")
+    occ = require("netgen.occ")
     validate_file("path", path)
-    try:
+    with tempfile.TemporaryDirectory() as folder:
+        if path.suffix not in ENDINGS:  # Netgen knows small letters alone
+            path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
+        check_step(path)
         return occ.OCCGeometry(str(path)).shape
-    except meshing.NgException as error:
-        raise InputError(f"path: {path} could not be read by Netgen ({error}). Is it a complete STEP file?") from error
 
 
 def _scaled(shape: Any, scale: float) -> Any:
-    occ = require("netgen.occ")
-    return shape.Scale(occ.Pnt(0, 0, 0), scale) if scale != 1 and isinstance(shape, occ.TopoDS_Shape) else shape
+    return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape
+
+
+def _check_regions(source: str, names: Sequence[str | None]) -> None:
+    """Refuse several regions, unless all have been given the same name."""
+    if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
+        refuse_regions(
+            source, "solids", [f"{i}: {'without name' if name in _UNNAMED else name}" for i, name in enumerate(names)]
+        )
 
 
 def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEModel:
     """FE model with NGSolve's own numbering: vertices, then edges."""
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
+    _check_regions("mesh", mesh.GetMaterials())
     curve_order = mesh.GetCurveOrder()
     if order == 2 and curve_order > 2:
         raise MeshError(
@@ -324,9 +359,10 @@ def _check_volume(points: Array, cells: Array) -> None:
         )
 
 
-def _from_file(ngsolve: Any, path: Path, material: Material, order: int | None, scale: float) -> FEModel:
+def _from_file(
+    ngsolve: Any, path: Path, file: VolumeMesh, material: Material, order: int | None, scale: float
+) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
-    file = read_mesh(path)
     file = replace(file, points=scale * file.points)
     n_nodes = file.cells.shape[1]
     if order not in (None, file.order) and n_nodes != 4:
@@ -380,6 +416,7 @@ def _assemble(
     ngsolve: Any, mesh: Any, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
 ) -> FEModel:
     """Matrices by NGSolve, changed from its hierarchical basis to nodal values and from x..y..z.. to xyz order."""
+    check_memory_of_model(len(points))
     space = ngsolve.VectorH1(mesh, order=2 if cells.shape[1] == 10 else 1)
     u, v = space.TnT()
 

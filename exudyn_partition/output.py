@@ -191,10 +191,10 @@ class BodyFields:
             raise InputError(
                 f"bodies: {what} of {self.item.name or 'a body'!r} needs its FE model, give pairs (body, fem)"
             )
-        if self.fem is not None and not np.array_equal(self.body.points, self.fem.points):
+        if self.fem is not None and not self.body.partition.is_of(self.fem):
             raise InputError(
-                f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, got "
-                f"another one: {self.fem!r}"
+                f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, of "
+                f"the same mesh, got {self.fem!r}"
             )
         cells = self.body.facets if surface or self.fem is None else self.fem.cells
         self.kind = (_FACETS if surface else _CELLS)[cells.shape[1]]

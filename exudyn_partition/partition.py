@@ -21,7 +21,7 @@ from ._checks import (
 )
 from .errors import EmptyRegionError, InputError
 from .faces import middle
-from .fem import FEModel, area_vectors, facet_corners, nodal_area, rigid_modes
+from .fem import FEModel, area_vectors, facet_corners, nodal_area, rigid_modes, same_mesh
 
 Array = np.ndarray
 
@@ -142,6 +142,8 @@ class Partition:
     interfaces : tuple of Interface
     n_nodes : int
         Nodes of the FE model.
+    mesh : (9,) array
+        `FEModel.fingerprint` of the FE model.
 
     Raises
     ------
@@ -153,6 +155,7 @@ class Partition:
     patches: tuple[Patch, ...]
     interfaces: tuple[Interface, ...]
     n_nodes: int
+    mesh: Array
 
     def __post_init__(self) -> None:
         n_nodes = validate_integer("n_nodes", self.n_nodes, 1)
@@ -167,7 +170,8 @@ class Partition:
         for nodes in (self.nodes, *(interface.nodes for interface in self.interfaces)):
             if (np.diff(nodes) <= 0).any():
                 raise InputError("nodes: expected each node once, ascending")
-        read_only(self.nodes)
+        check_floats("mesh", self.mesh, (9,))
+        read_only(self.nodes, self.mesh)
         owners = [(f"patch {i} {patch.name!r}", patch.nodes) for i, patch in enumerate(self.patches)]
         joints = [(f"interface {interface.name!r}", interface.nodes) for interface in self.interfaces]
         region = [("the impact region", self.nodes)]
@@ -188,12 +192,44 @@ class Partition:
         validate_type("partition", other, Partition, "Partition.ball() or Partition.interface()")
         if other.n_nodes != self.n_nodes:
             raise InputError(f"partition: one is of a mesh with {self.n_nodes} nodes, the other with {other.n_nodes}")
+        if not same_mesh(self.mesh, other.mesh):
+            raise InputError(
+                f"partition: both are of meshes with {self.n_nodes} nodes, but these differ; expected two partitions "
+                "of one FE model"
+            )
         return Partition(
             np.union1d(self.nodes, other.nodes),
             self.patches + other.patches,
             self.interfaces + other.interfaces,
             self.n_nodes,
+            self.mesh,
         )
+
+    def is_of(self, fem: FEModel) -> bool:
+        """Whether the partition is of this FE model's mesh: of its points and facets, not only of as many.
+
+        Patches go along with a mesh that is moved as a whole, points of interfaces do not.
+        """
+        return same_mesh(self.mesh, fem.fingerprint, same_place=bool(self.interfaces))
+
+    def check_mesh(self, fem: FEModel, name: str = "partition") -> None:
+        """Raise unless the partition is of this FE model's mesh.
+
+        Raises
+        ------
+        InputError
+            Names `name`, what does not fit to the FE model.
+        """
+        if self.n_nodes != fem.n_nodes:
+            raise InputError(
+                f"{name}: is of a mesh with {self.n_nodes} nodes, made for another mesh than this FE model's, which "
+                f"has {fem.n_nodes}; make it of this one"
+            )
+        if not self.is_of(fem):
+            raise InputError(
+                f"{name}: was made for another mesh with as many nodes, {fem.n_nodes}, but at other places or "
+                "with other facets. Its patches would lie at the wrong place; make it anew for this FE model"
+            )
 
     @property
     def patch_nodes(self) -> Array:
@@ -311,7 +347,7 @@ class Partition:
             )
         rim = np.intersect1d(facets, fem.facets[~within & facing])
         patch = Patch(facets, line, rim, axes, direction is not None, name)
-        return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes)
+        return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod
     def interface(
@@ -374,7 +410,7 @@ class Partition:
         weighted = motions * np.repeat(weights, 3)[:, None]
         motion = np.linalg.solve(motions.T @ weighted, weighted.T)
         joint = Interface(name, nodes, kind, place, weights, motion)
-        return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes)
+        return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes, fem.fingerprint)
 
 
 def _checked_place(fem: FEModel, name: str, mean: Array, position: Array) -> Array:

@@ -335,10 +335,7 @@ class StaticAnswer:
             raise InputError(
                 f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
             )
-        if not np.array_equal(body.points, fem.points):
-            raise InputError(
-                f"fem: expected the body's own mesh, of {len(body.points)} nodes, got another one of {fem.n_nodes}"
-            )
+        body.partition.check_mesh(fem, "fem: expected the body's own mesh")
         self._basis = body.basis
         with one_blas_thread():
             self._model = tie(fem, body.partition)

@@ -213,20 +213,20 @@ def _validate_progress(progress: Progress | None) -> None:
 def _validate_partition(fem: FEModel, partition: Partition) -> None:
     validate_type("fem", fem, FEModel, "fe_model()")
     validate_type("partition", partition, Partition, "Partition.ball()")
-    if partition.n_nodes != fem.n_nodes:
-        raise InputError(
-            f"partition: it was made for another mesh, with {partition.n_nodes} nodes; this one has {fem.n_nodes}. "
-            "Make it of this one"
-        )
+    partition.check_mesh(fem)
 
 
 def _resolved(fem: FEModel, f_cut: float) -> float:
     f_cut = validate_positive("f_cut", f_cut, "Hz")
     if f_cut > fem.resolved_frequency:
-        wanted = fem.max_size * fem.resolved_frequency / f_cut
+        wall, resolved = fem.weakest_wall, fem.resolved_frequency
+        wanted = min(wall.element_for(f_cut), fem.max_size * fem.resolved_shear_frequency / f_cut)
+        if wall.frequency <= resolved:
+            what = f"bending waves of a wall of {wall.thickness:.3g} m in elements {wall.element:.3g} m long"
+        else:
+            what = f"four node spacings a shear wave in its largest element, of size {fem.max_size:.4g} m"
         raise FrequencyRangeError(
-            f"f_cut: the mesh resolves {fem.resolved_frequency:.4g} Hz (four node spacings a shear wave in its largest "
-            f"element, of size {fem.max_size:.4g} m), got {f_cut:.6g} Hz. Refine it to elements of "
+            f"f_cut: the mesh resolves {resolved:.4g} Hz ({what}), got {f_cut:.6g} Hz. Refine it to elements of "
             f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut"
         )
     return f_cut
@@ -277,6 +277,13 @@ def _body(
     estimate: Estimate | None = None,
 ) -> ReducedBody:
     mass, stiffness = _reduced_matrices(fem, reduced)
+    wall = fem.weakest_wall
+    if f_cut > wall.accurate_frequency:
+        said = (
+            f"bending waves above {wall.accurate_frequency:.3g} Hz, in part: elements {wall.element:.3g} m long in a "
+            f"wall of {wall.thickness:.3g} m make them up to a third too fast (a finer mesh, maxh)"
+        )
+        reduced = replace(reduced, left_out=(*reduced.left_out, said))
     # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
     shapes = reduced.shapes if len(reduced.nodal) else reduced.shapes[:, 6:]
     inertia = InertiaIntegrals.of(fem, shapes, reduced.mass, reduced.nodal)

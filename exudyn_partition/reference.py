@@ -71,11 +71,7 @@ class FullBody:
     def __post_init__(self) -> None:
         validate_type("fem", self.fem, FEModel, "fe_model()")
         validate_type("partition", self.partition, Partition, "Partition.ball()")
-        if self.partition.n_nodes != self.fem.n_nodes:
-            raise InputError(
-                f"partition: is of a mesh with {self.partition.n_nodes} nodes, the FE model has {self.fem.n_nodes}; "
-                "make it of this one"
-            )
+        self.partition.check_mesh(self.fem)
         object.__setattr__(self, "position", validate_vector("position", self.position))
         object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
         validate_choice("mass", self.mass, ("consistent", "lumped"))

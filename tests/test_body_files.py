@@ -518,8 +518,8 @@ def test_the_key_changes_with_the_impact_that_a_tolerance_is_for(block, top, tmp
 
 def test_no_input_is_forgotten_in_the_tests_above():
     assert MODELS.keys() == {f.name for f in dataclasses.fields(ep.FEModel)}
-    # A partition with another number of nodes is of another mesh, and refused.
-    assert PARTITIONS.keys() == {f.name for f in dataclasses.fields(ep.Partition)} - {"n_nodes"}
+    # A partition with another number of nodes, or another fingerprint, is of another mesh, and refused.
+    assert PARTITIONS.keys() == {f.name for f in dataclasses.fields(ep.Partition)} - {"n_nodes", "mesh"}
     assert PATCHES.keys() == {f.name for f in dataclasses.fields(Patch)}
     assert INTERFACES.keys() == {f.name for f in dataclasses.fields(Interface)}
     models = {"fem", "partition", "slave", "master", "patches"}  # patches are in the partitions, by number

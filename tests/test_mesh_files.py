@@ -340,7 +340,8 @@ def test_several_parts(tmp_path):
     far, few = hexahedra(1, 1, 2)
     path = write(tmp_path / "mesh.vtu", np.vstack([points, far + 0.1]), np.vstack([few + len(points), cells]))
     refused(path, "expected one connected body, got 2 parts that share no face, of 3, 2 elements. Merge coincident")
-    two = occ.Glue([box(*SIZE), box(*SIZE).Move(occ.Vec(0.1, 0, 0))])
+    boxes = [box(*SIZE), box(*SIZE).Move(occ.Vec(0.1, 0, 0))]
+    two = occ.Glue([one.mat("steel") for one in boxes])
     with pytest.raises(MeshError, match="got 2 parts"):
         ep.fe_model(two, ep.STEEL, maxh=0.02)
 

@@ -181,7 +181,10 @@ def test_what_is_asked_for_must_be_there(run, ball, block, tmp_path):
         ({"fields": "vonMises"}, "fields: expected one of 'displacement', .*, got 'vonMises'"),
         ({"fields": "von_mises"}, r"bodies: stress of 'a body' needs its FE model, give pairs \(body, fem\)"),
         ({"surface": False}, "bodies: the inside of 'a body' needs its FE model"),
-        ({"bodies": [(striker, block)]}, r"expected the FE model of 'a body' with \d+ dofs, got FEModel"),
+        (
+            {"bodies": [(striker, block)]},
+            r"expected the FE model of 'a body' with \d+ dofs, of the same mesh, got FEModel",
+        ),
         ({"bodies": [striker.body]}, "expected what CreatePartitionBody returns, .* got ReducedBody"),
         ({"times": [0.0, 1.0]}, "times: expected times of the run, 0 to 2e-05 s, got 1"),
         ({"times": 0}, "times: expected a finite number above zero"),
