@@ -316,6 +316,7 @@ CALLS = {
             "impacts",
             "energy",
             "nodal_forces",
+            "closed_samples",
             "moment_on_slave",
         )
     },
