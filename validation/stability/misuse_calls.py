@@ -166,7 +166,7 @@ CALLS = {
         E=v.positive(1e9), nu=v.number.but(half=0.5, **{"minus one": -1.0})(0.3), rho=v.positive(1e3), swaps=False
     ),
     "damping.Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
-    "ngsolve_fem.Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
+    "mesh_size.Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
     "ngsolve_fem.generate_mesh": call(
         shape=v._own("shape")(Made(lambda s: s.shape)),
         maxh=v.positive(8e-3),
@@ -562,6 +562,9 @@ NOT_CALLED = {
         )
     },
     **{f"contact.rigid.{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
+    "mesh_size.Refine.n_elements": _INSIDE,
+    "partition.Partition.is_of": _INSIDE,
+    "partition.Partition.check_mesh": _INSIDE,
     "output.BodyFields": _INSIDE,
     "output.BodyFields.frames": _INSIDE,
     "output.BodyFields.forces": _INSIDE,
