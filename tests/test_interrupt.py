@@ -13,6 +13,8 @@ from exudyn_partition import solve
 from exudyn_partition.errors import StoppedRunWarning
 
 END = 4e-6
+# Runs that end with the first touch have one row closed.
+pytestmark = pytest.mark.filterwarnings("ignore:.* rows is closed:exudyn_partition.errors.ModelLimitWarning")
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +70,7 @@ def test_what_is_kept_is_the_beginning_of_the_whole_run(bodies, with_mass, formu
 def test_before_the_first_step(impact, monkeypatch):
     """The checks before a run take a thousandth of it, and Ctrl-C in them left nothing."""
     checked = solve.check_joints
-    monkeypatch.setattr(solve, "check_joints", lambda *arguments: (ctrl_c(), checked(*arguments)))
+    monkeypatch.setattr(solve, "check_joints", lambda *arguments: (ctrl_c(), checked(*arguments))[1])
     before = signal.getsignal(signal.SIGINT)
     with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
         result = ep.solve_dynamic(impact[0], end_time=1e-3)

@@ -187,7 +187,7 @@ def test_what_is_asked_for_must_be_there(run, ball, block, tmp_path):
         ),
         ({"bodies": [striker.body]}, "expected what CreatePartitionBody returns, .* got ReducedBody"),
         ({"times": [0.0, 1.0]}, "times: expected times of the run, 0 to 2e-05 s, got 1"),
-        ({"times": 0}, "times: expected a finite number above zero"),
+        ({"times": 0}, "times: expected a whole number of at least 1"),
     ):
         with pytest.raises(InputError, match=message):
             write_paraview(tmp_path / "none", result, **options)
