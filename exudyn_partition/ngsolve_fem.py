@@ -224,7 +224,6 @@ def fe_model(
                 shape = _scaled(_read_step(path) if path else source, scale)
                 if maxh is None:
                     raise InputError("maxh: a shape needs a largest element size [m]")
-                _check_regions("shape", [solid.name for solid in shape.solids])
                 mesh = _meshed(shape, maxh, refine, grading, order or 2)
                 with pulsing("assemble"):
                     fem = _from_mesh(ngsolve, mesh, material, order or 2)

@@ -272,7 +272,7 @@ def test_bad_arguments(block, top, sphere):
 def test_static_answers_of_all_rows_are_never_held_at_once(block, monkeypatch):
     """Dense arrays of all dofs by all patch rows: 16 GB for a fine patch, of which its own rows are read."""
     whole = Patch(block.facets, np.array([0, 0, 1.0]), np.empty(0, dtype=np.int64))
-    part = ep.Partition(whole.nodes, (whole,), (), block.n_nodes)
+    part = ep.Partition(whole.nodes, (whole,), (), block.n_nodes, block.fingerprint)
     body = free_body.FreeBody(block, part)
     flexibility = body.flexibility()
     expected = flexibility(loads.patch_rows(block, part).T.toarray())
