@@ -32,7 +32,8 @@ from .hooks import controlled, multipliers, watched, without_stabilised
 from .joint_checks import OpenJoints, check_joints
 from .linalg import one_blas_thread
 from .partition_body import PartitionBody, check_model, coordinate_slices, partition_items, validate_model
-from .result import Result, cut, reviewed, samples, warn_of_turns
+from .result import Result, cut, samples
+from .review import reviewed, warn_of_turns
 from .run_record import Solver, run_record
 from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 

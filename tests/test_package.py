@@ -29,7 +29,7 @@ ORDER = [  # data flows this way; imports point back along it
     "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
     "contact.two_pass", "history", "markers", "attachments", "partition_body", "items", "joints", "joint_checks",
     "central_differences", "contact_results", "run_record", "stored_run", "carriers", "coupling", "contact_elements",
-    "contact_items", "step_control", "output", "view", "report", "plot_input", "plot", "summary", "result",
+    "contact_items", "step_control", "output", "view", "report", "plot_input", "plot", "summary", "result", "review",
     "hooks", "solve", "reference", "cli", "__main__", "__init__", "contact.__init__",
 ]  # fmt: skip
 
