@@ -6,8 +6,9 @@ be bounded by norms; it is measured on the scene's own impact, against the same 
     e(f) = ||F_f - F_top|| / ||F_top|| / (1 - (f / f_top)^2)
 
 F_f is the contact force over the whole duration, with modes up to f, the static answer of all others (residual
-flexibility), and the time step that `solve_dynamic` takes by default at f; F_top likewise, so that the estimate holds
-truncation and time step together. What modes above f contribute beyond their static answer is their inertia, of
+flexibility), and 25 time steps a period of f; F_top likewise, so that the estimate holds truncation and time step
+together. `solve_dynamic` takes these steps by default, or shorter ones where the impact asks for them; then the error
+is smaller. What modes above f contribute beyond their static answer is their inertia, of
 relative size (w / w_k)^2 for motion at w: summed over the cut modes it falls as f^-2 (Rubin 1975; method.md,
 section 2). So ||F_f - F_top|| lacks the share (f / f_top)^2 of the error, which the denominator gives back
 (Richardson). The error of velocities is the same with the kinetic-energy norm of the difference of the two motions,

@@ -58,7 +58,15 @@ class Refine:
         return self.center + grid[np.linalg.norm(grid, axis=1) <= self.radius]
 
     def n_elements(self, maxh: float, grading: float) -> float:
-        """Elements in and around the half of the ball that lies in a body whose surface its centre is on, about."""
+        """Number of elements, about, in the half ball of a body whose surface its centre is on, and around it.
+
+        Parameters
+        ----------
+        maxh : float
+            Largest size of elements, outside [m].
+        grading : float
+            Growth of the size with the distance.
+        """
         h = min(self.h, maxh)
         around = (maxh - h) / grading * np.linspace(0, 1, 200)
         integral = np.trapezoid((self.radius + around) ** 2 / (h + grading * around) ** 3, around)

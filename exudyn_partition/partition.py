@@ -206,14 +206,14 @@ class Partition:
         )
 
     def is_of(self, fem: FEModel) -> bool:
-        """Whether the partition is of this FE model's mesh: of its points and facets, not only of as many.
+        """Whether the partition is of the mesh of `fem`: of its points and facets, not only of as many.
 
         Patches go along with a mesh that is moved as a whole, points of interfaces do not.
         """
         return same_mesh(self.mesh, fem.fingerprint, same_place=bool(self.interfaces))
 
     def check_mesh(self, fem: FEModel, name: str = "partition") -> None:
-        """Raise unless the partition is of this FE model's mesh.
+        """Raise unless the partition is of the mesh of `fem`.
 
         Raises
         ------

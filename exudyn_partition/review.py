@@ -173,6 +173,8 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
     top = int(force.argmax())
     if contact.multipliers or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
         return
+    if top == len(force) - 1 and result.method != "static":
+        return  # a contact that still grows begins with one row
     warnings.warn(
         f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
         f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "

@@ -8,7 +8,8 @@ from conftest import TOP, relative
 
 import exudyn_partition as ep
 from exudyn_partition.contact.complementarity import Complementarity
-from exudyn_partition.errors import ContactPatchWarning, InputError, ToleranceWarning
+from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
+from exudyn_partition.estimate import STEPS_A_PERIOD
 from exudyn_partition.linalg import Factorisation
 
 SPEED = 1.0
@@ -32,7 +33,8 @@ def run(bodies):
     target = ep.CreatePartitionBody(mbs, bodies[1])
     contact = ep.CreatePartitionContact(mbs, striker, target)
     mbs.Assemble()
-    return ep.solve_dynamic(mbs, end_time=END).history(contact)
+    step = 1 / (STEPS_A_PERIOD * bodies[0].f_cut)  # which the estimate is of; by default the impact asks for less
+    return ep.solve_dynamic(mbs, end_time=END, step=step).history(contact)
 
 
 def test_the_true_force_error_is_below_the_tolerance_and_near_the_estimate(pair):
@@ -100,7 +102,8 @@ def test_a_flat_patch_is_judged_on_a_plane_too(mbs, block, top):
     plane = ep.RigidPlane(TOP, (0, 0, -1))
     contact = ep.CreatePartitionContact(mbs, item, plane, rows="node-to-segment")
     mbs.Assemble()
-    with pytest.warns(ContactPatchWarning):  # it is a part of the face
+    # It is a part of the face, and rings.
+    with pytest.warns(ContactPatchWarning), pytest.warns(ModelLimitWarning, match="rings"):
         result = ep.solve_dynamic(mbs, end_time=end)
     error = relative(np.interp(t, result.t, contact.force(result)), exact)
     assert body.estimate.against == "a rigid plane"
@@ -109,8 +112,8 @@ def test_a_flat_patch_is_judged_on_a_plane_too(mbs, block, top):
 
 def test_a_flat_patch_that_rings_on_a_plane_is_good_for_a_sphere(block, top):
     with pytest.warns(ToleranceWarning, match=r"What limits it is that a flat patch .*on a rigid sphere .* is 0\.[12]"):
-        body = ep.reduce(block, top, tolerance=0.45)
-    assert body.estimate.error > 0.45 / 1.5
+        body = ep.reduce(block, top, tolerance=0.5)
+    assert body.estimate.error > 0.5 / 1.5
     assert body.f_cut < block.resolved_frequency / 2
 
 
