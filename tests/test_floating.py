@@ -287,6 +287,7 @@ def test_newton_s_method_converges(body):
         assert abs(momentum - momentum[0]).max() < (300 * step) ** 2 * np.linalg.norm(momentum[0])
 
 
+@pytest.mark.filterwarnings("ignore:the explicit steps .* above the stability limit")  # of modes, which nothing moves
 def test_verlet_is_of_second_order_under_forces_of_others(body):
     """A torque that turns with the body, on the rigid node; the phases of vibration would hide the order."""
     ends = []
