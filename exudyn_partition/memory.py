@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import math
-import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from .errors import MemoryLimitError, MemoryWarning
 from .fem import FEModel
 from .free_body import COLUMNS
+from .machine import available_memory
 from .partition import Partition
 
 _GB = 1e9
@@ -52,7 +50,7 @@ def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator
     MemoryWarning
         If it is above what is free.
     """
-    need, (free, most) = needed(models, basis), available()
+    need, (free, most) = needed(models, basis), available_memory()
     sizes = ", ".join(f"{fem.n_dofs} dofs with {len(partition.patch_nodes)} patch nodes" for fem, partition in models)
     remedy = (
         "Coarsen the mesh: three elements per contact radius are enough, and only near the patch (refine= of "
@@ -76,25 +74,3 @@ def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator
         raise MemoryLimitError(
             f"fem: memory ran out while reducing {sizes}, which was estimated to need {need / _GB:.3g} GB. {remedy}"
         ) from error
-
-
-def available() -> tuple[float, float]:
-    """Memory that is free, and all that this process may have [bytes]; infinite where the system does not tell."""
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        about = {line.split(":")[0]: 1024.0 * int(line.split()[1]) for line in lines}
-        free, most = about["MemAvailable"], about["MemTotal"]
-    except (OSError, KeyError, ValueError, IndexError):
-        return math.inf, math.inf
-    limit = _address_space()
-    return min(free, limit), min(most, limit)
-
-
-def _address_space() -> float:
-    """What `ulimit -v` allows [bytes]."""
-    if sys.platform == "win32":
-        return math.inf
-    import resource
-
-    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return math.inf if soft == resource.RLIM_INFINITY else float(soft)

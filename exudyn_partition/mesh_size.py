@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ._checks import validate_positive, validate_vector
 from .errors import InputError, MemoryLimitError, UnitsWarning
+from .machine import available_memory
 
 Array = np.ndarray
 
@@ -132,7 +131,7 @@ def check_memory_of_mesh(
     n = max(_A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2)
     for region in regions:
         n += min(region.n_elements(maxh, grading), _A_VOLUME * volume / min(region.h, maxh) ** 3)
-    needed, available = n * (_NODES[order] * _A_NODE + _AN_ELEMENT), available_memory()
+    needed, available = n * (_NODES[order] * _A_NODE + _AN_ELEMENT), available_memory()[0]
     if needed > available:
         raise MemoryLimitError(
             f"maxh: elements of {maxh:.4g} m in a body of {size:.4g} m would be about {n:.2g}"
@@ -149,23 +148,12 @@ def check_memory_of_model(n_nodes: int) -> None:
     ------
     MemoryLimitError
     """
-    needed, available = n_nodes * _A_NODE, available_memory()
+    needed, available = n_nodes * _A_NODE, available_memory()[0]
     if needed > available:
         raise MemoryLimitError(
             f"mesh: the matrices of {n_nodes} nodes would take about {_gb(needed)}, of {_gb(available)} that are free. "
             "Take larger elements far from the contact"
         )
-
-
-def available_memory() -> float:
-    """Memory that is free for this process [byte]; infinite where the system does not say."""
-    found = [float("inf")]
-    info = Path("/proc/meminfo")
-    if info.is_file():
-        found += [1024.0 * int(line.split()[1]) for line in info.read_text().splitlines() if "MemAvailable" in line]
-    elif hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        found.append(float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")))
-    return min(found)
 
 
 def _gb(size: float) -> str:

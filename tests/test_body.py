@@ -291,13 +291,13 @@ def test_memory_is_told_before_it_is_asked_for(block, top, monkeypatch):
     assert 1e6 < need < 1e8
     assert memory.needed([(block, top)] * 2, "contact-adapted") > 1.9 * need
     assert memory.needed([(block, top)], "craig-bampton") > need
-    free, most = memory.available()
+    free, most = memory.available_memory()
     assert 0 < free <= most
-    monkeypatch.setattr(memory, "available", lambda: (0.5 * need, 2 * need))
+    monkeypatch.setattr(memory, "available_memory", lambda: (0.5 * need, 2 * need))
     with pytest.warns(MemoryWarning, match=r"1560 dofs with 21 patch nodes needs some 0\.0\d+ GB .* Coarsen") as said:
         ep.reduce(block, top, f_cut=80e3)
     assert said[0].filename == __file__
-    monkeypatch.setattr(memory, "available", lambda: (0.5 * need, 0.5 * need))
+    monkeypatch.setattr(memory, "available_memory", lambda: (0.5 * need, 0.5 * need))
     for reduction in (
         lambda: ep.reduce(block, top, f_cut=80e3),
         lambda: ep.reduce_pair((block, top), (block, top), tolerance=0.1, speed=1.0),

@@ -127,7 +127,7 @@ def test_a_mesh_beyond_memory_is_refused_at_once():
 def test_the_estimated_number_of_elements(monkeypatch, size, maxh, refine):
     fine = [ep.Refine((0, 0, 1), 0.1, refine)] if refine else []
     shape = box(*size)
-    monkeypatch.setattr(mesh_size, "available_memory", lambda: 0.0)
+    monkeypatch.setattr(mesh_size, "available_memory", lambda: (0.0, 0.0))
     with pytest.raises(MemoryLimitError) as caught:
         ep.generate_mesh(shape, maxh=maxh, refine=fine)
     estimated = float(str(caught.value).split("would be about ")[1].split()[0].rstrip(","))
@@ -137,7 +137,7 @@ def test_the_estimated_number_of_elements(monkeypatch, size, maxh, refine):
 
 def test_matrices_beyond_memory_are_refused(monkeypatch, block, tmp_path):
     meshio.Mesh(block.points, [("tetra10", block.cells)]).write(tmp_path / "block.vtu")
-    monkeypatch.setattr(mesh_size, "available_memory", lambda: 1e6)
+    monkeypatch.setattr(mesh_size, "available_memory", lambda: (1e6, 1e6))
     with pytest.raises(MemoryLimitError, match=r"the matrices of 520 nodes would take about 0\.00988 GB, of 0\.001 GB"):
         ep.fe_model(tmp_path / "block.vtu", ep.STEEL)
 

@@ -19,9 +19,9 @@ from exudyn_partition.errors import MissingPackageError
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "exudyn_partition"
 ORDER = [  # data flows this way; imports point back along it
-    "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "files", "archive", "cache", "material",
-    "walls", "fem", "input_decks", "mesh_files", "mesh_size", "step_files", "ordering", "linalg", "spectrum",
-    "hertz", "contact.surface", "mesh_quality", "ngsolve_fem", "contact.points",
+    "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "machine", "files", "archive", "cache",
+    "material", "walls", "fem", "input_decks", "mesh_files", "mesh_size", "step_files", "ordering", "linalg",
+    "spectrum", "hertz", "contact.surface", "mesh_quality", "ngsolve_fem", "contact.points",
     "faces", "partition", "tied", "loads", "free_body", "memory",
     "basis", "contact.rows", "contact.complementarity", "estimate",
     "mean_axes", "floating", "nodal_inertia", "body", "buckling", "reduction", "kinematics", "damping", "recovery",

@@ -1,0 +1,29 @@
+"""What the machine lets a process have."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+
+def available_memory() -> tuple[float, float]:
+    """Memory that is free, and all that this process may have [bytes]; infinite where the system does not tell."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        about = {line.split(":")[0]: 1024.0 * int(line.split()[1]) for line in lines}
+        free, most = about["MemAvailable"], about["MemTotal"]
+    except (OSError, KeyError, ValueError, IndexError):
+        return math.inf, math.inf
+    limit = _address_space()
+    return min(free, limit), min(most, limit)
+
+
+def _address_space() -> float:
+    """What `ulimit -v` allows [bytes]."""
+    if sys.platform == "win32":
+        return math.inf
+    import resource
+
+    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return math.inf if soft == resource.RLIM_INFINITY else float(soft)
