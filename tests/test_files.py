@@ -1,5 +1,6 @@
 """Files that are written whole or not at all, and never over what is no file."""
 
+import contextlib
 import os
 import resource
 import stat
@@ -15,13 +16,15 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-@pytest.fixture
+@contextlib.contextmanager
 def full_disk():
-    """No file can grow beyond 100 bytes, as on a disk that is full."""
+    """No file can grow beyond 100 bytes, as on a disk that is full; what pytest itself writes would fail too."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_bytes_and_text_arrive(tmp_path):
@@ -60,11 +63,11 @@ def test_a_block_that_raises_changes_nothing(tmp_path, error):
     assert (tmp_path / "file").read_text() == "old"
 
 
-def test_a_full_disk_is_named_and_the_old_file_is_kept(tmp_path, full_disk):
+def test_a_full_disk_is_named_and_the_old_file_is_kept(tmp_path):
     (tmp_path / "file").write_text("old")
     for name, kept in (("file", "The file that was there is unchanged"), ("none", "No file was left there")):
         message = rf"path: .*{name} cannot be written: File too large\. {kept}"
-        with pytest.raises(OutputError, match=message), replacing(tmp_path / name) as file:
+        with full_disk(), pytest.raises(OutputError, match=message), replacing(tmp_path / name) as file:
             file.write(bytes(1000))
     assert names(tmp_path) == ["file"]
     assert (tmp_path / "file").read_text() == "old"
@@ -125,7 +128,7 @@ def test_what_is_no_file_is_refused_and_stays(tmp_path):
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)  # noqa: PTH116, for it is a device
 
 
-def test_pages_fields_and_histories_leave_what_was_there(impact, tmp_path, request):
+def test_pages_fields_and_histories_leave_what_was_there(impact, tmp_path):
     """A page came back as written, a stub stood where a good one had been, saving and ParaView ended raw."""
     mbs, striker, _, contact = impact
     result = ep.solve_dynamic(mbs, end_time=2e-6)
@@ -134,7 +137,6 @@ def test_pages_fields_and_histories_leave_what_was_there(impact, tmp_path, reque
     good = [tmp_path / name for name in ("run.html", "history", "body", "fields/run.pvd", "fields/body0_0000.vtu")]
     for path in good:
         path.write_text("good")
-    request.getfixturevalue("full_disk")
     for call, kept in (
         (lambda: result.report(good[0]), "The file that was there is unchanged"),
         (lambda: history.save(good[1]), "The file that was there is unchanged"),
@@ -142,7 +144,7 @@ def test_pages_fields_and_histories_leave_what_was_there(impact, tmp_path, reque
         (lambda: ep.output.write_paraview(tmp_path / "fields", result, times=2), "Files that were there are unchanged"),
         (lambda: ep.output.write_paraview(tmp_path / "new", result, times=2), "nothing can be written into"),
     ):
-        with pytest.raises(OutputError, match=kept):
+        with full_disk(), pytest.raises(OutputError, match=kept):
             call()
     assert [path.read_text() for path in good] == ["good"] * 5
     assert {*tmp_path.rglob("*")} == {*good, tmp_path / "fields", tmp_path / "new"}
