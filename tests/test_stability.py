@@ -25,6 +25,9 @@ def test_extreme_case(case, method):
 class Runaway:
     """A law whose force grows with what another pushes: patches that move each other more than themselves."""
 
+    carrier_pose = np.empty(0)
+    constant_rows = None
+
     def __init__(self):
         self.gaps = self
         self.reset()
