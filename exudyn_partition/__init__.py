@@ -26,29 +26,38 @@ from typing import Any
 from ._version import __version__ as __version__
 
 _HOMES = {
-    "material": ("Material", "STEEL", "ALUMINIUM"),
-    "ngsolve_fem": ("Refine", "generate_mesh", "fe_model"),
-    "fem": ("FEModel",),
-    "partition": ("Partition",),
-    "body": ("ReducedBody", "load_body"),
-    "reduction": ("reduce", "reduce_pair"),
-    "estimate": ("Estimate",),
-    "recovery": ("StrainGauge",),
-    "damping": ("Rayleigh",),
-    "items": ("CreatePartitionBody",),
-    "partition_body": ("PartitionBody",),
+    "fe.material": ("Material", "STEEL", "ALUMINIUM"),
+    "meshing.ngsolve_fem": ("Refine", "generate_mesh", "fe_model"),
+    "fe.model": ("FEModel",),
+    "fe.partition": ("Partition",),
+    "reduction.body": ("ReducedBody", "load_body"),
+    "reduction.reduction": ("reduce", "reduce_pair"),
+    "reduction.estimate": ("Estimate",),
+    "reduction.recovery": ("StrainGauge",),
+    "frames.damping": ("Rayleigh",),
+    "exudyn_bodies.create_body": ("CreatePartitionBody",),
+    "exudyn_bodies.partition_body": ("PartitionBody",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
-    "contact_items": ("CreatePartitionContact", "PartitionContact"),
-    "step_control": ("time_to_contact",),
-    "result": ("Result",),
-    "solve": ("collect", "solve_dynamic", "stability_limit"),
-    "history": ("History",),
-    "spectrum": ("amplitude_spectrum", "truncation_frequency"),
-    "view": ("CreatePartitionView",),
-    "_progress": ("progress",),
-    "report": ("Comparison", "compare", "versions"),
+    "exudyn_contacts.contact_items": ("CreatePartitionContact", "PartitionContact"),
+    "simulation.step_control": ("time_to_contact",),
+    "simulation.result": ("Result",),
+    "simulation.solve": ("collect", "solve_dynamic", "stability_limit"),
+    "results.history": ("History",),
+    "prediction.spectrum": ("amplitude_spectrum", "truncation_frequency"),
+    "present.view": ("CreatePartitionView",),
+    "support.progress": ("progress",),
+    "results.compare": ("Comparison", "compare", "versions"),
 }
-_MODULES = ("errors", "hertz", "output", "plot", "recovery", "reference", "report", "view")
+_MODULES = {
+    "errors": "errors",
+    "hertz": "prediction.hertz",
+    "output": "present.output",
+    "plot": "present.plot",
+    "recovery": "reduction.recovery",
+    "reference": "reference",
+    "report": "results.compare",
+    "view": "present.view",
+}
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted([*_HOME_OF, *_MODULES])
@@ -56,7 +65,7 @@ __all__ = sorted([*_HOME_OF, *_MODULES])
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return importlib.import_module(f".{name}", __name__)
+        return importlib.import_module(f".{_MODULES[name]}", __name__)
     if name in _HOME_OF:
         return getattr(importlib.import_module(f".{_HOME_OF[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -23,18 +23,18 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import validate_vector
-from ._optional import require
 from ._version import __version__
-from .body import ReducedBody, load_body
 from .errors import CallError, InputError, OutputError, PartitionError, PartitionWarning
-from .estimate import STEPS_A_PERIOD
-from .files import writable
-from .hertz import effective, impact
-from .material import ALUMINIUM, STEEL, Material
-from .ngsolve_fem import Refine, fe_model
-from .partition import Partition
-from .reduction import BASES, reduce
+from .fe.material import ALUMINIUM, STEEL, Material
+from .fe.partition import Partition
+from .meshing.ngsolve_fem import Refine, fe_model
+from .prediction.hertz import effective, impact
+from .reduction.body import ReducedBody, load_body
+from .reduction.estimate import STEPS_A_PERIOD
+from .reduction.reduction import BASES, reduce
+from .support.checks import validate_vector
+from .support.files import writable
+from .support.optional import require
 
 MATERIALS = {"steel": STEEL, "aluminium": ALUMINIUM}
 _PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "threadpoolctl")
@@ -352,9 +352,9 @@ def _requirements() -> list[str]:
 def _self_test() -> dict[str, Any]:
     """Impact of a small steel ball on a rigid plane: against Hertz, momentum and energy."""
     from .contact.rigid import RigidPlane
-    from .contact_items import CreatePartitionContact
-    from .items import CreatePartitionBody
-    from .solve import solve_dynamic
+    from .exudyn_bodies.create_body import CreatePartitionBody
+    from .exudyn_contacts.contact_items import CreatePartitionContact
+    from .simulation.solve import solve_dynamic
 
     begin, R, speed, pole = time.perf_counter(), 0.010, 0.5, np.zeros(3)
     occ = require("netgen.occ")

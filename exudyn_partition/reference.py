@@ -10,7 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ._checks import (
+from .algebra.complementarity import Complementarity
+from .algebra.factorisation import Factorisation, one_blas_thread
+from .errors import InputError, StoppedRunWarning
+from .fe.model import FEModel, node_dofs
+from .fe.partition import Partition, Patch
+from .results.history import History, at_times
+from .support.arrays import Array
+from .support.checks import (
     validate_callable,
     validate_choice,
     validate_integer,
@@ -21,19 +28,11 @@ from ._checks import (
     validate_type,
     validate_vector,
 )
-from ._interrupt import interruptible
-from ._progress import Progress
-from .contact.complementarity import Complementarity
-from .contact.points import ROWS
-from .contact.rows import ContactRows, pair_surfaces
-from .contact.surface import Surface
-from .errors import InputError, StoppedRunWarning
-from .fem import FEModel, node_dofs
-from .history import History, at_times
-from .linalg import Factorisation, one_blas_thread
-from .partition import Partition, Patch
-
-Array = np.ndarray
+from .support.interrupt import interruptible
+from .support.progress import Progress
+from .surfaces.points import ROWS
+from .surfaces.rows import ContactRows, pair_surfaces
+from .surfaces.surface import Surface
 
 _MOST_STEPS = 100_000_000  # beyond which the histories alone take gigabytes, and the run weeks
 
@@ -126,7 +125,8 @@ class _HHT:
 
     def correct(self, lam: Array) -> None:
         """Add the contact force and finish the step."""
-        h, contact, u = self.step, 0.0, self.u_free
+        h, u = self.step, self.u_free
+        contact: Array | float = 0.0
         if lam.any():
             contact, u = self.push @ lam, u + self.answer @ lam
         a = ((u - self.u_predicted) / h**2 - contact / 2) / self.beta

@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import exudyn_partition as ep
-from exudyn_partition import free_body, loads, memory
 from exudyn_partition.errors import FrequencyRangeError, InputError, MemoryLimitError, MemoryWarning
-from exudyn_partition.fem import rigid_modes
-from exudyn_partition.partition import Patch
+from exudyn_partition.fe.model import rigid_modes
+from exudyn_partition.fe.partition import Patch
+from exudyn_partition.reduction import free_body, loads, memory
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
 

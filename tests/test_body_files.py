@@ -16,15 +16,16 @@ import scipy.sparse as sp
 from conftest import TOP
 
 import exudyn_partition as ep
-from exudyn_partition import archive, cache, loads, reduction
-from exudyn_partition.contact.compliance import ComplianceContact
-from exudyn_partition.contact.forward_increment import ForwardIncrement
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.forward_increment import ForwardIncrement
+from exudyn_partition.contact.formulations.lagrange import LagrangeContact
 from exudyn_partition.contact.gaps import Side
-from exudyn_partition.contact.lagrange import LagrangeContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.errors import CacheWarning, InputError
-from exudyn_partition.kinematics import InertialKinematics
-from exudyn_partition.partition import Interface, Patch
+from exudyn_partition.fe.partition import Interface, Patch
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.reduction import loads, reduction
+from exudyn_partition.support import archive, cache
 
 BASES = ["free", "residual", "contact-adapted"]
 F_CUT = 150e3

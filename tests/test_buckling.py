@@ -8,8 +8,8 @@ import pytest
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.buckling import Link, compression, links
 from exudyn_partition.errors import ModelLimitWarning
+from exudyn_partition.reduction.buckling import Link, compression, links
 
 LENGTH, WIDTH, HEIGHT = 0.3, 0.010, 0.006
 EULER = np.pi**2 * ep.ALUMINIUM.E * WIDTH * HEIGHT**3 / 12 / LENGTH**2

@@ -12,15 +12,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import exudyn_partition as ep
-from exudyn_partition.contact import complementarity
-from exudyn_partition.contact.complementarity import Complementarity
-from exudyn_partition.contact.compliance import ComplianceContact
-from exudyn_partition.contact.forward_increment import ForwardIncrement
+from exudyn_partition.algebra import complementarity
+from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.forward_increment import ForwardIncrement
+from exudyn_partition.contact.formulations.lagrange import LagrangeContact
 from exudyn_partition.contact.gaps import Side
-from exudyn_partition.contact.lagrange import LagrangeContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.contact.rows import pair_surfaces
-from exudyn_partition.contact.surface import Surface, closest_points, shape_functions
 from exudyn_partition.errors import (
     ComplementarityError,
     EmptyRegionError,
@@ -29,7 +27,10 @@ from exudyn_partition.errors import (
     PenetrationError,
     RunError,
 )
-from exudyn_partition.kinematics import InertialKinematics
+from exudyn_partition.fe.shapes import shape_functions
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.surfaces.rows import pair_surfaces
+from exudyn_partition.surfaces.surface import Surface, closest_points
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 

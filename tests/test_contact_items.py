@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.errors import InputError
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
-from exudyn_partition.damping import damping_of
 from exudyn_partition.errors import InputError
-from exudyn_partition.kinematics import FloatingKinematics, InertialKinematics
+from exudyn_partition.frames.damping import damping_of
+from exudyn_partition.frames.floating import FloatingKinematics
+from exudyn_partition.frames.inertial import InertialKinematics
 
 RATIO = 0.02
 FRAMES = ("inertial", "floating")

@@ -7,10 +7,10 @@ import scipy.sparse as sp
 from conftest import TOP, relative
 
 import exudyn_partition as ep
-from exudyn_partition.contact.complementarity import Complementarity
+from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.algebra.factorisation import Factorisation
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
-from exudyn_partition.estimate import STEPS_A_PERIOD
-from exudyn_partition.linalg import Factorisation
+from exudyn_partition.reduction.estimate import STEPS_A_PERIOD
 
 SPEED = 1.0
 END = 150e-6

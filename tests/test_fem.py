@@ -9,8 +9,8 @@ import pytest
 from conftest import box
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
 from exudyn_partition.errors import InputError, LockingError, MeshError, UnitsWarning
-from exudyn_partition.linalg import eigenmodes, mass_normalised
 
 
 def frequencies(fem, f_max, mass=None):

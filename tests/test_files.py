@@ -9,7 +9,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, OutputError
-from exudyn_partition.files import replacing
+from exudyn_partition.support.files import replacing
 
 
 def names(folder):

@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
-from exudyn_partition.fem import rigid_modes
-from exudyn_partition.floating import TERMS, InertiaForces, rotation_matrix
-from exudyn_partition.kinematics import FloatingKinematics, InertialKinematics
+from exudyn_partition.fe.model import rigid_modes
+from exudyn_partition.frames.floating import FloatingKinematics
+from exudyn_partition.frames.inertia_forces import TERMS, InertiaForces, rotation_matrix
+from exudyn_partition.frames.inertial import InertialKinematics
 
 SPIN = np.array([100.0, 200.0, 200.0])  # rad/s, 300 in all
 POSITION = np.array([0.1, -0.2, 0.3])

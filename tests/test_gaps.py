@@ -9,17 +9,18 @@ import pytest
 from conftest import SPHERE_RADIUS, box, relative
 
 import exudyn_partition as ep
-from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.penalty import PenaltyContact, bed_stiffness
+from exudyn_partition.contact.formulations.two_pass import TwoPass
 from exudyn_partition.contact.gaps import Side
-from exudyn_partition.contact.pairs import MovingPairs
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.contact.penalty import PenaltyContact, bed_stiffness
-from exudyn_partition.contact.points import ROWS, contact_points
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
-from exudyn_partition.contact.surface import closest_points
-from exudyn_partition.contact.two_pass import TwoPass
 from exudyn_partition.errors import ContactPatchWarning, InputError, MeshError, PenetrationError
-from exudyn_partition.kinematics import FloatingKinematics, InertialKinematics
+from exudyn_partition.frames.floating import FloatingKinematics
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.surfaces.pairs import MovingPairs
+from exudyn_partition.surfaces.points import ROWS, contact_points
+from exudyn_partition.surfaces.surface import closest_points
 
 
 @pytest.fixture(scope="module")

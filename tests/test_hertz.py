@@ -12,8 +12,8 @@ from scipy.integrate import quad
 from scipy.special import beta, betaincinv
 
 import exudyn_partition as ep
-from exudyn_partition import hertz
 from exudyn_partition.errors import InputError
+from exudyn_partition.prediction import hertz
 
 STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)
 MASS = 4 / 3 * math.pi * 0.01**3 * STEEL.rho

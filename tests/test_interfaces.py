@@ -13,8 +13,8 @@ from conftest import box, relative
 
 import exudyn_partition as ep
 from exudyn_partition.errors import EmptyRegionError, InputError
-from exudyn_partition.fem import node_dofs
-from exudyn_partition.tied import tie
+from exudyn_partition.fe.model import node_dofs
+from exudyn_partition.reduction.tied import tie
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
 F_CUT = 60e3

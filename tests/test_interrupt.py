@@ -9,8 +9,8 @@ import pytest
 from conftest import TOP
 
 import exudyn_partition as ep
-from exudyn_partition import solve
 from exudyn_partition.errors import StoppedRunWarning
+from exudyn_partition.simulation import solve
 
 END = 4e-6
 # Runs that end with the first touch have one row closed.

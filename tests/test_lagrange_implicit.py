@@ -11,10 +11,10 @@ from conftest import TOP, box, relative
 from test_mesh_files import hexahedra, write
 
 import exudyn_partition as ep
+from exudyn_partition.contact.formulations.stabilised import StabilisedContact
 from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.contact.stabilised import StabilisedContact
-from exudyn_partition.kinematics import InertialKinematics
+from exudyn_partition.frames.inertial import InertialKinematics
 
 END = 40e-6
 

@@ -10,16 +10,9 @@ from conftest import box
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.factorisation import Factorisation, one_blas_thread
+from exudyn_partition.algebra.krylov import BlockKrylov, FreeBodyFlexibility, eigenmodes, mass_normalised, sturm_count
 from exudyn_partition.errors import IndefiniteMatrixError, ModeAccuracyError, ModeCountWarning
-from exudyn_partition.linalg import (
-    BlockKrylov,
-    Factorisation,
-    FreeBodyFlexibility,
-    eigenmodes,
-    mass_normalised,
-    one_blas_thread,
-    sturm_count,
-)
 
 
 @pytest.fixture(scope="module")

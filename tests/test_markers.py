@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, PenetrationError
-from exudyn_partition.fem import node_dofs
-from exudyn_partition.markers import interpolation
-from exudyn_partition.tied import tie
+from exudyn_partition.exudyn_bodies.markers import interpolation
+from exudyn_partition.fe.model import node_dofs
+from exudyn_partition.reduction.tied import tie
 
 F_CUT = 60e3
 PLACE = np.array([0.1, -0.2, 0.3])

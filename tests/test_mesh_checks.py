@@ -12,9 +12,9 @@ import pytest
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition import mesh_size, step_files
 from exudyn_partition.errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning, UnitsWarning
-from exudyn_partition.mesh_quality import check_mesh
+from exudyn_partition.fe.mesh_quality import check_mesh
+from exudyn_partition.meshing import mesh_size, step_files
 
 BLOCK = box(0.01, 0.02, 0.03)
 

@@ -10,11 +10,12 @@ import pytest
 from conftest import SPHERE_RADIUS, TOP, box
 
 import exudyn_partition as ep
-from exudyn_partition.contact.rows import pair_surfaces
-from exudyn_partition.contact.surface import Surface, shape_functions
+from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
 from exudyn_partition.errors import InputError, MeshError, MissingPackageError
-from exudyn_partition.linalg import eigenmodes, mass_normalised
-from exudyn_partition.loads import pressure
+from exudyn_partition.fe.shapes import shape_functions
+from exudyn_partition.reduction.loads import pressure
+from exudyn_partition.surfaces.rows import pair_surfaces
+from exudyn_partition.surfaces.surface import Surface
 
 KINDS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}
 SIZE = np.array([0.01, 0.02, 0.03])  # as `conftest.block`

@@ -24,8 +24,7 @@ from exudyn_partition.errors import PartitionError, PartitionWarning
 WRONG = misuses()
 # Right values of these take seconds, or more than that for numbers that happen to be right.
 SLOW = {
-    *("ngsolve_fem.fe_model", "ngsolve_fem.generate_mesh", "reduction.reduce", "reduction.reduce_pair"),
-    *("solve.solve_dynamic", "reference.simulate", "view.picture"),
+    *("fe_model", "generate_mesh", "reduce", "reduce_pair", "solve_dynamic", "reference.simulate", "view.picture"),
 }
 QUICK = [name for name in CALLS if name not in SLOW]
 KINDS = [kind for entry in CALLS.values() for kind in entry.arguments.values()]

@@ -7,8 +7,8 @@ import scipy.sparse.linalg
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.linalg import Factorisation
-from exudyn_partition.ordering import _cut, nested_dissection
+from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.ordering import _cut, nested_dissection
 
 
 def grid(*shape):

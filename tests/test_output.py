@@ -8,9 +8,9 @@ import pytest
 from conftest import TOP, relative
 
 import exudyn_partition as ep
-from exudyn_partition import recovery
 from exudyn_partition.errors import InputError
-from exudyn_partition.output import FIELDS, write_paraview
+from exudyn_partition.present.output import FIELDS, write_paraview
+from exudyn_partition.reduction import recovery
 
 TETRA_VOLUME_SHARE = 1 / 6
 

@@ -1,6 +1,7 @@
 """Architecture, README, and the examples as a user runs them."""
 
 import ast
+import graphlib
 import importlib
 import json
 import re
@@ -13,35 +14,16 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition import cli
-from exudyn_partition._optional import require
 from exudyn_partition.errors import MissingPackageError
+from exudyn_partition.support.optional import require
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "exudyn_partition"
-ORDER = [  # data flows this way; imports point back along it
-    "_version", "errors", "_checks", "_optional", "_interrupt", "_progress", "machine", "files", "archive", "cache",
-    "material", "walls", "fem", "input_decks", "mesh_files", "mesh_size", "step_files", "ordering", "linalg",
-    "spectrum", "hertz", "contact.surface", "mesh_quality", "ngsolve_fem", "contact.points",
-    "faces", "partition", "tied", "loads", "free_body", "memory",
-    "basis", "contact.rows", "contact.complementarity", "estimate",
-    "mean_axes", "floating", "nodal_inertia", "body", "buckling", "reduction", "kinematics", "damping", "recovery",
-    "contact.pairs", "contact.gaps", "contact.patch_gaps", "contact.rigid", "contact.law", "contact.compliance",
-    "contact.coupled", "contact.lagrange", "contact.forward_increment", "contact.stabilised", "contact.penalty",
-    "contact.two_pass", "history", "markers", "attachments", "partition_body", "items", "joints", "joint_checks",
-    "central_differences", "contact_results", "run_record", "stored_run", "carriers", "coupling", "contact_elements",
-    "contact_items", "step_control", "output", "view", "report", "plot_input", "plot", "summary", "result", "review",
-    "hooks", "solve", "reference", "cli", "__main__", "__init__", "contact.__init__",
+LAYERS = [  # lowest first; a package may import those before it, and so may what is imported for type checking
+    "_version", "errors", "support", "algebra", "fe", "meshing", "surfaces", "prediction", "reduction", "frames",
+    "contact", "contact.formulations", "results", "exudyn_bodies", "exudyn_contacts", "present", "simulation",
+    "reference", "cli", "__main__", "__init__",
 ]  # fmt: skip
-
-TYPES_ONLY = {  # imported for type checking
-    "contact.surface": {"partition"}, "joint_checks": {"result"}, "floating": {"nodal_inertia"},
-    "partition_body": {"contact_items", "result"}, "contact_results": {"result"}, "output": {"result"},
-    "run_record": {"contact_items"}, "stored_run": {"contact_results", "partition_body"},
-    "attachments": {"partition_body"},
-    "central_differences": {"contact_items"}, "carriers": {"contact_items"}, "coupling": {"contact_items"},
-    "contact_elements": {"contact_items"},
-    "view": {"result"}, "plot": {"result"}, "plot_input": {"result"}, "summary": {"result"},
-}  # fmt: skip
 
 
 def imports(path):
@@ -62,13 +44,29 @@ def imports(path):
     return module, inside, outside
 
 
-def test_imports_point_back_along_the_data_flow():
-    modules = [imports(path) for path in PACKAGE.rglob("*.py")]
-    assert {module for module, *_ in modules} == set(ORDER)
-    for module, inside, _ in modules:
-        late = {name for name in inside if ORDER.index(name) >= ORDER.index(module)}
-        late -= TYPES_ONLY.get(module, set())
-        assert not late, f"{module} imports {late}"
+def layer(module):
+    """Number of the layer of a module: that of the longest name in `LAYERS` that it begins with."""
+    return LAYERS.index(max((name for name in LAYERS if f"{module}.".startswith(f"{name}.")), key=len))
+
+
+def test_imports_point_to_lower_layers():
+    modules = [imports(path)[:2] for path in PACKAGE.rglob("*.py")]
+    assert {layer(module) for module, _ in modules} == set(range(len(LAYERS)))
+    upward = {(module, name) for module, inside in modules for name in inside if layer(name) > layer(module)}
+    assert not upward
+
+
+def test_no_modules_import_each_other():
+    order = graphlib.TopologicalSorter({module: inside for module, inside, _ in map(imports, PACKAGE.rglob("*.py"))})
+    order.prepare()  # raises CycleError, which names them
+
+
+def test_folders_and_files_stay_small():
+    folders = {path.parent for path in PACKAGE.rglob("*.py")}
+    for folder in folders:
+        assert len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 12, folder
+    long = {path.name: n for path in PACKAGE.rglob("*.py") if (n := len(path.read_text().splitlines())) > 400}
+    assert not long
 
 
 def test_outer_packages_have_one_door_each():
@@ -77,15 +75,12 @@ def test_outer_packages_have_one_door_each():
         module, _, outside = imports(path)
         for package in outside & users.keys():
             users[package].add(module)
-    assert users == {
-        "ngsolve": {"ngsolve_fem"},
-        "netgen": {"ngsolve_fem", "cli"},  # the doctor tries them
-        "meshio": {"mesh_files"},
-        "exudyn": {
-            *("markers", "partition_body", "items", "joints", "joint_checks", "carriers", "attachments"),
-            *("run_record", "contact_elements", "contact_items", "hooks", "solve", "view", "cli"),
-        },
-    }
+    assert users["ngsolve"] == {"meshing.ngsolve_fem"}
+    assert users["netgen"] == {"meshing.ngsolve_fem", "cli"}  # the doctor tries them
+    assert users["meshio"] == {"meshing.mesh_files"}
+    folders = {module.split(".")[0] for module in users["exudyn"]}
+    assert folders == {"exudyn_bodies", "exudyn_contacts", "present", "simulation", "cli"}
+    assert {module for module in users["exudyn"] if module.startswith("present.")} == {"present.view"}
 
 
 def test_import_needs_neither_exudyn_nor_ngsolve():

@@ -9,7 +9,7 @@ from conftest import box
 
 import exudyn_partition as ep
 from exudyn_partition.errors import EmptyRegionError, InputError
-from exudyn_partition.fem import mesh_fingerprint, same_mesh
+from exudyn_partition.fe.model import mesh_fingerprint, same_mesh
 from exudyn_partition.reference import FullBody
 
 

@@ -7,8 +7,8 @@ import pytest
 from conftest import TOP
 
 import exudyn_partition as ep
-from exudyn_partition import run_record
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, StoppedRunWarning
+from exudyn_partition.exudyn_contacts import run_record
 
 END = 60e-6
 VERLET, IMPLICIT = exu.DynamicSolverType.VelocityVerlet, exu.DynamicSolverType.GeneralizedAlpha

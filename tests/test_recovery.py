@@ -11,9 +11,9 @@ from conftest import box, relative
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition import recovery
+from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
 from exudyn_partition.errors import InputError, MeshError, ModelLimitWarning
-from exudyn_partition.linalg import eigenmodes, mass_normalised
+from exudyn_partition.reduction import recovery
 
 RADIUS = 0.010
 GRADIENT = np.array([[1.0, 2.0, -0.5], [0.3, -0.7, 4.0], [2.5, -3.0, 0.6]])  # du_a / dx_b

@@ -9,8 +9,8 @@ import pytest
 from conftest import box
 
 import exudyn_partition as ep
-from exudyn_partition.contact.rows import pair_surfaces
 from exudyn_partition.errors import InputError, StoppedRunWarning
+from exudyn_partition.surfaces.rows import pair_surfaces
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from conftest import TOP, relative
 
 import exudyn_partition as ep
-from exudyn_partition.contact.complementarity import Complementarity
+from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.errors import (
     ContactPatchWarning,
     InputError,
@@ -22,7 +22,7 @@ from exudyn_partition.errors import (
     StepSizeError,
     StoppedRunWarning,
 )
-from exudyn_partition.partition_body import partition_items
+from exudyn_partition.exudyn_bodies.model import partition_items
 
 END = 60e-6
 

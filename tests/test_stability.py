@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exudyn_partition.contact.coupled import CoupledContacts
+from exudyn_partition.contact.formulations.coupled import CoupledContacts
 from exudyn_partition.errors import ComplementarityError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "validation" / "stability"))

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import exudyn_partition as ep
-from exudyn_partition import solve
 from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
-from exudyn_partition.step_control import LONGEST, first_root
+from exudyn_partition.simulation import solve
+from exudyn_partition.simulation.step_control import LONGEST, first_root
 
 GRAVITY = 9.81
 

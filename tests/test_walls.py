@@ -10,7 +10,7 @@ from conftest import box
 
 import exudyn_partition as ep
 from exudyn_partition.errors import FrequencyRangeError
-from exudyn_partition.walls import bending_frequency
+from exudyn_partition.fe.walls import bending_frequency
 
 T = 1e-3
 

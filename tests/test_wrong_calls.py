@@ -18,9 +18,9 @@ import pytest
 from conftest import TOP, box
 
 import exudyn_partition as ep
-from exudyn_partition import _progress
 from exudyn_partition.errors import EmptyRegionError, InputError, MeshError, PenetrationError, RunError, UnitsWarning
-from exudyn_partition.ngsolve_fem import _check_tips
+from exudyn_partition.meshing.ngsolve_fem import _check_tips
+from exudyn_partition.support import progress as _progress
 
 BLOCK = box(0.01, 0.02, 0.03)
 

@@ -1,1 +1,1 @@
-"""Contact between reduced or full bodies: surfaces, gap rows, complementarity, and the laws on them."""
+"""Gaps between moving patches or to rigid surfaces, and what forces on them do."""

@@ -13,11 +13,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..body import ReducedBody
-from ..fem import node_dofs
-from .points import ContactPoints
-from .rows import directed_matrix, point_matrix
-from .surface import Array, Surface
+from ..fe.model import node_dofs
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+from ..surfaces.points import ContactPoints
+from ..surfaces.rows import directed_matrix, point_matrix
+from ..surfaces.surface import Surface
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close as the surface bulges around a contact
 _NOTHING = np.empty(0)

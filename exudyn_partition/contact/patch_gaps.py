@@ -20,11 +20,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import ComplementarityError, EmptyRegionError
+from ..support.arrays import Array
+from ..surfaces.pairs import MovingPairs
+from ..surfaces.points import ContactPoints, contact_points
+from ..surfaces.rows import ContactRows, directed_matrix, facing, pair_surfaces, rows_of
+from ..surfaces.surface import Projection, closest_points
 from .gaps import BULGE, Gaps, Side, dense
-from .pairs import MovingPairs
-from .points import ContactPoints, contact_points
-from .rows import ContactRows, directed_matrix, facing, pair_surfaces, rows_of
-from .surface import Array, Projection, closest_points
 
 _HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
 _STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again

@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import validate_positive, validate_vector
 from ..errors import InputError, PenetrationError
+from ..support.arrays import Array
+from ..support.checks import validate_positive, validate_vector
+from ..surfaces.points import contact_points
+from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps, Side
-from .points import contact_points
-from .rows import PENETRATION_TOLERANCE
-from .surface import Array
 
 
 class RigidSurface(Protocol):

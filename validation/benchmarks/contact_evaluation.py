@@ -22,12 +22,12 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.contact.compliance import ComplianceContact
+from exudyn_partition.algebra.factorisation import one_blas_thread
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.contact.points import ROWS
-from exudyn_partition.kinematics import InertialKinematics
-from exudyn_partition.linalg import one_blas_thread
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.surfaces.points import ROWS
 
 RESULTS = Path(__file__).with_suffix(".json")
 CALLS = 2000

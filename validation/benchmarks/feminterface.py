@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition import linalg
+from exudyn_partition.algebra import krylov as linalg
 
 RESULTS = Path(__file__).with_suffix(".json")
 SIDE, THICKNESS, MAXH = 0.250, 0.005, 4.5e-3  # the plate of examples/models/rod_on_plate.py [m]

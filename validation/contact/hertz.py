@@ -33,8 +33,8 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.contact.points import ROWS, contact_points, corner_hats
-from exudyn_partition.fem import facet_corners
+from exudyn_partition.fe.facets import facet_corners
+from exudyn_partition.surfaces.points import ROWS, contact_points, corner_hats
 
 RADIUS, F_CUT, STEP = 0.010, 200e3, 0.1e-6
 # Element size asked for, over Hertz' contact radius (edges come out some 1.4 times as long): random placements.

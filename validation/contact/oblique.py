@@ -27,7 +27,7 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.contact.points import ROWS
+from exudyn_partition.surfaces.points import ROWS
 
 RESULTS = Path(__file__).with_suffix(".json")
 END_TIME = 200e-6

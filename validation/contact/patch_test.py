@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.fem import nodal_area
+from exudyn_partition.fe.facets import nodal_area
 
 SIDE, HEIGHT, FORCE = 2.0, 2.0, 1.0
 MATERIAL = ep.Material(E=1e4, nu=0.3, rho=1.0)

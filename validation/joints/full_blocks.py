@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import scipy.sparse as sp
 
-from exudyn_partition.contact.complementarity import Complementarity
-from exudyn_partition.contact.rows import pair_surfaces
-from exudyn_partition.contact.surface import Surface
-from exudyn_partition.fem import node_dofs
-from exudyn_partition.linalg import one_blas_thread
+from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.algebra.factorisation import one_blas_thread
+from exudyn_partition.fe.model import node_dofs
 from exudyn_partition.reference import _HHT
+from exudyn_partition.surfaces.rows import pair_surfaces
+from exudyn_partition.surfaces.surface import Surface
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 from models.crank_slider_parts import CONTACT_ANGLE, CRANK, DAMPING, LENGTHS, LINK, SPEED, STIFFNESS, slider

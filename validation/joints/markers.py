@@ -27,7 +27,7 @@ import scipy.sparse.linalg
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 
 import exudyn_partition as ep
-from exudyn_partition.tied import tie
+from exudyn_partition.reduction.tied import tie
 
 LIMIT = 1e-3
 HINGE = [1, 1, 1, 1, 0, 1]  # free about y

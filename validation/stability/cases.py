@@ -38,7 +38,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.contact.penalty import bed_stiffness
+from exudyn_partition.contact.formulations.penalty import bed_stiffness
 
 BOTH = ("explicit", "implicit")
 QUIET = {"progress": lambda share: None}

@@ -4,7 +4,6 @@
 entry has the kinds of its arguments, of `misuse_values`, with a right value where the kind has none of its own.
 """
 
-import importlib
 import inspect
 from dataclasses import dataclass
 from itertools import combinations
@@ -20,9 +19,9 @@ import exudyn_partition as ep
 
 
 def public():
-    """Functions, methods with arguments, and classes that a user can call, by their names: module.name."""
-    found, home = {}, "exudyn_partition."
-    for name in ep.__all__:
+    """Functions, methods with arguments, and classes that a user can call, by their names behind `ep.`."""
+    found = {}
+    for name in sorted(ep.__all__, key=lambda name: isinstance(getattr(ep, name), ModuleType)):  # its own name first
         thing = getattr(ep, name)
         members = vars(thing) if isinstance(thing, ModuleType) else {name: thing}
         for key, value in members.items():
@@ -31,7 +30,9 @@ def public():
                 continue
             if inspect.isclass(value) and issubclass(value, BaseException):
                 continue
-            full = f"{value.__module__}.{value.__qualname__}".removeprefix(home)
+            if value in found.values():
+                continue
+            full = f"{name}.{key}" if isinstance(thing, ModuleType) else key
             found[full] = value
             if inspect.isclass(value):
                 found |= _methods(full, value)
@@ -162,18 +163,18 @@ _size = Kind(
 _refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ())
 
 CALLS = {
-    "material.Material": call(
+    "Material": call(
         E=v.positive(1e9), nu=v.number.but(half=0.5, **{"minus one": -1.0})(0.3), rho=v.positive(1e3), swaps=False
     ),
-    "damping.Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
-    "mesh_size.Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
-    "ngsolve_fem.generate_mesh": call(
+    "Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
+    "Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
+    "generate_mesh": call(
         shape=v._own("shape")(Made(lambda s: s.shape)),
         maxh=v.positive(8e-3),
         refine=_refine,
         grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
     ),
-    "ngsolve_fem.fe_model": call(
+    "fe_model": call(
         source=v.path_in.but("folder").but(folder=Made(lambda s: s.folder))(Made(lambda s: s.shape)),
         material=v.material,
         order=v.count.or_none.but(three=3),
@@ -182,8 +183,8 @@ CALLS = {
         grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
         scale=v.positive(1.0),
     ),
-    "fem.FEModel.nearest_node": call(of=lambda s: s.fem, point=v.vector),
-    "partition.Partition.ball": call(
+    "FEModel.nearest_node": call(of=lambda s: s.fem, point=v.vector),
+    "Partition.ball": call(
         fem=v.fem,
         center=v.vector.but(outside=(1, 1, 1)),
         radius=v.positive(4e-3),
@@ -192,7 +193,7 @@ CALLS = {
         axes=v.choice("normal"),
         name=v.text("tip"),
     ),
-    "partition.Partition.interface": call(
+    "Partition.interface": call(
         fem=v.fem,
         name=v.text("pin"),
         position=v.vector.or_none,
@@ -209,9 +210,9 @@ CALLS = {
             }
         )(np.arange(12)),
     ),
-    "partition.Partition.patch": call(of=lambda s: s.part, key=v.patch),
-    "partition.Partition.find_interface": call(of=lambda s: s.part, name=v.choice("pin")),
-    "reduction.reduce": call(
+    "Partition.patch": call(of=lambda s: s.part, key=v.patch),
+    "Partition.find_interface": call(of=lambda s: s.part, name=v.choice("pin")),
+    "reduce": call(
         fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}),
         partition=v.part,
         tolerance=v.positive.or_none,
@@ -222,7 +223,7 @@ CALLS = {
         progress=v.function,
         cache=_cache,
     ),
-    "reduction.reduce_pair": call(
+    "reduce_pair": call(
         slave=_pair(Made(lambda s: (s.fem, s.part))),
         master=_pair(Made(lambda s: (s.other_fem, s.other_part))),
         tolerance=v.positive.but(two=2.0)(0.1),
@@ -233,18 +234,18 @@ CALLS = {
         cache=_cache,
         swaps=False,
     ),
-    "body.load_body": call(path=v.path_in(Made(lambda s: s.folder / "body.npz"))),
-    "body.ReducedBody.save": call(of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz"))),
-    "body.ReducedBody.rows": call(
+    "load_body": call(path=v.path_in(Made(lambda s: s.folder / "npz"))),
+    "ReducedBody.save": call(of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz"))),
+    "ReducedBody.rows": call(
         of=_body, nodes=Kind({**v.NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]}, np.arange(3))
     ),
-    "body.ReducedBody.reduced_rows": call(of=_body, rows=_rows),
-    "body.ReducedBody.displacement": call(of=_body, q=_q.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
-    "body.ReducedBody.nearest_node": call(of=_body, point=v.vector),
-    "body.ReducedBody.surface": call(of=_body, position=v.vector, patch=v.patch(0), swaps=False),
-    "body.ReducedBody.flexibility": call(of=_body, patch=v.patch(0), other=v.patch(None), swaps=False),
-    "body.ReducedBody.interface_rows": call(of=_body, name=v.choice("pin")),
-    "items.CreatePartitionBody": call(
+    "ReducedBody.reduced_rows": call(of=_body, rows=_rows),
+    "ReducedBody.displacement": call(of=_body, q=_q.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
+    "ReducedBody.nearest_node": call(of=_body, point=v.vector),
+    "ReducedBody.surface": call(of=_body, position=v.vector, patch=v.patch(0), swaps=False),
+    "ReducedBody.flexibility": call(of=_body, patch=v.patch(0), other=v.patch(None), swaps=False),
+    "ReducedBody.interface_rows": call(of=_body, name=v.choice("pin")),
+    "CreatePartitionBody": call(
         mbs=_new,
         body=v.body,
         name=v.text(""),
@@ -267,7 +268,7 @@ CALLS = {
         inertiaTerms=Kind({"None": None, "number": 1, "unknown": ["x"], "text": "coriolis"}, ("coriolis",)),
         superElement=v.flag,
     ),
-    "contact_items.CreatePartitionContact": call(
+    "CreatePartitionContact": call(
         mbs=_ready,
         slave=v.item,
         master=v.item(Made(lambda s: ep.RigidPlane())),
@@ -280,30 +281,26 @@ CALLS = {
         stiffness=v.positive.or_none,
         name=v.text(""),
     ),
-    "contact.rigid.RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),
-    "contact.rigid.RigidSphere": call(center=v.vector, radius=v.positive(1.0)),
-    "contact.rigid.RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), swaps=False),
-    "partition_body.PartitionBody.CreateInterfaceMarker": call(of=_item, mbs=v.mbs, interface=v.choice("pin")),
-    "partition_body.PartitionBody.CreateNodeMarker": call(of=_item, mbs=v.mbs, point=v.vector),
-    "partition_body.PartitionBody.CreatePointMarker": call(
-        of=_item, mbs=v.mbs, point=v.vector.but(outside=(1, 1, 1))((0, 0, 5e-3))
-    ),
+    "RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),
+    "RigidSphere": call(center=v.vector, radius=v.positive(1.0)),
+    "RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), swaps=False),
+    "PartitionBody.CreateInterfaceMarker": call(of=_item, mbs=v.mbs, interface=v.choice("pin")),
+    "PartitionBody.CreateNodeMarker": call(of=_item, mbs=v.mbs, point=v.vector),
+    "PartitionBody.CreatePointMarker": call(of=_item, mbs=v.mbs, point=v.vector.but(outside=(1, 1, 1))((0, 0, 5e-3))),
     **{
-        f"partition_body.PartitionBody.{name}": call(of=_item, result=v.result)
+        f"PartitionBody.{name}": call(of=_item, result=v.result)
         for name in ("coordinates", "coordinates_t", "momentum", "energy", "dissipated_energy")
     },
     **{
-        f"partition_body.PartitionBody.{name}": call(
-            of=_item, result=v.result, point=v.vector.but(outside=(1, 1, 1)), fem=_fem
-        )
+        f"PartitionBody.{name}": call(of=_item, result=v.result, point=v.vector.but(outside=(1, 1, 1)), fem=_fem)
         for name in ("displacement", "velocity")
     },
-    "partition_body.PartitionBody.angular_momentum": call(of=_item, result=v.result, point=v.vector),
-    "partition_body.PartitionBody.recover": call(of=_item, result=v.result, rows=_rows, fem=_fem),
-    "partition_body.PartitionBody.rigid_motion": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
-    "partition_body.PartitionBody.deformation": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
+    "PartitionBody.angular_momentum": call(of=_item, result=v.result, point=v.vector),
+    "PartitionBody.recover": call(of=_item, result=v.result, rows=_rows, fem=_fem),
+    "PartitionBody.rigid_motion": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
+    "PartitionBody.deformation": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
     **{
-        f"contact_items.PartitionContact.{name}": call(**_of_result)
+        f"PartitionContact.{name}": call(**_of_result)
         for name in (
             "force",
             "force_on_slave",
@@ -320,10 +317,10 @@ CALLS = {
             "moment_on_slave",
         )
     },
-    "contact_items.PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
-    "solve.collect": call(mbs=v.mbs.but(**{"not run": _ready.right})),
-    "solve.stability_limit": call(mbs=v.mbs),
-    "solve.solve_dynamic": call(
+    "PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
+    "collect": call(mbs=v.mbs.but(**{"not run": _ready.right})),
+    "stability_limit": call(mbs=v.mbs),
+    "solve_dynamic": call(
         mbs=_ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right}),
         end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
@@ -337,29 +334,29 @@ CALLS = {
         settings=Kind({"text": "x", "number": 1, "dict": {}, "a model": Made(lambda s: s.mbs)}, None),
         progress=v.function,
     ),
-    "step_control.time_to_contact": call(
+    "time_to_contact": call(
         contact=v.contact,
         q=_q(Made(lambda s: np.zeros(s.body.n_dofs + s.other_body.n_dofs))),
         q_t=_q(Made(lambda s: np.zeros(s.body.n_dofs + s.other_body.n_dofs))),
         q_tt=_q.or_none,
         swaps=False,
     ),
-    "result.Result.sensor": call(
+    "Result.sensor": call(
         of=_result, number=Kind({**v.NOTHING, "beyond": 999, "negative": -1, "half": 1.5, "list": [1]}, 0)
     ),
-    "result.Result.sensor_of": call(
+    "Result.sensor_of": call(
         of=_result, item=v._own("item", "contact").but(**_foreign_item)(Made(_item)), number=v.count(0).but("zero")
     ),
-    "result.Result.check_last_run": call(of=_result, contact=v.contact.but(**_foreign_contact)),
-    "result.Result.at": call(of=_result, times=v.times(2)),
-    "result.Result.report": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "run.html")), title=v.text("")),
-    "result.Result.history": call(of=_result, contact=v.contact.but(**_foreign_contact), points=_body_points),
-    "result.Result.save": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "result.npz"))),
-    "result.Result.load": call(
-        path=v.path_in.but(**{"a body": Made(lambda s: s.folder / "body.npz")})(Made(lambda s: s.folder / "run.npz")),
+    "Result.check_last_run": call(of=_result, contact=v.contact.but(**_foreign_contact)),
+    "Result.at": call(of=_result, times=v.times(2)),
+    "Result.report": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "run.html")), title=v.text("")),
+    "Result.history": call(of=_result, contact=v.contact.but(**_foreign_contact), points=_body_points),
+    "Result.save": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "npz"))),
+    "Result.load": call(
+        path=v.path_in.but(**{"a body": Made(lambda s: s.folder / "npz")})(Made(lambda s: s.folder / "run.npz")),
         mbs=v.mbs.but(**{"another": _new.right}),
     ),
-    "history.History": call(
+    "History": call(
         t=v.samples.but(none=[], descending=[2.0, 1.0, 0.0])(np.arange(3.0)),
         force=v.samples.but(two=[1.0, 2.0])(np.zeros(3)),
         velocity=Kind(
@@ -376,10 +373,10 @@ CALLS = {
         info=Kind({"None": None, "text": "x", "list": []}, {}),
         swaps=False,
     ),
-    "history.History.until": call(of=_history, end_time=v.number.but(before=-1.0)(1.0)),
-    "history.History.save": call(of=_history, path=v.path_out(Made(lambda s: s.folder / "saved"))),
-    "history.History.load": call(path=v.path_in(Made(lambda s: s.folder / "history.npz"))),
-    "report.Comparison": call(
+    "History.until": call(of=_history, end_time=v.number.but(before=-1.0)(1.0)),
+    "History.save": call(of=_history, path=v.path_out(Made(lambda s: s.folder / "saved"))),
+    "History.load": call(path=v.path_in(Made(lambda s: s.folder / "npz"))),
+    "Comparison": call(
         error=Kind({**v.NOTHING, "text in it": {"a": "x"}, "nan": {"a": v.nan}, "negative": {"a": -1}}).but("dict")(
             {"a": 1.0}
         ),
@@ -388,11 +385,11 @@ CALLS = {
         end_time=v.number,
         swaps=False,
     ),
-    "report.compare": call(run=v.history, reference=v.history, swaps=False),
+    "compare": call(run=v.history, reference=v.history, swaps=False),
     "report.front": call(runs=_runs.but("dict"), quantity=v.choice("force")),
     "report.validate_runs": call(runs=_runs.but("dict"), quantity=v.choice("force")),
-    "spectrum.amplitude_spectrum": call(t=_signal_t, x=_signal_x, window=v.choice("hann"), swaps=False),
-    "spectrum.truncation_frequency": call(
+    "amplitude_spectrum": call(t=_signal_t, x=_signal_x, window=v.choice("hann"), swaps=False),
+    "truncation_frequency": call(
         t=_signal_t,
         x=_signal_x.but(constant=np.ones(101)),
         tolerance=v.share.but(zero=0.0)(0.01),
@@ -423,7 +420,7 @@ CALLS = {
     "hertz.HertzImpact.truncation_frequency": call(
         of=lambda s: ep.hertz.impact(1.0, 1.0, 1.0, 1.0, ep.STEEL), tolerance=v.share.but(zero=0.0)(0.01)
     ),
-    "recovery.StrainGauge": call(
+    "StrainGauge": call(
         position=v.vector, direction=v.direction, length=v.positive(1e-3), name=v.text(""), swaps=False
     ),
     "recovery.gauge_rows": call(
@@ -504,7 +501,7 @@ CALLS = {
     "plot.modes": call(axes=_axes, body=v.item_or_body),
     "plot.pareto": call(axes=_axes, runs=_runs, quantity=v.choice("force")),
     "plot.overview": call(run=v.run(Made(_result)), reference=v.history.or_none, contact=_plain_contact),
-    "view.CreatePartitionView": call(
+    "CreatePartitionView": call(
         mbs=v.mbs(Made(lambda s: s.mbs)),
         bodies=_bodies,
         field=v.choice("velocity"),
@@ -531,24 +528,24 @@ CALLS = {
         period=v.positive,
         cycles=v.count.or_none(1),
     ),
-    "_progress.progress": call(title=v.text, after=v.number.but(negative=-1.0)(0.0)),
+    "progress": call(title=v.text, after=v.number.but(negative=-1.0)(0.0)),
 }
 
 _MADE_BY_US = "made by the library, whose functions check what it is made of"
 _EVERY_STEP = "called by Exudyn's solvers in every step, with what they have"
 _INSIDE = "takes what the library has checked, in loops"
 NOT_CALLED = {
-    "fem.FEModel": _MADE_BY_US,
-    "partition.Partition": _MADE_BY_US,
-    "estimate.Estimate": _MADE_BY_US,
-    "body.ReducedBody": _MADE_BY_US,
-    "partition_body.PartitionBody": _MADE_BY_US,
-    "contact_items.PartitionContact": _MADE_BY_US,
-    "result.Result": _MADE_BY_US,
+    "FEModel": _MADE_BY_US,
+    "Partition": _MADE_BY_US,
+    "Estimate": _MADE_BY_US,
+    "ReducedBody": _MADE_BY_US,
+    "PartitionBody": _MADE_BY_US,
+    "PartitionContact": _MADE_BY_US,
+    "Result": _MADE_BY_US,
     "hertz.HertzImpact": _MADE_BY_US,
-    "partition_body.PartitionBody.is_in": _EVERY_STEP,
+    "PartitionBody.is_in": _EVERY_STEP,
     **{
-        f"contact_items.PartitionContact.{name}": _EVERY_STEP
+        f"PartitionContact.{name}": _EVERY_STEP
         for name in (
             "restart",
             "before_step",
@@ -561,10 +558,10 @@ NOT_CALLED = {
             "recorded",
         )
     },
-    **{f"contact.rigid.{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
-    "mesh_size.Refine.n_elements": _INSIDE,
-    "partition.Partition.is_of": _INSIDE,
-    "partition.Partition.check_mesh": _INSIDE,
+    **{f"{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
+    "Refine.n_elements": _INSIDE,
+    "Partition.is_of": _INSIDE,
+    "Partition.check_mesh": _INSIDE,
     "output.BodyFields": _INSIDE,
     "output.BodyFields.frames": _INSIDE,
     "output.BodyFields.forces": _INSIDE,
@@ -615,8 +612,3 @@ def misuses(functions=None):
                     swapped = {**right, one: right[other], other: right[one]}
                     found.append(Misuse(title, callables[name], entry.of, swapped))
     return found
-
-
-def module_of(name):
-    """Module that a call is of."""
-    return importlib.import_module(f"exudyn_partition.{name.partition('(')[0].rsplit('.', 1)[0]}")

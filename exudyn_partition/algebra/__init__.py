@@ -1,0 +1,1 @@
+"""Linear algebra: ordering, factorisation, Krylov vectors and modes, and linear complementarity."""

@@ -1,0 +1,123 @@
+"""Linear complementarity with a positive definite matrix: lambda >= 0, w = F lambda + h >= 0, lambda'w = 0."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ..errors import ComplementarityError, IndefiniteMatrixError
+from ..support.arrays import Array
+
+_REGULARISATION = 1e-9  # of the mean diagonal
+_PATIENCE = 10  # block steps without progress before single pivots, which are finite
+
+
+def regularised(F: Array) -> Array:
+    """F and a billionth of its mean diagonal on the diagonal: redundant rows share their force in the least-norm way.
+
+    Sums of the forces, and what the bodies feel of them, change by as little; without it they are not defined.
+    """
+    result = F.copy()
+    result.flat[:: len(F) + 1] += _REGULARISATION * np.trace(F) / max(len(F), 1)
+    return result
+
+
+class Complementarity:
+    """Warm-started block principal pivoting (Júdice and Pires 1994).
+
+    All rows that violate their condition change sides at once, as in a primal-dual active set (semi-smooth Newton);
+    when their number does not fall for some steps, only the one with the largest index changes (Murty), which ends
+    after finitely many steps for every symmetric positive definite F. The active set and its Cholesky factor are kept
+    between calls: a call with an unchanged set costs one product and two triangular solves.
+
+    Parameters
+    ----------
+    F : (nc, nc) array
+        Symmetric positive definite, for contact the flexibility of the rows [m/N].
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If F is not symmetric positive definite.
+    """
+
+    def __init__(self, F: Array) -> None:
+        self.F = np.asfortranarray(F, dtype=float)
+        if not np.allclose(F, F.T, rtol=1e-8, atol=1e-10 * abs(F).max()):
+            raise IndefiniteMatrixError("F: expected a symmetric matrix")
+        if lapack.dpotrf(self.F, lower=1)[1]:
+            lowest = np.linalg.eigvalsh(self.F)[0] / abs(F).max()
+            raise IndefiniteMatrixError(
+                f"the flexibility of the contact rows is not positive definite (lowest eigenvalue {lowest:.2g} of its "
+                "largest entry): the basis leaves no local flexibility, or rows are redundant. Keep fewer modes "
+                "(lower f_cut) or use formulation='lagrange'"
+            )
+        self.iterations = 0
+        self.single_pivots = 0
+        self.reset()
+
+    def replace(self, F: Array, active: Array) -> None:
+        """Go on with other rows, F (nc, nc) taken as it is, and a guess of those that are active, (nc,) bool."""
+        self.F = F
+        self._set(active)
+
+    def reset(self) -> None:
+        """Forget the active set of the last call."""
+        self._set(np.zeros(len(self.F), dtype=bool))
+
+    def _set(self, active: Array) -> None:
+        self.active = active
+        self.index = np.flatnonzero(active)
+        if len(self.index):
+            self._factor, info = lapack.dpotrf(self.F[np.ix_(self.index, self.index)], lower=1, overwrite_a=1)
+            if info:
+                raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
+
+    def solve_active(self, rhs: Array) -> Array:
+        """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
+        return lapack.dpotrs(self._factor, rhs, lower=1)[0]
+
+    def solve(self, h: Array) -> Array:
+        """Return lambda, (nc,), for h, (nc,).
+
+        Raises
+        ------
+        ComplementarityError
+            If h is not finite.
+        """
+        lam = np.zeros(len(h))
+        smallest = h.min()
+        if not math.isfinite(smallest):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if smallest >= 0.0:
+            if self.index.size:
+                self.reset()
+            return lam
+        fewest, patience = len(h) + 1, _PATIENCE
+        for _ in range(50 + 20 * len(h)):
+            self.iterations += 1
+            index = self.index
+            lam[:] = 0.0
+            if index.size:
+                lam[index] = self.solve_active(-h[index])
+                w = h + self.F[:, index] @ lam[index]
+            else:
+                w = h
+            scale = abs(h).max() + 1e-300
+            wrong = np.where(self.active, lam < 0.0, w < -1e-12 * scale)
+            count = int(np.count_nonzero(wrong))
+            if not count:
+                return lam
+            if count < fewest:
+                fewest, patience = count, _PATIENCE
+            elif patience:
+                patience -= 1
+            else:
+                self.single_pivots += 1
+                last = np.flatnonzero(wrong)[-1]
+                wrong = np.zeros(len(h), dtype=bool)
+                wrong[last] = True
+            self._set(self.active ^ wrong)
+        raise ComplementarityError(f"no active set of {len(h)} contact rows settled; the rows are nearly redundant")

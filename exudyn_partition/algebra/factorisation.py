@@ -1,0 +1,107 @@
+"""Sparse symmetric factorisation, and solves of many right-hand sides in blocks."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from threadpoolctl import threadpool_limits
+
+from ..errors import IndefiniteMatrixError
+from ..support.arrays import Array
+from .ordering import nested_dissection
+
+_BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
+
+
+_LIMITING = threading.Lock()
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Context or decorator in which BLAS uses one thread: SuperLU calls it on such small blocks that more only wait.
+
+    The limit belongs to the process. So the first thread that comes sets it and lifts it, and others that come
+    meanwhile leave it alone: had they found it set, they would set it again when they leave.
+    """
+    if not _LIMITING.acquire(blocking=False):
+        yield
+        return
+    try:
+        with threadpool_limits(1, user_api="blas"):
+            yield
+    finally:
+        _LIMITING.release()
+
+
+class Factorisation:
+    """LU factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
+
+    SuperLU in the order of nested dissection, with pivots on the diagonal: without `diag_pivot_thresh=0` partial
+    pivoting destroys the order, and the fill grows a hundredfold. SciPy frees its memory only if the last reference is
+    dropped in the thread that made it: so leave factors to one thread. Solving is free to use others.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse matrix
+        Symmetric.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If the matrix is singular.
+    """
+
+    def __init__(self, matrix: sp.spmatrix) -> None:
+        self._order = nested_dissection(matrix)
+        ordered = sp.csr_matrix(matrix)[self._order][:, self._order]
+        try:
+            self._lu = scipy.sparse.linalg.splu(
+                sp.csc_matrix(ordered),
+                permc_spec="NATURAL",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise IndefiniteMatrixError(
+                f"the matrix of order {matrix.shape[0]} cannot be factorised: {error}"
+            ) from error
+
+    def solve(self, rhs: Array, threads: int = 2) -> Array:
+        """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks, as many at a time as `threads`."""
+        result = np.empty(rhs.shape, order="F")
+        if rhs.ndim == 1:
+            result[self._order] = self._lu.solve(rhs[self._order])
+            return result
+
+        def solve_block(block: slice) -> None:
+            result[self._order, block] = self._lu.solve(np.asfortranarray(rhs[self._order, block]))
+
+        n = rhs.shape[1]
+        count = min(n, threads * -(-n // (threads * _BLOCK)))
+        bounds = np.linspace(0, n, count + 1).astype(int)
+        with ThreadPoolExecutor(threads) as pool:  # SuperLU lets other threads run
+            list(pool.map(solve_block, map(slice, bounds[:-1], bounds[1:])))
+        return result
+
+    def negative_pivots(self) -> int:
+        """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia).
+
+        SuperLU shows its pivots only in a copy of the factors, which it keeps.
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If a zero on the diagonal made SuperLU exchange rows; the signs then say nothing.
+        """
+        if (self._lu.perm_r != self._lu.perm_c).any():
+            raise IndefiniteMatrixError(
+                "a pivot on the diagonal is zero, so that signs cannot be counted; move the shift"
+            )
+        return int(np.count_nonzero(self._lu.U.diagonal() < 0))

@@ -1,0 +1,341 @@
+"""Sparse symmetric factorisation, blocked solves, block Krylov vectors and eigenmodes of free bodies."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ..errors import ModeAccuracyError, ModeCountWarning
+from ..support.arrays import Array
+from ..support.progress import Progress
+from .factorisation import Factorisation
+
+_DEPENDENT = 1e-10  # of a vector's length: what is left of it beyond the basis, below which it is dropped
+_TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
+_ENERGY_OFF = 1e-7  # of omega_max^2: error of the modes' strain energy; below 1e-9 where all is well
+
+
+def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
+    """Count the modes below a frequency without computing one: the negative pivots of K - omega^2 M.
+
+    Costs a factorisation.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n) sparse matrix
+    omega : float
+        Circular frequency, not a natural one [rad/s].
+
+    Returns
+    -------
+    int
+        Rigid modes included.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If `omega` is a natural frequency to round-off.
+    """
+    return Factorisation(stiffness - omega**2 * mass).negative_pivots()
+
+
+def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
+    """Combine the columns of `vectors`, (n, k), to V with V' M V = 1 in the same span (Cholesky; well-conditioned)."""
+    gram = vectors.T @ (mass @ vectors)
+    return scipy.linalg.solve_triangular(np.linalg.cholesky(gram), vectors.T, lower=True).T
+
+
+def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> Array:
+    """What `vectors`, (n, k), hold beyond a mass-orthonormal `basis`, (n, m): (n, at most k), mass-orthonormal.
+
+    Directions that are in the span of the basis to 1e-6 of their length are dropped.
+    """
+    lengths = np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
+    vectors = vectors[:, lengths > 0] / lengths[lengths > 0]
+    mass_basis = mass @ basis
+    for _ in range(2):
+        vectors = vectors - basis @ (mass_basis.T @ vectors)
+    values, combination = np.linalg.eigh(vectors.T @ (mass @ vectors))
+    keep = values > 1e-12
+    vectors = vectors @ (combination[:, keep] / np.sqrt(values[keep]))
+    # Normalising may amplify what was left of the basis.
+    vectors -= basis @ (mass_basis.T @ vectors)
+    return mass_normalised(vectors, mass) if vectors.shape[1] else vectors
+
+
+class FreeBodyFlexibility:
+    """Elastic (inertia-relief) flexibility of a free body, F_e = P' Kc^-1 P with P = 1 - M R R' (method.md, section 2).
+
+    Kc holds six statically determinate dofs, chosen so that the rigid modes are as independent there as can be.
+    F_e answers a load balanced by the inertia of rigid motion, and its answer contains no rigid motion.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n) csr matrix
+    rigid : (n, 6) array
+        Mass-normalised rigid modes.
+    """
+
+    def __init__(self, stiffness: sp.csr_matrix, mass: sp.spmatrix, rigid: Array) -> None:
+        self._rigid, self._mass_rigid = rigid, mass @ rigid
+        _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
+        self._free = np.delete(np.arange(len(rigid)), np.sort(held[: rigid.shape[1]]))
+        self._factor = Factorisation(stiffness[self._free][:, self._free])
+
+    def __call__(self, loads: Array) -> Array:
+        """Elastic displacements of `loads`, (n, k)."""
+        balanced = loads - self._mass_rigid @ (self._rigid.T @ loads)
+        result = np.zeros(loads.shape, order="F")
+        result[self._free] = self._factor.solve(balanced[self._free])
+        result -= self._rigid @ (self._mass_rigid.T @ result)
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class RitzPairs:
+    """Mass-normalised Ritz vectors and their frequencies.
+
+    Parameters
+    ----------
+    vectors : (n, k) array
+    omega : (k,) array
+        Circular frequencies, ascending [rad/s].
+    """
+
+    vectors: Array
+    omega: Array
+
+
+class BlockKrylov:
+    """Block Lanczos vectors of (K + s M)^-1 M, mass-orthonormal to the rigid modes and to each other.
+
+    Every block is orthogonalised twice against all predecessors, so the basis stays orthonormal to round-off at any
+    size and growth needs no restart. The projected operator comes from the same inner products.
+
+    Parameters
+    ----------
+    apply : callable
+        (n, p) array -> (K + s M)^-1 of it.
+    mass : (n, n) csr matrix
+    shift : float
+        s, negative too but not minus an eigenvalue [rad2/s2].
+    rigid : (n, 6) array
+        Mass-normalised rigid modes, kept out of the basis.
+    start : (n, p) array
+        Loads [N]; the first block is the answer to them.
+    lead : (n, m) array, optional
+        Mass-orthonormal vectors without rigid motion that lead the basis; Ritz pairs are by `rayleigh_ritz` then.
+    """
+
+    def __init__(
+        self,
+        apply: Callable[[Array], Array],
+        mass: sp.spmatrix,
+        shift: float,
+        rigid: Array,
+        start: Array,
+        lead: Array | None = None,
+    ) -> None:
+        self._apply, self._mass, self._shift, self._rigid = apply, mass, shift, rigid
+        self._mass_rigid = mass @ rigid
+        lead = np.empty((len(start), 0)) if lead is None else lead
+        self.size = lead.shape[1]
+        self._store = np.asfortranarray(lead)
+        self._mass_store = np.asfortranarray(mass @ lead)
+        self._operator = np.zeros((self.size, self.size))
+        self._projected = np.empty((0, 0))
+        self._next, self._mass_next, *_ = self._orthonormal(self._apply(start))
+
+    def _reserve(self, columns: int) -> None:
+        if self._store.shape[1] < columns:
+            for name in ("_store", "_mass_store"):
+                grown = np.empty((len(self._store), max(columns, 2 * self._store.shape[1])), order="F")
+                grown[:, : self.size] = getattr(self, name)[:, : self.size]
+                setattr(self, name, grown)
+
+    def _orthonormal(self, block: Array) -> tuple[Array, Array, Array, Array]:
+        """Mass-orthonormalise `block` against the rigid modes and the basis; drop what is dependent.
+
+        Returns the new columns, M times them, and the coefficients of `block` in the basis and in the new columns.
+        """
+        basis, mass_basis = self._store[:, : self.size], self._mass_store[:, : self.size]
+        mass_block = self._mass @ block
+        norms = np.sqrt(np.einsum("ij,ij->j", block, mass_block))
+        new = block - self._rigid @ (self._mass_rigid.T @ block)
+        coefficients = mass_basis.T @ new
+        new -= basis @ coefficients
+        lengths = np.sqrt(np.einsum("ij,ij->j", new, self._mass @ new))
+        independent = lengths > _DEPENDENT * norms
+        new = new[:, independent] / lengths[independent]
+        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new))
+        # Of unit vectors; what is smaller is round-off of the eigenvalues.
+        keep = values > 1e-14
+        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
+        # The second pass: normalising amplifies what the first left of the basis.
+        new -= self._rigid @ (self._mass_rigid.T @ new)
+        new -= basis @ (mass_basis.T @ new)
+        mass_new = self._mass @ new
+        if new.shape[1]:
+            factor = np.linalg.cholesky(new.T @ mass_new)
+            new, mass_new = (scipy.linalg.solve_triangular(factor, x.T, lower=True).T for x in (new, mass_new))
+        return new, mass_new, coefficients, new.T @ mass_block
+
+    def grow(self, size: int) -> bool:
+        """Add blocks until the basis has at least `size` vectors; False if the Krylov space is exhausted."""
+        while self.size < size:
+            new = self._next
+            if not new.shape[1]:
+                return False
+            self._reserve(max(size, self.size + new.shape[1]))
+            columns = slice(self.size, self.size + new.shape[1])
+            self._store[:, columns] = new
+            self._mass_store[:, columns] = self._mass_next
+            self.size = columns.stop
+            answer = self._apply(self._mass_next)
+            self._next, self._mass_next, coefficients, self._coupling = self._orthonormal(answer)
+            operator = np.zeros((self.size, self.size))
+            operator[: columns.start, : columns.start] = self._operator
+            operator[:, columns] = coefficients
+            operator[columns, :] = coefficients.T
+            self._operator = operator
+        return True
+
+    @property
+    def vectors(self) -> Array:
+        """(n, size) array: the basis."""
+        return self._store[:, : self.size]
+
+    def ritz_values(self) -> tuple[Array, Array, Array]:
+        """Frequencies ascending [rad/s], residuals and combinations of `vectors`, from the shifted operator.
+
+        A residual is relative to the Ritz value of (K + s M)^-1 M; the relative error of that value is below it.
+        """
+        theta, combination = np.linalg.eigh(self._operator)
+        omega_squared = 1 / theta - self._shift
+        order = np.argsort(omega_squared)
+        order = order[omega_squared[order] > 0]  # others have not settled: K has no negative eigenvalue
+        combination = combination[:, order]
+        last = self._coupling.shape[1]
+        residual = np.linalg.norm(self._coupling @ combination[-last:], axis=0) / abs(theta[order])
+        return np.sqrt(omega_squared[order]), residual, combination
+
+    def rayleigh_ritz(self, stiffness: sp.csr_matrix) -> tuple[Array, Array]:
+        """Frequencies ascending [rad/s] and combinations of `vectors` by projecting K itself.
+
+        Unlike those of `ritz_values`, which lie anywhere until settled, these frequencies are never below the true.
+        """
+        known = len(self._projected)
+        if known < self.size:
+            new = self.vectors.T @ (stiffness @ self.vectors[:, known:])
+            projected = np.zeros((self.size, self.size))
+            projected[:known, :known] = self._projected
+            projected[:, known:] = new
+            projected[known:, :known] = new[:known].T
+            self._projected = projected
+        omega_squared, combination = np.linalg.eigh(self._projected)
+        return np.sqrt(np.maximum(omega_squared, 0.0)), combination
+
+
+def eigenmodes(
+    stiffness: sp.csr_matrix,
+    mass: sp.spmatrix,
+    rigid: Array,
+    omega_max: float,
+    *,
+    tolerance: float = 1e-6,
+    block: int = 8,
+    progress: Progress | None = None,
+) -> RitzPairs:
+    """All elastic modes of a free body below `omega_max`.
+
+    K - omega_max^2 M is factorised once. The signs of its pivots count the modes in the band; its solves are the
+    operator of a block Krylov basis from a random block, wider than any multiplicity that symmetry brings. The basis
+    grows until as many Ritz pairs as were counted have converged: then none is missing.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n) csr matrix
+    rigid : (n, 6) array
+        Mass-normalised rigid modes; (n, 0) for a held body.
+    omega_max : float
+        End of the band [rad/s].
+    tolerance : float
+        Bound on each pair's residual.
+    block : int
+        Vectors a block.
+    progress : callable, optional
+        Called with the converged share of the band, 0 to 1.
+
+    Returns
+    -------
+    RitzPairs
+        Empty if there is no elastic mode in the band.
+
+    Raises
+    ------
+    ModeAccuracyError
+        If Phi' K Phi of the modes is not diag(omega^2) to 1e-7 omega_max^2: the factors have lost accuracy, which
+        pivots on the diagonal of an indefinite matrix can.
+
+    Warns
+    -----
+    ModeCountWarning
+        If more or fewer modes converge than were counted.
+    """
+    shift = -(omega_max**2)
+    factor = Factorisation(stiffness + shift * mass)
+    expected = factor.negative_pivots() - rigid.shape[1]
+    if expected == 0:
+        return RitzPairs(np.empty((len(rigid), 0)), np.empty(0))
+    start = np.random.default_rng(0).standard_normal((len(rigid), block))
+    krylov = BlockKrylov(factor.solve, mass, shift, rigid, start)
+    size = 4 * block
+    while True:
+        more = krylov.grow(size)
+        omega, residual, combination = krylov.ritz_values()
+        if (abs(omega - omega_max) < _TOO_CLOSE * omega_max).any():
+            beyond = (1 + 1e3 * _TOO_CLOSE) * omega_max
+            return eigenmodes(stiffness, mass, rigid, beyond, tolerance=tolerance, block=block, progress=progress)
+        inside = int(np.searchsorted(omega, omega_max))
+        settled = residual < tolerance
+        if progress:
+            progress(min(1.0, float(settled[:inside].sum()) / expected))
+        if inside == expected and settled[:inside].all():
+            break
+        # Pairs far above the band converge after those within, so these have all been found.
+        above = int(np.searchsorted(omega, 1.5 * omega_max))
+        if (len(omega) > above and settled[: above + 1].all()) or not more:
+            _warn_of_count(omega_max, expected, inside)
+            break
+        size = krylov.size + max(block, krylov.size // 20)
+    modes = RitzPairs(krylov.vectors @ combination[:, :inside], omega[:inside])
+    _check_strain_energy(modes, stiffness, omega_max)
+    return modes
+
+
+def _check_strain_energy(modes: RitzPairs, stiffness: sp.csr_matrix, omega_max: float) -> None:
+    """Phi' K Phi = diag(w^2), with K itself: the residuals know the factors alone, which small pivots spoil unseen."""
+    energy = modes.vectors.T @ (stiffness @ modes.vectors)
+    off = abs(energy - np.diag(modes.omega**2)).max(initial=0.0) / omega_max**2
+    if not off <= _ENERGY_OFF:
+        raise ModeAccuracyError(
+            f"the elastic modes below {omega_max / (2 * np.pi):.6g} Hz are not accurate: their strain energy is off by "
+            f"{off:.2g} of that at the end of the band, expected at most {_ENERGY_OFF:.2g}. A pivot of "
+            "K - omega^2 M is too small there; move the end of the band, f_cut, by some percent"
+        )
+
+
+def _warn_of_count(omega_max: float, expected: int, found: int) -> None:
+    warnings.warn(
+        f"expected {expected} elastic modes below {omega_max / (2 * np.pi):.6g} Hz, as many as the signs of the pivots "
+        f"count, found {found}. Check that mass and stiffness are those of one free body with six rigid modes; if they "
+        "are, move the end of the band a little",
+        ModeCountWarning,
+        stacklevel=3,
+    )

@@ -1,0 +1,114 @@
+"""Order of elimination that keeps the factors of a sparse symmetric matrix small: nested dissection."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_bipartite_matching
+
+from ..support.arrays import Array
+
+_LEAF = 500  # nodes of a part that is not cut any more
+_BALANCE = 0.25  # least share of the nodes on either side of a cut
+
+
+def nested_dissection(matrix: sp.spmatrix) -> Array:
+    """Order the rows of a symmetric matrix so that its factors fill little.
+
+    A small set of nodes cuts the graph in two, each half is cut again, and every cut comes after what it separates
+    (George 1973). Cuts follow the fronts of a breadth-first search between far ends of the graph and are as small as a
+    vertex cover can be; the last parts are ordered by minimum degree. Solid bodies gain most over minimum degree alone.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse matrix
+        Of symmetric pattern.
+
+    Returns
+    -------
+    (n,) int array
+        The rows in order of elimination.
+    """
+    pattern = sp.csr_matrix(matrix)
+    pattern = sp.csr_matrix((np.ones(pattern.nnz, dtype=np.int64), pattern.indices, pattern.indptr), pattern.shape)
+    # The dofs of a node have the same neighbours; they stay together, and the graph is that of the nodes.
+    label = pattern @ np.random.default_rng(0).integers(2**62, size=pattern.shape[0])
+    _, first, node = np.unique(label, return_index=True, return_inverse=True)
+    order = _dissect(pattern[first][:, first].astype(float))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    return np.argsort(rank[node], kind="stable")
+
+
+def _dissect(graph: sp.csr_matrix) -> Array:
+    pieces = []  # last eliminated first
+    parts = [(graph, np.arange(graph.shape[0]))]
+    while parts:
+        graph, nodes = parts.pop()
+        side = _cut(graph) if len(nodes) > _LEAF else None
+        if side is None:
+            pieces.append(nodes[_minimum_degree(graph)])
+            continue
+        pieces.append(nodes[side == 0])
+        for half in (np.flatnonzero(side < 0), np.flatnonzero(side > 0)):
+            parts.append((graph[half][:, half], nodes[half]))
+    return np.concatenate(pieces[::-1])
+
+
+def _cut(graph: sp.csr_matrix) -> Array | None:
+    """Side of each node, -1 or 1, and 0 on the cut; None if there is no balanced cut."""
+    n = graph.shape[0]
+    best, start, side = np.inf, 0, None
+    for _ in range(3):
+        order, level = _fronts(graph, start)
+        if len(order) < n:
+            count, part = connected_components(graph, directed=False)
+            return np.where(part < count // 2, -1, 1)
+        start = order[-1]
+        size = np.bincount(level)
+        before = np.cumsum(size)[:-1]
+        smaller = np.minimum(before, n - before)
+        cost = np.where(smaller > _BALANCE * n, np.minimum(size[:-1], size[1:]) / np.sqrt(smaller), np.inf)
+        if len(cost) and cost.min() < best:
+            front = cost.argmin()
+            best, side = cost[front], np.where(level <= front, -1, 1)
+            touching = np.flatnonzero(level == front), np.flatnonzero(level == front + 1)
+    if side is not None:
+        side[_least_cover(graph, *touching)] = 0
+    return side
+
+
+def _fronts(graph: sp.csr_matrix, start: int) -> tuple[Array, Array]:
+    """Nodes in breadth-first order, and each node's distance from `start`, -1 if it cannot be reached."""
+    order, parent = breadth_first_order(graph, start)
+    place = np.empty(graph.shape[0], dtype=np.int64)
+    place[order] = np.arange(len(order))
+    parents = place[parent[order[1:]]]  # ascending
+    bounds = [0, 1]
+    while bounds[-1] < len(order):
+        bounds.append(1 + int(np.searchsorted(parents, bounds[-1])))
+    level = np.full(graph.shape[0], -1)
+    level[order] = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
+    return order, level
+
+
+def _least_cover(graph: sp.csr_matrix, left: Array, right: Array) -> Array:
+    """Fewest nodes that touch every edge between `left` and `right`, by a largest matching (Koenig's theorem)."""
+    edges = graph[left][:, right]
+    mate = maximum_bipartite_matching(edges, perm_type="column")
+    alone, paired = np.flatnonzero(mate < 0), np.flatnonzero(mate >= 0)
+    n_left, n_right = edges.shape
+    back = sp.csr_matrix((np.ones(len(paired)), (mate[paired], paired)), shape=(n_right, n_left))
+    source = sp.csr_matrix((np.ones(len(alone)), (np.zeros(len(alone), dtype=int), alone)), shape=(1, n_left))
+    paths = sp.bmat([[None, edges, None], [back, None, None], [source, None, sp.csr_matrix((1, 1))]], format="csr")
+    reached = np.zeros(n_left + n_right + 1, dtype=bool)
+    reached[breadth_first_order(paths, n_left + n_right, return_predecessors=False)] = True
+    return np.concatenate([left[~reached[:n_left]], right[reached[n_left:-1]]])
+
+
+def _minimum_degree(graph: sp.csr_matrix) -> Array:
+    """Order of SuperLU, which gives it with the factors of a matrix alone."""
+    dominant = (graph.shape[0] + 1) * sp.identity(graph.shape[0]) - graph
+    factors = scipy.sparse.linalg.splu(sp.csc_matrix(dominant), permc_spec="MMD_AT_PLUS_A")
+    return np.argsort(factors.perm_c)

@@ -1,0 +1,1 @@
+"""How contact forces follow from gaps: one file for each formulation."""

@@ -1,0 +1,112 @@
+"""Contact through the residual flexibility: a force element without penalty parameter (method.md, section 2)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...algebra.complementarity import Complementarity, regularised
+from ...errors import ComplementarityError
+from ...support.arrays import Array
+from ..gaps import BULGE
+from .law import ElasticContact
+
+
+class ComplianceContact(ElasticContact):
+    """Massless contact between two bodies whose rows have a residual flexibility.
+
+    With the gap h(q) of the rows, where modes and frames have brought them, and the flexibility F of both bodies at the
+    rows, the normal forces solve lambda >= 0, h + F lambda >= 0, lambda'(h + F lambda) = 0. As long as pairs hold, they
+    are a continuous, piecewise linear function of q and the gradient of the potential 1/2 lambda' F lambda, so that
+    contact stores and returns energy but makes none.
+
+    While pairs move, F is projected on the normals and facets, anew when they have slid by 0.3 % of a facet, for the
+    rows that can close: those inside, and those no further off than a quarter of the deepest one's depth, for the bulge
+    around a contact. What F changes by makes no force, in steps or without: rows are frictionless.
+
+    Parameters
+    ----------
+    gaps : Gaps
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If the flexibility of the rows is not positive definite.
+    """
+
+    _held: Any = None  # rows that `problem` is of
+    problem: Complementarity
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        super().reset()
+        self._take_held()
+
+    def _take_held(self) -> None:
+        """Go on with the rows that are frozen, or will be followed from here."""
+        if self._held is self.gaps.held is not None:
+            self.problem.reset()
+            return
+        self._held = self.gaps.held
+        self.problem = Complementarity(self._flexibility(np.arange(len(self.gaps.row_nodes))))
+
+    def _flexibility(self, index: Array) -> Array:
+        """Flexibility of some present rows, (na, na) [m/N]; of those on a few points some are redundant."""
+        return regularised(self.gaps.flexibility(index))
+
+    def force(self, q: Array) -> Array:
+        """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
+        self.answer(self.gaps.at(q))
+        return self.generalised()
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), of the present forces on the rows."""
+        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+
+    def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
+        """Find the forces on the present rows by their gaps, (nr,), and what other contacts push these further [m]."""
+        self.h = gap
+        h = gap + pushed
+        self.least_gap = h.min(initial=np.inf)
+        if self.gaps.moving:
+            self._answer_near(h)
+            return
+        if self._held is not self.gaps.held:
+            self._take_held()
+        self.lam = self.problem.solve(h)
+        self.index = self.problem.index
+
+    def _answer_near(self, h: Array) -> None:
+        if math.isnan(self.least_gap):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if self.least_gap >= 0.0:
+            self._open()
+            return
+        near = np.flatnonzero(h < -BULGE * self.least_gap)
+        self.problem.replace(self._flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
+        self._held = None  # the frozen problem is no more
+        lam = np.zeros(len(h))
+        lam[near] = self.problem.solve(h[near])
+        self._close(lam, near[self.problem.index])
+
+    def tangent_of(self, H: Array) -> Array:
+        """Stiffness H' F_AA^-1 H, (m, m), of the closed rows on any coordinates, H (na, m)."""
+        return H.T @ self.problem.solve_active(H) if len(H) else np.zeros((H.shape[1],) * 2)
+
+    def active_flexibility(self) -> Array:
+        """Flexibility of the closed rows, (na, na) [m/N]."""
+        index = self.problem.index if self.index.size else self.index
+        return self.problem.F[np.ix_(index, index)]
+
+    def closed_stiffness(self) -> Array:
+        """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
+        everything = np.arange(len(self.gaps.row_nodes))
+        H = self.gaps.jacobian(everything)
+        return H.T @ np.linalg.solve(self._flexibility(everything), H)
+
+    def potential(self, q: Array) -> float:
+        """Energy stored in the contact's flexibility, 1/2 lambda' F lambda = -1/2 lambda' h by complementarity [J]."""
+        self.force(q)
+        return self.stored()

@@ -1,0 +1,121 @@
+"""Multipliers of several contacts found together: on bodies whose coordinates they share, and across joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from ...algebra.complementarity import Complementarity
+from ...support.arrays import Array
+from .lagrange import LagrangeContact
+
+
+class ForwardIncrement:
+    """One complementarity problem over all rows of some contacts.
+
+    It is lambda >= 0, w >= 0, lambda'w = 0 for
+
+        w = h + F lambda,    h = g / step^2,    F = G M^-1 G',
+
+    with their gaps g at the end of the step as it would be without them.
+
+    Parameters
+    ----------
+    laws : list of LagrangeContact
+    dofs : list of (n,) int arrays
+        Numbers of each contact's coordinates among all, by which contacts know what they share.
+    """
+
+    def __init__(self, laws: Sequence[LagrangeContact], dofs: Sequence[Array]) -> None:
+        self.laws = laws
+        self._links = []
+        for i, j in combinations(range(len(laws)), 2):
+            _, own, others = np.intersect1d(dofs[i], dofs[j], return_indices=True)
+            if own.size:
+                self._links.append((i, j, own, others))
+        self.problem: Any = None
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        self.problem = None
+        for law in self.laws:
+            law.reset()
+
+    def increment(self, states: Sequence[tuple[Array, Array, Array]], step: float) -> list[Array]:
+        """Accelerations M^-1 G' lambda, (n,) of each contact, that keep all gaps open; none if nothing closes.
+
+        Parameters
+        ----------
+        states : list of three (n,) arrays
+            Coordinates of each contact's bodies, velocities and accelerations without contact.
+        step : float
+            [s]
+        """
+        h = self.predict(states, step)
+        if h.min(initial=np.inf) >= 0.0:
+            return self.open()
+        self.take_rows()
+        return self.accelerations(self.solve(h))
+
+    def predict(self, states: Sequence[tuple[Array, Array, Array]], step: float) -> Array:
+        """Return h, (nr,), of the rows of all contacts."""
+        self._step = step
+        gaps = [law.predict(*state, step) for law, state in zip(self.laws, states, strict=True)]
+        return np.concatenate(gaps) / step**2
+
+    def open(self) -> list[Array]:
+        """Leave all rows open in the coming step, without accelerations."""
+        for law in self.laws:
+            law.open()
+        return []
+
+    def take_rows(self) -> bool:
+        """Take F of the present rows; whether they are others than before."""
+        changed = [law.take_rows() for law in self.laws]
+        if self.problem is not None and not any(changed):
+            return False
+        self._ends = np.cumsum([0] + [len(law.F) for law in self.laws])
+        self._F = scipy.linalg.block_diag(*(law.F for law in self.laws))
+        for i, j, own, others in self._links:
+            block = self.laws[i].G[:, own] @ self.laws[j].push[others]
+            rows, columns = self._rows(i), self._rows(j)
+            self._F[rows, columns] = block.toarray() if sp.issparse(block) else block
+            self._F[columns, rows] = self._F[rows, columns].T
+        self._by_joints: Array | None = None
+        self._index: Array | None = None
+        if self.problem is None:
+            self.problem = Complementarity(self._F)
+        self.problem.replace(self._F, np.concatenate([law.guess for law in self.laws]))
+        return True
+
+    def _rows(self, law: int) -> slice:
+        return slice(self._ends[law], self._ends[law + 1])
+
+    def split(self, lam: Array) -> list[Array]:
+        """Parts of each contact, of lam, (nr,)."""
+        return [lam[self._rows(i)] for i in range(len(self.laws))]
+
+    def solve(self, h: Array, by_joints: Array | None = None) -> Array:
+        """Return lambda, (nr,), for h, (nr,), and what joints add to F by their own answer to lambda, (nr, nr)."""
+        if by_joints is not self._by_joints:
+            self.problem.replace(self._F if by_joints is None else self._F + by_joints, self.problem.active)
+            self._by_joints = by_joints
+        lam = self.problem.solve(h)
+        self._gaps = self._step**2 * (h + self.problem.F @ lam)
+        return lam
+
+    def accelerations(self, lam: Array) -> list[Array]:
+        """Take the solution lam, (nr,), for the coming step; returns the accelerations that it makes, (n,) of each."""
+        if self.problem.index is not self._index:
+            self._index = self.problem.index
+            self._closed = [np.flatnonzero(self.problem.active[self._rows(i)]) for i in range(len(self.laws))]
+        scale = self._step**2 * (self._F.diagonal() * lam).max()
+        parts = zip(self.laws, self.split(lam), self._closed, self.split(self._gaps), strict=True)
+        for law, on_rows, closed, gaps in parts:
+            law.close(on_rows, closed, gaps, scale)
+        return [law.push @ law.lam for law in self.laws]

@@ -1,0 +1,112 @@
+"""What all contact laws have in common: rows, their present forces, and the resultants."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...support.arrays import Array
+from ..gaps import Gaps
+
+
+class ContactLaw:
+    """Forces on the rows of a contact.
+
+    Attributes
+    ----------
+    gaps : Gaps
+    lam : (nr,) array
+        Forces on the present rows of `gaps` [N].
+    index : (na,) int array
+        Those that are closed.
+    least_gap : float
+        Smallest gap of the present rows, before the contact's own flexibility gives way [m].
+    """
+
+    def __init__(self, gaps: Gaps) -> None:
+        self.gaps = gaps
+        self._closed_nodes = np.zeros(len(gaps.slave.surface.points), dtype=bool)
+        self._zero = np.zeros(gaps.n)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        self.gaps.reset()
+        self.least_gap = np.inf
+        self._open()
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Gaps, rates and accelerations of an open contact, as `Gaps.closing`."""
+        found = self.gaps.closing(q, q_t, q_tt)
+        self._open()  # the rows may be others now
+        return found
+
+    def _open(self) -> Array:
+        """No row is closed."""
+        self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
+        self._closed_nodes[:] = False
+        return self._zero
+
+    def _close(self, lam: Array, index: Array) -> None:
+        """These rows are closed; which nodes they belong to is the first guess of the next step."""
+        self.lam, self.index = lam, index
+        self._closed_nodes[:] = False
+        self._closed_nodes[self.gaps.row_nodes[index]] = True
+
+    @property
+    def row_nodes(self) -> Array:
+        """Slave's patch node of each present row, (nr,)."""
+        return self.gaps.row_nodes
+
+    @property
+    def node_areas(self) -> Array:
+        """Area of the row of each of the slave's patch nodes, (np,) [m2]; zero where there is none."""
+        return self.gaps.node_areas
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """Pressures around the slave's patch nodes by the forces of their rows, (np, np) [1/m2]."""
+        return self.gaps.node_pressures
+
+    def resultant(self) -> Array:
+        """Force on the slave, (3,) [N]."""
+        return self.gaps.resultant(self.lam)
+
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the patches' nodes in space, (np, 3) of each side [N]."""
+        return self.gaps.nodal_forces(self.lam)
+
+    def moment(self, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m]."""
+        return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)
+
+    def edge_reached(self) -> Array | None:
+        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        rows = self.index[self.gaps.at_edge[self.index]]
+        if not len(rows):
+            return None
+        return self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
+
+
+class ElasticContact(ContactLaw):
+    """A contact whose forces follow from the coordinates alone, and so have a stiffness and a potential."""
+
+    h: Array
+
+    def answer(self, gap: Array) -> None:
+        """Find the forces on the present rows by their gaps, (nr,) [m]."""
+        raise NotImplementedError
+
+    def stored(self) -> float:
+        """Energy stored at present [J]: -1/2 lambda' h, the half of forces times depths."""
+        return -0.5 * float(self.lam[self.index] @ self.h[self.index])
+
+    def tangent_of(self, H: Any) -> Array:
+        """Stiffness that the closed rows make on some coordinates, (m, m), by their derivatives H, (na, m)."""
+        raise NotImplementedError
+
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q of the closed rows, (n, n), pairs held."""
+        return self.tangent_of(self.gaps.jacobian(self.index))

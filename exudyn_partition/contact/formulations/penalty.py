@@ -1,0 +1,85 @@
+"""Contact by a penalty: an elastic layer on the slave's patch, for comparison and for bodies of other kinds."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...errors import ComplementarityError
+from ...support.arrays import Array
+from ..gaps import Gaps
+from .law import ElasticContact
+
+_SOFT = 0.1  # of the bodies' own highest squared frequency: what the layer may add to it
+
+
+class PenaltyContact(ElasticContact):
+    """Each row pushes with its area times a layer's stiffness times the depth that its gap is closed beyond zero.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    stiffness : float
+        Of the layer [N/m3].
+    """
+
+    def __init__(self, gaps: Gaps, stiffness: float) -> None:
+        self.stiffness = stiffness
+        super().__init__(gaps)
+
+    def force(self, q: Array) -> Array:
+        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
+        self.answer(self.gaps.at(q))
+        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+
+    def answer(self, gap: Array) -> None:
+        """Find the forces on the present rows by their gaps, (nr,) [m]."""
+        self.h = gap
+        self.least_gap = gap.min(initial=np.inf)
+        if math.isnan(self.least_gap):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if self.least_gap >= 0.0:
+            self._open()
+            return
+        lam = np.where(gap < 0.0, -self.stiffness * self.gaps.area * gap, 0.0)
+        self._close(lam, np.flatnonzero(lam))
+
+    def tangent_of(self, H: Array) -> Array:
+        """Stiffness of the closed rows on any coordinates, (m, m), H (na, m)."""
+        return self._tangent(self.index, H)
+
+    def closed_stiffness(self) -> Array:
+        """Contact stiffness with all rows closed, (n, n)."""
+        everything = np.arange(len(self.gaps.row_nodes))
+        return self._tangent(everything, self.gaps.jacobian(everything))
+
+    def _tangent(self, index: Array, H: Any) -> Array:
+        k = self.stiffness * self.gaps.area[index]
+        return (H.T @ sp.diags(k) @ H).toarray() if sp.issparse(H) else H.T @ (k[:, None] * H)
+
+    def potential(self, q: Array) -> float:
+        """Energy stored in the layer [J]."""
+        self.force(q)
+        return self.stored()
+
+
+def bed_stiffness(gaps: Gaps) -> float:
+    """Stiffness of the layer that yields under a uniform pressure as the bodies' residual flexibility does [N/m3].
+
+    With the rows' areas A and flexibility F, a unit pressure moves them by F A; the layer's mean is the same.
+    """
+    A = gaps.area
+    return float(A.sum() / (A @ gaps.flexibility(np.arange(len(A))) @ A))
+
+
+def inertial_stiffness(gaps: Gaps, inverse_mass: Array, omega_max: float) -> float:
+    """Stiffness of the layer that raises no squared frequency of patches with mass by more than a tenth [N/m3].
+
+    A row with mobility g = G M^-1 G' and stiffness k adds at most k g to omega_max^2.
+    """
+    H = gaps.jacobian(np.arange(len(gaps.area)))
+    mobility = np.asarray((H.multiply(H) if sp.issparse(H) else H * H) @ inverse_mass).ravel()
+    return float(_SOFT * omega_max**2 / np.max(mobility * gaps.area))

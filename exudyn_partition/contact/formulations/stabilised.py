@@ -1,0 +1,150 @@
+"""Contact by Lagrange multipliers in implicit steps, as a force element that Newton's iteration can follow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...algebra.complementarity import Complementarity, regularised
+from ...algebra.factorisation import Factorisation
+from ...errors import ComplementarityError
+from ...support.arrays import Array
+from ..gaps import Side
+from .law import ContactLaw
+
+_AHEAD = 2.0  # steps that gaps are predicted
+_SHARE = 0.4  # of the compliance that a step meets
+_PATIENCE = 30  # evaluations in a step that has been cut, after which rows no longer open or close
+_CUT = 0.26  # of the longest step
+_STEPS_KEPT = 8  # step sizes whose flexibility is kept, for adaptive steps
+
+
+class StabilisedContact(ContactLaw):
+    """Multipliers of patches with mass, for generalized-alpha with step s.
+
+    With gaps h two steps ahead, at q + 2 s q_t, forces solve lambda >= 0, w >= 0, lambda'w = 0 for
+
+        w = h + F (lambda - lambda*),    F = 0.4 G (4 M / s^2 + K)^-1 G'.
+
+    Here lambda* = 2 lambda_n - lambda_n-1 is extrapolated from the last two steps, and F is a share of the compliance
+    that a step of the trapezoidal rule itself meets, s^2 / 4m on a node without neighbours and static on a stiff one.
+
+    Gaps that are zero at the end of the step would be of index 3, whose forces ring from step to step. The prediction
+    damps: closed rows obey h + 2 s h' = 0 once forces are smooth, and what comes to touch is slowed down over some
+    steps. F lets Newton's iteration find which rows are closed. It gives way to the second difference of the forces
+    alone, so that penetration is F s^2 lambda'', nothing under constant or steadily changing forces. Its work is of
+    third order in the step, and not always a loss: a body that rings undamped on its contact gains energy in coarse
+    steps. What contact takes besides is what nodes' own masses carry when they meet (Kane, Repetto, Ortiz, Marsden
+    1999).
+
+    Where Newton's iteration goes round in a circle, Exudyn cuts the step; if that does not help either, rows stay open
+    or closed for the rest of the step, with forces that may pull a little, once.
+
+    `least_gap` is that of the prediction.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    """
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        super().reset()
+        self._step = 0.0
+        self._flexibilities: dict[float, list[Array]] = {}
+        self._start = -math.inf
+        self._longest = 0.0
+        self._evaluations = 0
+        self._expected = self._last = np.zeros(len(self._closed_nodes))
+        self._held: Any = None
+        self.problem: Any = None
+
+    def force(self, q: Array, q_t: Array, step: float, start: float) -> Array:
+        """Generalised contact force, (n,).
+
+        Parameters
+        ----------
+        q, q_t : (n,) arrays
+            Coordinates of slave and master at the end of the step, and their velocities.
+        step : float
+            [s]; zero where the solver asks for initial accelerations, in which contact has no part yet.
+        start : float
+            Time at the start of the step [s].
+
+        Raises
+        ------
+        ComplementarityError
+            If gaps are not finite.
+        """
+        if start != self._start:
+            self._extrapolate(start)
+        self._evaluations = self._evaluations + 1 if step == self._step else 0
+        if step <= 0.0:
+            return self._open()
+        gaps = self.gaps
+        h = gaps.at(gaps.moved(q, _AHEAD * step * q_t))
+        self.least_gap = h.min(initial=np.inf)
+        if math.isnan(self.least_gap):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        expected = self._expected[gaps.row_nodes]
+        if self.least_gap >= 0.0 and not expected.any():
+            return self._open()
+        self._take_rows(step)
+        w = h - self.problem.F @ expected
+        self._longest = max(self._longest, step)
+        if self._evaluations < _PATIENCE or step > _CUT * self._longest:
+            lam = self.problem.solve(w)
+        else:
+            lam = np.zeros(len(w))
+            lam[self.problem.index] = self.problem.solve_active(-w[self.problem.index])
+        self._close(lam, self.problem.index)
+        return gaps.generalised(lam)
+
+    def _extrapolate(self, start: float) -> None:
+        """Begin a new step: the forces found last are those of the one before."""
+        last = np.zeros(len(self._closed_nodes))
+        last[self.gaps.row_nodes[self.index]] = self.lam[self.index]
+        self._expected = 2 * last - self._last
+        self._last, self._start, self._evaluations = last, start, 0
+
+    def _take_rows(self, step: float) -> None:
+        """F of the present rows, if they or the step are others than before."""
+        gaps = self.gaps
+        if step != self._step:
+            if step not in self._flexibilities:
+                if len(self._flexibilities) == _STEPS_KEPT:
+                    self._flexibilities.clear()
+                self._flexibilities[step] = [_dynamic_flexibility(side, step) for side in gaps.sides]
+            both = zip(gaps.sides, self._flexibilities[step], strict=True)
+            gaps.sides = tuple(replace(side, flexibility=flexibility) for side, flexibility in both)
+        elif self.problem is not None and not gaps.moving and self._held is gaps.held:
+            return
+        F = regularised(_SHARE * gaps.flexibility(np.arange(len(gaps.row_nodes))))
+        if self.problem is None:
+            self.problem = Complementarity(F)
+        self.problem.replace(F, self._closed_nodes[gaps.row_nodes])
+        self._step, self._held = step, gaps.held
+
+    def tangent(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """Derivative of minus the force, (n, n), pairs held: that by q times `by_q`, that by q_t times `by_q_t`."""
+        n, index = self.gaps.n, self.index
+        if not index.size:
+            return sp.csr_matrix((n, n))
+        H = sp.csr_matrix(self.gaps.jacobian(index))
+        some = np.unique(H.indices)  # of the many nodal coordinates, those of closed rows
+        part = H[:, some].toarray()
+        stiffness = (by_q + _AHEAD * self._step * by_q_t) * (part.T @ self.problem.solve_active(part))
+        place = np.repeat(some, len(some)), np.tile(some, len(some))
+        return sp.csr_matrix((stiffness.ravel(), place), shape=(n, n))
+
+
+def _dynamic_flexibility(side: Side, step: float) -> Array:
+    """Displacements of the patch's nodes by forces on them, (3 np, 3 np) [m/N], as an implicit step meets them."""
+    body = side.kinematics.body
+    rows = sp.csr_matrix(body.rows(side.kinematics.nodes))
+    met = Factorisation(sp.csc_matrix(4 / step**2 * body.mass + body.stiffness))
+    return np.asarray(rows @ met.solve(rows.T.toarray()))

@@ -1,0 +1,113 @@
+"""Two-pass contact: the mean of both ways to choose slave and master."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...support.arrays import Array
+from .compliance import ComplianceContact
+from .penalty import PenaltyContact
+
+
+class TwoPass:
+    """Half of a law with one side as slave, and half of it with the other: no side is preferred, no row redundant.
+
+    Each half is the gradient of a potential, so their sum is, and each alone carries the whole force.
+
+    Parameters
+    ----------
+    there, back : ComplianceContact or PenaltyContact
+        The laws of the two passes; the second has slave and master exchanged.
+    """
+
+    def __init__(self, there: ComplianceContact | PenaltyContact, back: ComplianceContact | PenaltyContact) -> None:
+        self.passes = (there, back)
+        self.gaps = there.gaps
+        n, n_back = there.gaps.n, back.gaps.sides[0].n
+        self._exchange = np.r_[n - n_back : n, : n - n_back]  # master first
+        self._restore = np.argsort(self._exchange)
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        for law in self.passes:
+            law.reset()
+
+    def force(self, q: Array) -> Array:
+        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
+        there, back = self.passes
+        return 0.5 * (there.force(q) + back.force(q[self._exchange])[self._restore])
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Gaps, rates and accelerations of both passes, as `Gaps.closing`."""
+        there, back = self.passes
+        both = there.closing(q, q_t, q_tt), back.closing(*(x[self._exchange] for x in (q, q_t, q_tt)))
+        gap, rate, acceleration = (np.concatenate(pair) for pair in zip(*both, strict=True))
+        return gap, rate, acceleration
+
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q, (n, n)."""
+        there, back = (law.tangent() for law in self.passes)
+        return 0.5 * (there + back[np.ix_(self._restore, self._restore)])
+
+    def closed_stiffness(self) -> Array:
+        """Contact stiffness with all rows closed, (n, n)."""
+        there, back = (law.closed_stiffness() for law in self.passes)
+        return 0.5 * (there + back[np.ix_(self._restore, self._restore)])
+
+    def potential(self, q: Array) -> float:
+        """Energy stored in the contact [J]."""
+        there, back = self.passes
+        return 0.5 * (there.potential(q) + back.potential(q[self._exchange]))
+
+    @property
+    def lam(self) -> Array:
+        """Forces on the rows of the first pass, then of the second [N]; their sum is the total force."""
+        return 0.5 * np.concatenate([law.lam for law in self.passes])
+
+    @property
+    def index(self) -> Array:
+        """Closed rows among them."""
+        there, back = self.passes
+        return np.r_[there.index, len(there.lam) + back.index]
+
+    @property
+    def row_nodes(self) -> Array:
+        """Patch nodes of the rows, those of the second pass counted on from the first slave's."""
+        there, back = self.passes
+        return np.r_[there.row_nodes, len(there.node_areas) + back.row_nodes]
+
+    @property
+    def node_areas(self) -> Array:
+        """Half the areas of all patch nodes' rows [m2]: their sum is one side's."""
+        return 0.5 * np.concatenate([law.node_areas for law in self.passes])
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """Pressures around all patch nodes by the forces of their rows, each of which holds half of a side's [1/m2]."""
+        return 2.0 * sp.block_diag([law.node_pressures for law in self.passes], format="csr")
+
+    @property
+    def least_gap(self) -> float:
+        """Smallest gap of both passes [m]."""
+        return min(law.least_gap for law in self.passes)
+
+    def resultant(self) -> Array:
+        """Force on the slave of the first pass, (3,) [N]."""
+        there, back = self.passes
+        return 0.5 * (there.resultant() - back.resultant())
+
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the patches' nodes in space, (np, 3) of each side of the first pass [N]."""
+        there, back = (law.nodal_forces() for law in self.passes)
+        return [0.5 * (one + other) for one, other in zip(there, back[::-1], strict=True)]
+
+    def moment(self, point: Array) -> Array:
+        """Moment on it about a point in space, (3,) [N m]."""
+        there, back = self.passes
+        return 0.5 * (there.moment(point) - back.moment(point))
+
+    def edge_reached(self) -> Array | None:
+        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        places = [law.edge_reached() for law in self.passes]
+        return next((place for place in places if place is not None), None)

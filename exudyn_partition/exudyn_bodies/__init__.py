@@ -1,0 +1,1 @@
+"""Partition bodies in an Exudyn model: nodes, objects, markers, joints and carriers."""

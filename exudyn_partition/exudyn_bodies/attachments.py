@@ -1,0 +1,109 @@
+"""Items of a model that reach a part of a partition body which is not what they take it for: found, and refused.
+
+The super element that carries markers has no mass matrix, and the rigid node of one in an inertial frame is held in
+space. Exudyn would let loads, joints and sensors have these, and tell nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError, RunError
+from ..support.optional import require
+
+if TYPE_CHECKING:
+    from .partition_body import PartitionBody
+
+_FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # of a body's own axes
+_TORN = 0.5  # rad, of a body in an inertial frame: lengths are 13 % off
+_OF_MASS = ("KineticEnergy", "PotentialEnergy", "Force")
+
+
+def check_attachments(mbs: Any, bodies: list[PartitionBody]) -> None:
+    """Refuse markers and sensors that would act on, or tell of, nothing.
+
+    Raises
+    ------
+    InputError
+        Naming the item, the body, and what to take instead.
+    """
+    carriers = {int(item["oFFRFreducedOrder"]): item for item in bodies if "oFFRFreducedOrder" in item}
+    if not carriers:
+        return
+    held = {int(item["nRigidBody"]): item for item in carriers.values() if item.frame == "inertial"}
+    own = {number for item in held.values() for number in item.frame_markers}
+    for number in range(mbs.systemData.NumberOfMarkers()):
+        marker = mbs.GetMarker(number)
+        named = f"mbs: marker {number} {marker['name']!r}, a Marker{marker['markerType']}"
+        if marker["markerType"] in _FRAME_MARKERS:
+            item = carriers.get(int(marker.get("bodyNumber", -1)))
+            if item is not None:
+                raise InputError(
+                    f"{named}, is on the frame of body {item.name!r}, not on its material: {_instead(item)}"
+                )
+        elif number not in own and int(marker.get("nodeNumber", -1)) in held:
+            item = held[int(marker["nodeNumber"])]
+            raise InputError(
+                f"{named}, is on a node of body {item.name!r} that is held in space, for its frame is inertial: "
+                f"{_instead(item)}"
+            )
+    for number in range(mbs.systemData.NumberOfSensors()):
+        sensor = mbs.GetSensor(number)
+        named = f"mbs: sensor {number} {sensor['name']!r}, a Sensor{sensor['sensorType']}"
+        item = carriers.get(int(sensor.get("bodyNumber", sensor.get("objectNumber", -1))))
+        quantity = str(sensor.get("outputVariableType", "")).rpartition(".")[2]
+        if item is not None and sensor["sensorType"] in ("Body", "Object") and quantity in _OF_MASS:
+            raise InputError(
+                f"{named} of {quantity}, is on the object that carries the markers of body {item.name!r}, which has no "
+                "mass and stiffness of its own: take the body's energy(result) and momentum(result)"
+            )
+        if sensor["sensorType"] == "Node" and int(sensor["nodeNumber"]) in held:
+            item = held[int(sensor["nodeNumber"])]
+            raise InputError(
+                f"{named}, is on a node of body {item.name!r} that is held in space, for its frame is inertial: take a "
+                "SensorMarker on what CreateInterfaceMarker or CreatePointMarker returns, or frame='floating'"
+            )
+
+
+def _instead(item: PartitionBody) -> str:
+    names = ", ".join(repr(interface.name) for interface in item.body.partition.interfaces)
+    return (
+        "take CreateInterfaceMarker"
+        + (f" (it has {names})" if names else ", with an interface in the partition,")
+        + " or CreatePointMarker; for gravity, a MarkerBodyMass or gravity= of CreatePartitionBody"
+    )
+
+
+def add_guard(mbs: Any, item: PartitionBody, check: Callable[[Any], None]) -> None:
+    """Add a sensor that stores nothing, for Exudyn to read: it calls `check` at the start of each run.
+
+    It also stops runs that turn a body in an inertial frame so far that joints, which turn as it does not, tear it.
+    """
+    latest, name, node, n = math.inf, item.name, item.nodes[0], item.body.n_dofs
+    turning = item.rigid_motion(np.eye(n))[:, 3:].T if item.frame == "inertial" else None
+
+    def value(mbs: Any, t: float, *unused: Any) -> list[float]:
+        nonlocal latest
+        if t <= latest:
+            check(mbs)
+        latest = t
+        if turning is not None:
+            first = mbs.GetNodeODE2Index(node)
+            angle = float(np.linalg.norm(turning @ mbs.systemData.GetODE2Coordinates(copy=False)[first : first + n]))
+            if angle > _TORN:
+                raise RunError(
+                    f"body {name!r} has rotated by {angle:.2g} rad at t = {t:.6g} s, and its frame is inertial, "
+                    "which takes rotations as small: its joints cannot follow. Take frame='floating' of "
+                    "CreatePartitionBody, which turns as far as it likes"
+                )
+        return [0.0]
+
+    mbs.AddSensor(
+        require("exudyn.itemInterface").SensorUserFunction(
+            sensorUserFunction=value, writeToFile=False, storeInternal=False
+        )
+    )

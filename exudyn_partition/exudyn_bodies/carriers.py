@@ -1,0 +1,119 @@
+"""Exudyn bodies that carry rigid surfaces: where they are, how they move, and what contact does to them."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import RunError
+from ..support.arrays import Array
+from ..support.optional import require
+
+if TYPE_CHECKING:
+    from ..exudyn_contacts.contact_items import PartitionContact
+
+
+def weakly(mbs: Any) -> Callable[[], Any]:
+    """Return what gives the model as long as the user holds it.
+
+    The model holds its user functions, so that one which held the model would keep both for ever.
+    """
+    model = weakref.ref(mbs)
+
+    def held() -> Any:
+        found = model()
+        if found is None:
+            raise RunError("mbs: the model is in use, but nothing holds it any more; keep what AddSystem() returned")
+        return found
+
+    return held
+
+
+def pose(mbs: Any, body: Any) -> Any:
+    """Where an Exudyn body is now, in a model that is not assembled yet at its reference; None without a body."""
+    if body is None:
+        return None
+    exu = require("exudyn")
+    variable, configuration, model = exu.OutputVariableType, exu.ConfigurationType, weakly(mbs)
+
+    def pose_now() -> tuple[Array, Array]:
+        mbs = model()
+        now = configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference
+        place, axes = (
+            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=now)
+            for what in (variable.Position, variable.RotationMatrix)
+        )
+        return np.asarray(place), np.asarray(axes).reshape(3, 3)
+
+    return pose_now
+
+
+def motion(mbs: Any, body: Any) -> Any:
+    """Velocity and angular velocity of an Exudyn body now; None without a body."""
+    if body is None:
+        return None
+    variable, model = require("exudyn").OutputVariableType, weakly(mbs)
+
+    def motion_now() -> tuple[Array, Array]:
+        mbs = model()
+        velocity, omega = (
+            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0])
+            for what in (variable.Velocity, variable.AngularVelocity)
+        )
+        return np.asarray(velocity), np.asarray(omega)
+
+    return motion_now
+
+
+class Carrier:
+    """The body that carries a rigid surface, by its Exudyn nodes.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    body : exudyn.ObjectIndex
+    """
+
+    def __init__(self, mbs: Any, body: Any) -> None:
+        found = mbs.GetObject(body)
+        nodes = [found["nodeNumber"]] if "nodeNumber" in found else found.get("nodeNumbers", [])
+        self.nodes = [node for node in nodes if "Ground" not in mbs.GetNode(node)["nodeType"]]
+        self._motion_now = motion(mbs, body)
+
+    def by_coordinates(self, mbs: Any) -> Array:
+        """Velocity and angular velocity in space, (6, k), by those of the k coordinates of the nodes."""
+        exu, data = require("exudyn"), mbs.systemData
+        q_t, columns = data.GetODE2Coordinates_t(copy=False), []
+        before = q_t.copy()
+        try:
+            for node in self.nodes:
+                start = mbs.GetNodeODE2Index(node)
+                for coordinate in range(len(mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))):
+                    q_t[:] = 0.0
+                    q_t[start + coordinate] = 1.0
+                    columns.append(np.concatenate(self._motion_now()))
+        finally:
+            q_t[:] = before
+        return np.array(columns).T
+
+
+def load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
+    """Put the contact's reaction on the body that carries the rigid surface, as loads.
+
+    Exudyn evaluates loads after objects, so that the contact's forces are those of the same coordinates.
+    """
+    items, pose_now = require("exudyn.itemInterface"), pose(mbs, body)
+    marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
+
+    def force(mbs: Any, t: float, load: Any) -> list[float]:
+        return [*map(float, -contact.law.resultant())]
+
+    def torque(mbs: Any, t: float, load: Any) -> list[float]:
+        return [*map(float, -contact.law.moment(pose_now()[0]))] if contact.law.index.size else [0.0, 0.0, 0.0]
+
+    zero = [0.0, 0.0, 0.0]
+    mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))
+    mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=torque))

@@ -1,0 +1,354 @@
+"""Exudyn adapter: partition bodies as nodes, objects, user functions and sensors of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError, RunError
+from ..frames.damping import Damping, ModeDamping, Ratios, damping_of
+from ..frames.floating import FloatingKinematics
+from ..frames.inertia_forces import TERMS, InertiaForces
+from ..frames.inertial import InertialKinematics
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+from ..support.checks import validate_array, validate_choice, validate_flag, validate_vector
+from ..support.optional import require
+from .model import REGISTRY, coordinate_slices, validate_model, validate_new_name
+from .partition_body import RIGID, PartitionBody
+
+_ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
+# Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
+# From here a turn about a coordinate axis keeps 1e-14 rad at every angle. Further away Exudyn's static solver, which
+# adds rotation vectors, would converge slowly.
+_APART = (0.01, 0.01, 0.01)  # rad
+
+
+def CreatePartitionBody(
+    mbs: Any,
+    body: ReducedBody,
+    *,
+    name: str = "",
+    frame: str = "inertial",
+    referencePosition: Sequence[float] = (0.0, 0.0, 0.0),
+    referenceRotation: Sequence[Sequence[float]] | None = None,
+    initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
+    initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
+    gravity: Sequence[float] = (0.0, 0.0, 0.0),
+    damping: Ratios | None = None,
+    inertiaTerms: Collection[str] = tuple(TERMS),
+    superElement: bool = False,
+) -> PartitionBody:
+    """Add a reduced body to a model.
+
+    Inertial frame: a NodeGenericODE2 holds the shape coordinates, a second one the nodal coordinates of the paper's
+    basis, an ObjectGenericODE2 the matrices: identity mass and diagonal stiffness go to Exudyn as they are; the
+    coupling of shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
+
+    Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
+    NodeGenericODE2 holds the elastic ones, if there are any. Of the paper's basis those are what is left of shapes and
+    nodal columns without rigid motion (module `mean_axes`), and their stiffness is in the user function below.
+    Mass is constant, inertia forces are a user function (module `floating`).
+    There are no algebraic equations, so that every solver of Exudyn runs it. The rigid node's axes stand a degree off
+    the body's, as rotation vectors lose their digits near zero; markers of interfaces have the body's axes.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    body : ReducedBody
+    name : str
+    frame : {"inertial", "floating", "auto"}
+        "inertial": the body moves by small rotations about its place, translations may be large. "floating": its axes
+        rotate with it, as far as they like. "auto": floating if an initial angular velocity or a reference rotation is
+        given, inertial otherwise; a body that others will turn needs "floating".
+    referencePosition : (3,)
+        Where the origin of the body's mesh is put [m].
+    referenceRotation : (3, 3), optional
+        Rotation matrix from the axes of the body's mesh to the global ones; of a floating frame.
+    initialVelocity : (3,)
+        Of the centre of mass [m/s].
+    initialAngularVelocity : (3,)
+        About the centre of mass, in global axes [rad/s].
+    inertiaTerms : collection of str
+        Inertia forces of a floating frame that are kept, of `floating.TERMS`: "gyroscopic", "coriolis", "centrifugal"
+        and "coupling". Default: all. `left_out` of what is returned says what is missing.
+    gravity : (3,)
+        Acceleration of gravity [m/s2], a constant force.
+    damping : float, sequence, callable or Rayleigh, optional
+        Damping of vibration: one ratio for all kept modes, a ratio for each elastic one, a function from frequencies
+        [Hz] to ratios, or `Rayleigh(alpha, beta)`, which alone goes with kept nodes. Rigid motion is not damped.
+        Default: none. It lowers the explicit stability limit.
+    superElement : bool
+        Whether to add what carries Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a marker for
+        each interface at once, so that the result has the keys of `mbs.CreateFFRFReducedOrderObject` and of
+        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. Otherwise they come when first asked for. Markers
+        that a model itself attaches to FE nodes have the rigid node's axes, which are those of the mesh then: near zero
+        rotation Exudyn keeps 8 digits of it, so that forces of stiff joints chatter in steps of microseconds.
+
+    Returns
+    -------
+    PartitionBody
+
+    Raises
+    ------
+    InputError
+        If `mbs` is no model, an argument is out of range, the model has an item of that name, or the body cannot have a
+        floating frame: it has no inertia about some axis.
+    """
+    validate_model(mbs)
+    if not isinstance(body, ReducedBody):
+        raise InputError(f"body: expected what reduce() returns, got {type(body).__name__}")
+    validate_choice("frame", frame, ("inertial", "floating", "auto"))
+    position = validate_vector("referencePosition", referencePosition)
+    rotation = None if referenceRotation is None else _rotation_vector(referenceRotation)
+    velocity = validate_vector("initialVelocity", initialVelocity)
+    angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
+    acceleration = validate_vector("gravity", gravity)
+    if isinstance(inertiaTerms, str) or not isinstance(inertiaTerms, Collection):
+        raise InputError(f"inertiaTerms: expected a collection of {', '.join(TERMS)}, got {inertiaTerms!r}")
+    for term in inertiaTerms:
+        validate_choice("inertiaTerms", term, TERMS)
+    validate_flag("superElement", superElement)
+    if frame == "auto":
+        rotates = rotation is not None or angular_velocity.any()
+        frame = "floating" if rotates else "inertial"
+    validate_new_name(mbs, name, ("Object",) if frame == "inertial" else ("Object", "Node"))
+    if frame == "inertial":
+        if rotation is not None:
+            raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
+        kinematics = InertialKinematics(body, position)
+        loss = None if damping is None else damping_of(kinematics, damping)
+        item = _add_inertial(mbs, kinematics, name, body.rigid @ np.r_[velocity, angular_velocity], loss)
+    else:
+        rotation = np.zeros(3) if rotation is None else rotation
+        floating = FloatingKinematics(
+            body, position, rotation, node_rotation=None if superElement else np.array(_APART)
+        )
+        loss = None if damping is None else damping_of(floating, damping)
+        item = _add_floating(mbs, floating, name, velocity, angular_velocity, inertiaTerms, loss)
+    item.damping = loss
+    if acceleration.any():
+        mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    for key, kind in (
+        ("sCoordinates", exu.OutputVariableType.Coordinates),
+        ("sCoordinates_t", exu.OutputVariableType.Coordinates_t),
+    ):
+        item[key] = [
+            mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True))
+            for n in item.nodes
+        ]
+    mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
+    if superElement:
+        item._super_element(mbs)
+        for interface in body.partition.interfaces:
+            item.CreateInterfaceMarker(mbs, interface.name)
+    return item
+
+
+def _rotation_vector(matrix: Any) -> Array:
+    """Rotation vector, (3,) [rad], of a matrix that the user gave."""
+    A = validate_array("referenceRotation", matrix, (3, 3))
+    defect = abs(A @ A.T - np.eye(3)).max()
+    if defect > _ORTHONORMAL or np.linalg.det(A) < 0:
+        raise InputError(
+            f"referenceRotation: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
+            f"product with its transpose differs from the identity by {defect:.3g}"
+        )
+    return Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 wants one that it may write to
+
+
+def _add_inertial(
+    mbs: Any, kinematics: InertialKinematics, name: str, q_t: Array, damping: Damping | None
+) -> PartitionBody:
+    exu, body = require("exudyn"), kinematics.body
+    parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
+    indices = {key: _add_node(mbs, part) for key, part in parts.items() if len(part)}
+    said = ("large rotation, and the inertia forces of a rotating frame (frame='floating')",)
+    item = PartitionBody(body, name, kinematics, said, **indices)
+    diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
+    functions = {}
+    if "nNodal" in indices:
+        functions = _coupling_functions(exu, item, body.stiffness - diagonal, damping)
+    item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
+    return item
+
+
+def _add_floating(
+    mbs: Any,
+    kinematics: FloatingKinematics,
+    name: str,
+    velocity: Array,
+    angular_velocity: Array,
+    terms: Collection[str],
+    damping: Damping | None,
+) -> PartitionBody:
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    body, inertia = kinematics.body, kinematics.inertia
+    axes = kinematics.frame(np.zeros(body.n_dofs))[1] @ kinematics.node_axes
+    indices = {
+        "nRigid": mbs.AddNode(
+            items.NodeRigidBodyRotVecLG(
+                name=name,
+                referenceCoordinates=[*kinematics.origin, *kinematics.rotation],
+                initialVelocities=[*velocity, *(angular_velocity @ axes)],
+            )
+        )
+    }
+    if body.n_dofs > RIGID:  # a compact body may be rigid but for its contact
+        indices["nModal"] = _add_node(mbs, np.zeros(body.n_dofs - RIGID))
+    said = [f"{sentence} (inertiaTerms)" for term, sentence in TERMS.items() if term not in terms]
+    if "coupling" in terms:
+        said.append("what deformation changes in the inertia that forces of other items meet")
+    item = PartitionBody(body, name, kinematics, tuple(said), **indices)
+    mass = sp.block_diag(
+        [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - RIGID)], format="csr"
+    )
+    if len(body.basis.nodal):
+        forces = InertiaForces(inertia, kinematics.elastic_force, terms)
+        functions = _inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness, damping)
+        stiffness = sp.csr_matrix((body.n_dofs,) * 2)
+    else:
+        omega_squared = body.basis.omega**2
+        functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms))
+        stiffness = sp.diags(omega_squared, format="csr")
+    item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
+    return item
+
+
+def _add_node(mbs: Any, velocities: Array) -> Any:
+    zeros = [0.0] * len(velocities)
+    return mbs.AddNode(
+        require("exudyn.itemInterface").NodeGenericODE2(
+            referenceCoordinates=zeros,
+            initialCoordinates=zeros,
+            initialCoordinates_t=list(velocities),
+            numberOfODE2Coordinates=len(velocities),
+        )
+    )
+
+
+def _add_object(
+    mbs: Any,
+    item: PartitionBody,
+    mass: sp.csr_matrix,
+    stiffness: sp.csr_matrix,
+    functions: dict[str, Any],
+    damping: Damping | None,
+) -> Any:
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    if isinstance(damping, ModeDamping):  # other damping is in the functions
+        functions = {"dampingMatrix": exu.MatrixContainer(damping.matrix()), **functions}
+    return mbs.AddObject(
+        items.ObjectGenericODE2(
+            name=item.name,
+            nodeNumbers=item.nodes,
+            massMatrix=exu.MatrixContainer(sp.csr_matrix(mass)),
+            stiffnessMatrix=exu.MatrixContainer(stiffness),
+            visualization=items.VObjectGenericODE2(show=False),
+            **functions,
+        )
+    )
+
+
+def _runs_verlet(mbs: Any, t: float) -> bool:
+    """Whether it is VelocityVerlet that asks for forces at t."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None:
+        raise RunError(
+            "mbs: a body with frame='floating' needs to know Exudyn's solver; leave storeSolver=True in "
+            "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']"
+        )
+    return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
+
+
+def _inertia_functions(
+    exu: Any,
+    nodes: list[Any],
+    forces: InertiaForces,
+    stiffness: Callable[[], Array] | None = None,
+    damping: Damping | None = None,
+) -> dict[str, Any]:
+    """Inertia forces of a floating frame and their Jacobian, with elastic ones and damping if they are given."""
+    start_of_step = exu.ConfigurationType.StartOfStep
+
+    def end_velocities(mbs: Any, t: float, z: Array, middle: Array) -> Array:
+        """Velocities at the end of a step of VelocityVerlet, which evaluates forces with those of its middle.
+
+        Inertia forces with the latter would be of first order, and pump energy into modes of equal frequency. From the
+        middle on it is half a step with the accelerations of its start, but for elastic and Coriolis forces, whose
+        change is fast and known.
+        """
+        data = mbs.systemData
+        rigid, *modal = (mbs.GetNodeODE2Index(node) for node in nodes)
+        own = np.concatenate([np.arange(rigid + 3, rigid + RIGID), *(np.arange(len(z)) + at for at in modal)])
+        q, q_t, q_tt = (
+            get(start_of_step, copy=False)[own]
+            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
+        )
+        half_step = (t - data.GetTime(start_of_step)) / 2
+        v = middle + half_step * q_tt
+        v[3:] -= half_step * forces.elastic(z - q[3:])
+        v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
+        return v
+
+    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
+        result = np.zeros(RIGID + len(z))
+        if stiffness is not None:
+            result[RIGID:] = -forces.elastic(z)
+        if v.any():  # not in a static solution
+            if damping is not None:
+                result -= damping.force(np.asarray(q_t))
+            if _runs_verlet(mbs, t):
+                v = end_velocities(mbs, t, z, v)
+            result[3:] += forces.force(v[:3], z, v[3:])
+        return result
+
+    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
+        by_z, by_velocity = forces.derivatives(v[:3], z, v[3:])
+        result = np.zeros((RIGID + len(z),) * 2)
+        result[3:, 3:] = -fODE2_t * by_velocity
+        result[3:, RIGID:] -= fODE2 * by_z
+        if stiffness is not None:
+            result[RIGID:, RIGID:] += fODE2 * stiffness()
+        if damping is not None:
+            result += fODE2_t * damping.matrix()
+        return exu.MatrixContainer(sp.csr_matrix(result))
+
+    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
+
+
+def _coupling_functions(
+    exu: Any, item: PartitionBody, stiffness: sp.csr_matrix, damping: Damping | None
+) -> dict[str, Any]:
+    """Force and Jacobian of what is not diagonal.
+
+    The force reads Exudyn's coordinates in place: converting the list that a user function receives costs more than the
+    product itself.
+    """
+    stiffness = sp.csr_matrix(stiffness)
+    stiffness.eliminate_zeros()
+    damping_matrix = None if damping is None else damping.matrix()
+
+    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+        slices = coordinate_slices(mbs, item)
+        coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
+        result = -(stiffness @ np.concatenate([coordinates[s] for s in slices]))
+        if damping is not None:
+            velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
+            result -= damping.force(np.concatenate([velocities[s] for s in slices]))
+        return result
+
+    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+        result = fODE2 * stiffness
+        if damping_matrix is not None:
+            result = result + fODE2_t * damping_matrix
+        return exu.MatrixContainer(sp.csr_matrix(result))
+
+    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

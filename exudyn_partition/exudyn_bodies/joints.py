@@ -1,0 +1,259 @@
+"""Joints and other constraints of an Exudyn model as rows on the coordinates that they move, for explicit steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import compress
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.csgraph
+import scipy.sparse.linalg
+from scipy.linalg import lapack
+from scipy.spatial.transform import Rotation
+
+from ..algebra.complementarity import regularised
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.optional import require
+
+_HOLONOMIC = (
+    "ConnectorCoordinate", "ConnectorCoordinateVector", "ConnectorDistance", "JointGeneric", "JointPrismatic2D",
+    "JointPrismaticX", "JointRevolute2D", "JointRevoluteZ", "JointSpherical",
+)  # fmt: skip
+_LINEAR = ("ConnectorCoordinate", "ConnectorCoordinateVector")  # but for user functions and quadratic terms
+_TIMED = ("offsetUserFunction", "constraintUserFunction")
+
+
+class Joints:
+    """Algebraic equations g(q, t) = 0 of a model, whose rows C give their rates, C q_t + dg/dt.
+
+    All is on the coordinates that joints touch, or that share mass with those. Velocities of a NodeRigidBodyRotVecLG
+    are Exudyn's: the angular velocity in the body's axes.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        Assembled.
+
+    Attributes
+    ----------
+    n : int
+        Number of equations.
+    dofs : (k,) int array
+        Their coordinates among the model's.
+    linear : bool
+        Whether the rows are constant and g is linear in the coordinates.
+    C, push : (n, k), (k, n) arrays
+        Present rows, and the accelerations M^-1 C' that unit multipliers make.
+    scale : (n,) array
+        Square roots of the rows' masses, 1 / sqrt(diagonal of C M^-1 C'); zero for rows that are not active.
+
+    Raises
+    ------
+    InputError
+        If something is constrained that cannot be in explicit steps.
+    """
+
+    def __init__(self, mbs: Any) -> None:
+        exu, data = require("exudyn"), mbs.systemData
+        self._mbs, self.n = mbs, data.AEsize()
+        self._kind = exu.ComputeItemType
+        self._objects: list[tuple[Any, Array, Array, bool]] = []  # number, rows, coordinates, whether linear
+        self._timed = []
+        for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+            rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
+            if rows.size:
+                entry = mbs.GetObject(number)
+                _validate(number, entry)
+                self._objects.append((number, rows, columns, _is_linear(entry)))
+                if any(isinstance(entry.get(name), dict) for name in _TIMED):
+                    self._timed.append(int(number))
+        if sum(len(rows) for _, rows, *_ in self._objects) < self.n:
+            raise InputError(
+                "method: explicit steps take algebraic equations of joints and constraints alone, the model has others "
+                "(NodeGenericAE); use method='implicit'"
+            )
+        self.linear = all(linear for *_, linear in self._objects)
+        self._take_masses()
+        self._take_turns(exu)
+        self._constant: dict[int, Array] = {}
+        self._were_active: list[bool] | None = None
+        self.C = np.full((self.n, len(self.dofs)), np.nan)
+
+    def _take_masses(self) -> None:
+        """Find the coordinates that joints move, constant masses, and bodies whose mass varies with the coordinates."""
+        n = self._mbs.systemData.ODE2Size()
+        varying, constant, linked = [], [], []
+        for number, columns, mass in _masses(self._mbs):
+            if mass is None:
+                varying.append((number, columns))
+                linked.append(_placed(sp.coo_matrix(np.ones((len(columns),) * 2)), columns, n))
+            else:
+                constant.append(_placed(mass, columns, n))
+        M = sp.csr_matrix(sum(constant, sp.csr_matrix((n, n))))
+        groups = scipy.sparse.csgraph.connected_components(sum(linked, M), directed=False)[1]
+        touched = groups[np.concatenate([columns for *_, columns, _ in self._objects])]
+        self.dofs = np.flatnonzero(np.isin(groups, touched))
+        self._place = np.zeros(n, dtype=int)
+        self._place[self.dofs] = np.arange(len(self.dofs))
+        self._varying = [(number, self._place[c]) for number, c in varying if groups[c[0]] in touched]
+        of_varying = np.isin(groups[self.dofs], [groups[self.dofs[c[0]]] for _, c in self._varying])
+        self._varies, self._fixed = np.flatnonzero(of_varying), np.flatnonzero(~of_varying)
+        M = M[self.dofs][:, self.dofs]
+        self._solve_fixed = scipy.sparse.linalg.splu(sp.csc_matrix(M[self._fixed][:, self._fixed])).solve
+        self._other_mass = M[self._varies][:, self._varies].toarray()
+        self._blocks: list[Array] = []
+
+    def _mass_changed(self) -> bool:
+        """Take the present masses of the bodies whose mass varies; whether they are others than before."""
+        blocks = [self._mbs.ComputeItem(number, self._kind.MassMatrix) for number, _ in self._varying]
+        if self._blocks and all(map(np.array_equal, blocks, self._blocks)):
+            return False
+        self._blocks, self._varying_mass = blocks, self._other_mass.copy()
+        for (_, columns), block in zip(self._varying, blocks, strict=True):
+            at = np.searchsorted(self._varies, columns)
+            self._varying_mass[np.ix_(at, at)] += block
+        return bool(blocks)
+
+    def _take_turns(self, exu: Any) -> None:
+        """Rotation vectors among the coordinates, and what they start from."""
+        turns, references = [], []
+        for number in map(exu.NodeIndex, range(self._mbs.systemData.NumberOfNodes())):
+            node = self._mbs.GetNode(number)
+            if node["nodeType"] == "RigidBodyRotVecLG":
+                first = self._mbs.GetNodeODE2Index(number) + 3
+                if first in self.dofs:
+                    turns.append(self._place[first] + np.arange(3))
+                    references.append(node["referenceCoordinates"][3:])
+        self._turns, self._references = np.reshape(turns, (-1, 3)).astype(int), np.reshape(references, (-1, 3))
+
+    def update(self) -> bool:
+        """Take rows and masses of the present coordinates; whether they are others than before."""
+        active = [bool(self._mbs.GetObjectParameter(joint[0], "activeConnector")) for joint in self._objects]
+        if self.linear and not self._varying and active == self._were_active:
+            return False
+        self._were_active, self._active = active, [*compress(self._objects, active)]
+        C = np.zeros_like(self.C)
+        for number, rows, columns, linear in self._active:
+            J = self._constant.get(int(number)) if linear else None
+            if J is None:
+                J = np.asarray(self._mbs.ComputeItem(number, self._kind.ConstraintJacobian))
+                if linear:
+                    self._constant[int(number)] = J
+            np.add.at(C, (rows[:, None], self._place[columns]), J)  # a joint may meet a coordinate twice
+        if not self._mass_changed() and np.array_equal(C, self.C):
+            return False
+        self.C, self.push = C, np.empty(C.shape[::-1])
+        if self._fixed.size:
+            self.push[self._fixed] = self._solve_fixed(np.ascontiguousarray(C[:, self._fixed].T))
+        if self._varies.size:
+            self.push[self._varies] = np.linalg.solve(self._varying_mass, C[:, self._varies].T)
+        W = C @ self.push
+        used = C.any(axis=1)
+        self.scale = np.where(used, 1 / np.sqrt(np.where(used, W.diagonal(), 1.0)), 0.0)
+        W = self.scale[:, None] * W * self.scale + np.diag(np.where(used, 0.0, 1.0))
+        self._factor = lapack.dpotrf(regularised(W), lower=1)[0]  # joints may be redundant
+        return True
+
+    def solve(self, rhs: Array) -> Array:
+        """Multipliers, (n,) or (n, m), that accelerate the rows by rhs, so shaped."""
+        scale = self.scale if rhs.ndim == 1 else self.scale[:, None]
+        return scale * lapack.dpotrs(self._factor, scale * rhs, lower=1)[0]
+
+    def residual(self, start: Array, way: Array) -> Array:
+        """g, (n,), at the present time and the coordinates that a step of `way`, (k,), leads to from `start`, (k,)."""
+        q = self._mbs.systemData.GetODE2Coordinates(copy=False)
+        end = start + way
+        if len(self._turns):
+            before, turn = (Rotation.from_rotvec(v) for v in (self._references + start[self._turns], way[self._turns]))
+            end[self._turns] = (before * turn).as_rotvec() - self._references
+        q[self.dofs] = end
+        g = np.zeros(self.n)
+        for number, rows, *_ in self._active:
+            g[rows] = self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
+        q[self.dofs] = start
+        return g
+
+    def drift(self, step: float) -> Array:
+        """dg/dt, (n,), of what moves by a function of time, over a step about the present time."""
+        rate = np.zeros(self.n)
+        if self._timed:
+            data = self._mbs.systemData
+            t = data.GetTime()
+            for side in (-1, 1):
+                data.SetTime(t + side * step / 2)
+                for number, rows, *_ in self._active:
+                    if int(number) in self._timed:
+                        rate[rows] += side / step * self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
+            data.SetTime(t)
+        return rate
+
+
+def mass_and_rows(mbs: Any) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Mass matrix, (n, n), and rows of all algebraic equations, (nAE, n), of a model at its present coordinates."""
+    exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
+    n = data.ODE2Size()
+    M, C = sp.csr_matrix((n, n)), sp.lil_matrix((data.AEsize(), n))
+    for number, columns, mass in _masses(mbs):
+        own = sp.coo_matrix(mbs.ComputeItem(number, kind.MassMatrix)) if mass is None else mass
+        M = M + _placed(own, columns, n)
+    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+        rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
+        if rows.size and kind.ConstraintJacobian in mbs.ComputeItem(number):
+            J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
+            for row, values in zip(rows, J, strict=True):
+                for column, value in zip(columns, values, strict=True):  # a joint may meet a coordinate twice
+                    C[row, column] += value
+    return M, sp.csr_matrix(C)
+
+
+def _masses(mbs: Any) -> Iterator[tuple[Any, Array, sp.coo_matrix | None]]:
+    """Number, coordinates and mass matrix of each object that has one; None for a mass that may vary."""
+    exu, data = require("exudyn"), mbs.systemData
+    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+        columns = np.array(data.GetObjectLTGODE2(number), int)
+        if columns.size and exu.ComputeItemType.MassMatrix in mbs.ComputeItem(number):
+            yield number, columns, _constant_mass(mbs.GetObject(number), len(columns))
+
+
+def _validate(number: Any, entry: dict[str, Any]) -> None:
+    kind, name = entry["objectType"], f"object {int(number)} {entry['name']!r}"
+    if kind == "RigidBody":
+        raise InputError(
+            f"method: {name} rotates by Euler parameters, whose mass matrix is singular; for explicit steps create it "
+            "with nodeType=exu.NodeType.RotationRotationVector, or use method='implicit'"
+        )
+    if kind not in _HOLONOMIC or entry.get("velocityLevel"):
+        what = "constrains velocities" if entry.get("velocityLevel") else f"is of type {kind}"
+        raise InputError(
+            f"method: {name} {what}, explicit steps take {', '.join(_HOLONOMIC)} on position level; use "
+            "method='implicit'"
+        )
+
+
+def _is_linear(entry: dict[str, Any]) -> bool:
+    quadratic = any(np.size(entry.get(f"quadraticTermMarker{i}", [])) for i in (0, 1))
+    return entry["objectType"] in _LINEAR and not quadratic and not isinstance(entry.get(_TIMED[1]), dict)
+
+
+def _constant_mass(entry: dict[str, Any], n: int) -> sp.coo_matrix | None:
+    """Mass matrix, (n, n), by what GetObject tells; None for one that may vary. ComputeItem has no sparse ones."""
+    kind = entry["objectType"]
+    if kind in ("Mass1D", "MassPoint", "MassPoint2D"):
+        return sp.coo_matrix(entry["mass"] * np.eye(n))
+    if kind == "RigidBody2D" and not np.any(entry.get("centerOfMass", 0.0)):
+        return sp.coo_matrix(np.diag([entry["mass"], entry["mass"], entry["inertia"]]))
+    if kind != "GenericODE2" or isinstance(entry["massMatrixUserFunction"], dict):
+        return None
+    matrix = entry["massMatrix"].GetPythonObject()
+    if isinstance(matrix, dict):
+        rows, columns, values = np.reshape(matrix["triplets"], (-1, 3)).T
+        return sp.coo_matrix((values, (rows.astype(int), columns.astype(int))), shape=(n, n))
+    return sp.coo_matrix(matrix) if np.size(matrix) else sp.coo_matrix((n, n))
+
+
+def _placed(matrix: sp.coo_matrix, columns: Array, n: int) -> sp.csr_matrix:
+    """Put a matrix on some coordinates, (k,), of n."""
+    return sp.csr_matrix((matrix.data, (columns[matrix.row], columns[matrix.col])), shape=(n, n))

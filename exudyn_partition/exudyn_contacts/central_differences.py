@@ -1,0 +1,163 @@
+"""Multipliers of contacts and joints in Exudyn's VelocityVerlet, which itself knows neither of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..contact.formulations.forward_increment import ForwardIncrement
+from ..errors import RunError
+from ..exudyn_bodies.joints import Joints
+from ..exudyn_bodies.model import start_of_step
+from ..support.arrays import Array
+
+if TYPE_CHECKING:
+    from .contact_items import PartitionContact
+
+_ITERATIONS = 20
+_SETTLED = 1e-8  # last change of the joints' accelerations, relative
+_OPEN, _ROUND_OFF = 1e-2, 1e-12  # of the way of a step, and m or rad: what joints may be open after the iteration
+
+
+class MultiplierStep:
+    """What is done before each step, and with joints after it, for contacts whose multipliers are found together.
+
+    Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity at
+    mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the accelerations c of the multipliers.
+
+    Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; what contact
+    pushes them, and they the contact, is in it. After the step a second multiplier makes velocities and accelerations
+    obey the joints (RATTLE; Andersen 1983): nothing drifts. Reactions that joint sensors tell are the means over the
+    step before, so that their sum times the step is the impulse.
+
+    Parameters
+    ----------
+    contacts : list of PartitionContact
+        With formulation "lagrange".
+    joints : Joints, optional
+        Of the whole model.
+    """
+
+    def __init__(self, contacts: Sequence[PartitionContact], joints: Joints | None = None) -> None:
+        self.contacts, self.joints = contacts, joints
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        self._stepped_to: float | None = None
+        self._forward: ForwardIncrement | None = None
+        for contact in self.contacts:
+            contact.laws["explicit"].reset()
+
+    def _begin(self, mbs: Any) -> ForwardIncrement:
+        """Begin a run."""
+        self._dofs = [np.concatenate([np.r_[s] for s in contact.slices(mbs)]) for contact in self.contacts]
+        if self.joints is not None:
+            self._carried, self._usual = np.zeros(self.joints.n), 0.0
+            own = [np.intersect1d(dofs, self.joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
+            self._shared = own
+            self._across: Array | None = None
+        return ForwardIncrement([contact.laws["explicit"] for contact in self.contacts], self._dofs)
+
+    def before_step(self, mbs: Any, t: float) -> None:
+        """Apply multipliers ahead of the step that ends at t, once."""
+        for contact in self.contacts:
+            contact.take_law(mbs)
+        if t == self._stepped_to or not all(contact.ahead for contact in self.contacts):
+            return
+        if self._forward is None:
+            self._forward = self._begin(mbs)
+        data = mbs.systemData
+        self._step = step = t - start_of_step(mbs)
+        q = data.GetODE2Coordinates(copy=False)
+        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
+        states = [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
+        if self.joints is None:
+            increments = self._forward.increment(states, step)
+        else:
+            own = self.joints.dofs
+            mid = q_t[own] + 0.5 * step * q_tt[own]
+            increments, reaction = self._close(self._forward, self.joints, states, q[own], mid)
+            self._mean = 0.5 * self._carried + reaction
+            _push(q_t, q_tt, own, self.joints.push @ reaction, step)
+        for dofs, increment in zip(self._dofs, increments, strict=False):  # none if nothing closes
+            _push(q_t, q_tt, dofs, increment, step)
+        for contact in self.contacts:
+            contact.stepped(t, step)
+        self._stepped_to = t
+
+    def after_step(self, mbs: Any, t: float) -> None:
+        """Make velocities and accelerations obey the joints, and tell Exudyn their reactions."""
+        if self.joints is None or t != self._stepped_to:  # also called before the first step
+            return
+        joints, data = self.joints, mbs.systemData
+        joints.update()
+        q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
+        rate = joints.C @ q_t[joints.dofs] + joints.drift(self._step)
+        self._carried = -2 / self._step * joints.solve(rate)
+        acceleration = joints.push @ self._carried
+        self._usual = abs(acceleration).max()
+        _push(q_t, q_tt, joints.dofs, acceleration, self._step)
+        data.SetAECoordinates(-(self._mean + 0.5 * self._carried))
+
+    def _close(
+        self, forward: ForwardIncrement, joints: Joints, states: list[Any], start: Array, mid: Array
+    ) -> tuple[list[Array], Array]:
+        """Accelerations of each contact, and multipliers of the joints, (n,), in the coming step.
+
+        Multipliers lambda of contact change those of joints by yields lambda, from what these are alone. With joints'
+        accelerations of the rows by `across`, that leaves F + across yields to the contacts.
+
+        Parameters
+        ----------
+        states : list of three arrays
+            Of the contacts, as `ForwardIncrement.predict` takes them.
+        start, mid : (k,) arrays
+            Coordinates of the joints, and their velocities at mid-step without multipliers.
+        """
+        step, near = self._step, False
+        changed = joints.update()
+        if forward.laws:
+            h = forward.predict(states, step)
+            # Farther off, no joint closes a gap within a step, and moving rows are not worth their while.
+            near = not h.min(initial=np.inf) * step**2 >= min(law.gaps.size for law in forward.laws)
+        if near and (forward.take_rows() or changed or self._across is None):
+            pushes = [law.G[:, own] @ joints.push[others] for law, (own, others) in self._pairs(forward)]
+            across = self._across = np.vstack(pushes)
+            self._yields = -joints.solve(across.T)
+            self._by_joints = across @ self._yields
+        acceleration, lam, last = np.zeros(len(start)), np.zeros(0), np.inf
+        for _ in range(_ITERATIONS):
+            before = acceleration
+            g = joints.residual(start, step * (mid + step * acceleration))
+            reaction = joints.solve(joints.C @ acceleration - g / step**2)
+            if near:
+                lam = forward.solve(h + self._across @ reaction, self._by_joints)
+                reaction = reaction + self._yields @ lam
+            acceleration = joints.push @ reaction
+            if lam.any():
+                for (law, (own, others)), on_rows in zip(self._pairs(forward), forward.split(lam), strict=True):
+                    acceleration[others] += (law.push @ on_rows)[own]
+            change = abs(acceleration - before).max()
+            if joints.linear or change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
+                break
+            last = change
+        open_by = abs(g[joints.scale > 0]).max(initial=0.0)
+        if not joints.linear and not open_by <= _OPEN * step * abs(mid).max() + _ROUND_OFF:  # nor if it is not finite
+            raise RunError(
+                f"joints: Newton's iteration leaves them open by {open_by:.3g} m or rad. Check that they fit together "
+                "at the start, take a shorter step, or method='implicit'"
+            )
+        return forward.accelerations(lam) if lam.any() else forward.open(), reaction
+
+    def _pairs(self, forward: ForwardIncrement) -> Any:
+        """Laws, each with where the coordinates that it shares with joints are: among its own and among theirs."""
+        return zip(forward.laws, self._shared, strict=True)
+
+
+def _push(q_t: Array, q_tt: Array, dofs: Array, acceleration: Array, step: float) -> None:
+    """Add an acceleration that Verlet makes a change of velocity by step times itself, at mid-step."""
+    q_t[dofs] += 0.5 * step * acceleration
+    q_tt[dofs] += acceleration

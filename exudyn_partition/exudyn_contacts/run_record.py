@@ -1,0 +1,188 @@
+"""What contacts keep of a run by themselves, whatever period Exudyn's sensors have.
+
+`mbs.SolveDynamic` writes sensors every hundredth of a second unless told otherwise: an impact is over in less. Contacts
+are asked for forces in every step, so that they can take the state that the step before ended in.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..exudyn_bodies.model import coordinate_slices, partition_items, start_of_step
+from ..support.arrays import Array
+from ..support.optional import require
+
+if TYPE_CHECKING:
+    from .contact_items import PartitionContact
+
+RECORD = "exudynPartitionRun"  # key in mbs.sys
+_MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
+_ROUND_OFF = 1e-9  # of a step, in comparisons of periods
+
+
+@dataclass(frozen=True)
+class Solver:
+    """What a solver of Exudyn tells of a run.
+
+    Parameters
+    ----------
+    method : {"explicit", "implicit", "static"}
+    step : float
+        Longest step [s]; of the static solver, of its load steps' time.
+    steps : int
+        Steps taken.
+    equal : bool
+        Whether all steps are as long, but for those that failed and were repeated shorter.
+    verlet : bool
+        Whether it is VelocityVerlet.
+    finished : bool
+        Whether the run came to its end.
+    time : float
+        Where it is [s].
+    """
+
+    method: str
+    step: float
+    steps: int
+    equal: bool
+    verlet: bool
+    finished: bool
+    time: float
+
+    @classmethod
+    def last(cls, mbs: Any) -> Solver | None:
+        """Of the last run, None where `storeSolver=False` kept nothing of it."""
+        solvers = [mbs.sys[key] for key in ("dynamicSolver", "staticSolver") if key in mbs.sys]
+        here = [solver for solver in solvers if solver.it.currentTime == mbs.systemData.GetTime()]
+        if not here:
+            return None
+        solver, name = here[0], here[0].GetSolverName()
+        it = solver.it
+        return cls(
+            method="static" if "static" in name else "implicit" if "implicit" in name else "explicit",
+            step=it.maxStepSize,
+            steps=it.currentStepIndex - 1,
+            equal=not it.automaticStepSize,
+            verlet="VelocityVerlet" in name,
+            finished=it.currentTime > it.endTime - 0.5 * it.maxStepSize,
+            time=it.currentTime,
+        )
+
+
+class RunRecord:
+    """Times, coordinates and contact forces at the ends of the steps of a model's last run.
+
+    The state that a step ended in is the start of the next, and the forces are those that contacts were asked for last:
+    explicit solvers ask once a step, Newton's method with the last residual. It is taken when a contact is first asked
+    in the next step. The last step of a run is always in Exudyn's sensors.
+
+    Attributes
+    ----------
+    on : bool
+        Whether steps are kept: not where Exudyn's sensors keep each of them.
+    overflowed : bool
+        Whether the run had too many steps; then none is kept.
+    """
+
+    def __init__(self) -> None:
+        self.left_to_sensors = False
+        self._contacts: list[PartitionContact] = []
+        self._solver: Any = None
+        self._latest = -math.inf
+        self._clear(math.inf)
+
+    def _clear(self, t: float) -> None:
+        self.on, self.overflowed = False, False
+        self._began = self._asked_at = t
+        self._start = -math.inf
+        self._times: list[float] = []
+        self._coordinates: list[tuple[Array, Array]] = []
+        self._values: dict[int, list[list[float]]] = {}
+
+    @contextlib.contextmanager
+    def sensors_alone(self) -> Iterator[None]:
+        """Keep nothing beside Exudyn's sensors, whose period the user chose."""
+        self.left_to_sensors = True
+        try:
+            yield
+        finally:
+            self.left_to_sensors = False
+
+    def see(self, mbs: Any, t: float) -> None:
+        """Notice a new run: its sensors are read at its start, before anything else is."""
+        if mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
+            self.begin(mbs, t)
+        self._latest = t
+
+    def begin(self, mbs: Any, t: float) -> None:
+        """Forget the last run; a new one begins at time t [s]."""
+        self._clear(t)
+        self._solver, self._latest = mbs.sys.get("dynamicSolver"), t
+        self._contacts = partition_items(mbs)[1]
+        for contact in self._contacts:
+            contact.restart(t)
+        self.on = not self.left_to_sensors and not _sensors_keep_all(mbs)
+
+    def advance(self, mbs: Any, t: float) -> None:
+        """Take the state that the last step ended in, before contacts are evaluated at time t; to be asked while `on`.
+
+        A step that failed is repeated from the same start and leaves nothing.
+        """
+        if t == self._asked_at:
+            return
+        self._asked_at = t
+        if t <= self._began:
+            return
+        start = start_of_step(mbs)
+        if start > self._start:
+            self._start = start
+            self._take(mbs, start)
+
+    def _take(self, mbs: Any, t: float) -> None:
+        data, configuration = mbs.systemData, require("exudyn").ConfigurationType.StartOfStep
+        both = data.GetODE2Coordinates(configuration), data.GetODE2Coordinates_t(configuration)
+        self._times.append(t)
+        self._coordinates.append(both)
+        for contact in self._contacts:
+            for number, values in contact.recorded(mbs, t, both[0]).items():
+                self._values.setdefault(number, []).append(values)
+        if 2 * len(self._times) * len(both[0]) > _MOST:
+            self._clear(self._began)
+            self.overflowed = True
+
+    def times(self, mbs: Any) -> Array:
+        """Ends of the steps that were kept, (n,) [s]: none if the last run was without contacts, after a Reset."""
+        return np.array(self._times if mbs.sys.get("dynamicSolver") is self._solver else [])
+
+    def sensors(self, mbs: Any) -> dict[int, Array]:
+        """What the sensors of partition bodies and contacts would have stored at `times`, (n, k), by their numbers."""
+        kept = {number: np.array(values) for number, values in self._values.items()}
+        q, q_t = (np.array(coordinates) for coordinates in zip(*self._coordinates, strict=True))
+        for item in partition_items(mbs)[0]:
+            slices = coordinate_slices(mbs, item)
+            for key, values in (("sCoordinates", q), ("sCoordinates_t", q_t)):
+                kept |= {int(number): values[:, own] for number, own in zip(item[key], slices, strict=True)}
+        return kept
+
+
+def run_record(mbs: Any) -> RunRecord:
+    """The record of a model's last run."""
+    record: RunRecord = mbs.sys.setdefault(RECORD, RunRecord())
+    return record
+
+
+def _sensors_keep_all(mbs: Any) -> bool:
+    settings = mbs.sys.get("simulationSettings")
+    if settings is None or mbs.sys.get("dynamicSolver") is None:
+        return False
+    if mbs.sys["dynamicSolver"].it.automaticStepSize:  # steps as short as it takes
+        return False
+    integration = settings.timeIntegration
+    step = (integration.endTime - integration.startTime) / max(integration.numberOfSteps, 1)
+    return bool(settings.solution.sensors.writePeriod <= step * (1 + _ROUND_OFF))

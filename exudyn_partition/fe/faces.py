@@ -1,0 +1,54 @@
+"""The middle of a face of a body, where joints attach."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.optimize
+
+from ..support.arrays import Array
+from .facets import area_vectors, facet_corners
+from .quadrature import area_mean
+
+_ROUND = 1e-3  # of the radius: how far the corners of a bore may be off it
+_UNKNOWNS = 5  # of a cylinder
+_OPEN = 0.3  # of the area: what the normals of a face that goes around may sum up to; of half a bore it is 0.64
+
+
+def middle(points: Array, facets: Array) -> Array:
+    """Mean place over a face's area, (3,) [m]; of a cylinder, a bore or a pin, the point of its axis next to that.
+
+    A mesh of a cylinder has chords for arcs. Where its elements differ in size, that moves the mean off the axis, but
+    not the circle through the corners.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodes of the body [m].
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        The face's.
+    """
+    mean = area_mean(points, facets)
+    normals = area_vectors(points, facets)
+    area = np.linalg.norm(normals, axis=1)
+    corners = points[np.unique(facet_corners(facets))] - mean
+    if np.linalg.norm(normals.sum(axis=0)) > _OPEN * area.sum() or len(corners) <= _UNKNOWNS:
+        return mean
+    # Normals of a cylinder are across its axis.
+    axes = np.linalg.eigh(normals.T @ normals)[1].T[::-1]
+    local = corners @ axes.T
+    radius = np.sqrt((local[:, :2] ** 2).sum(axis=1).mean())
+
+    def axis(x: Array) -> tuple[Array, Array]:
+        """A point and the direction of the axis that two places across it and two slopes make."""
+        direction = np.array([x[2], x[3], 1.0])
+        return radius * np.array([x[0], x[1], 0.0]), direction / np.linalg.norm(direction)
+
+    def off(x: Array) -> Array:
+        point, direction = axis(x)
+        return np.linalg.norm(np.cross(local - point, direction), axis=1) / radius - x[4]
+
+    fit = scipy.optimize.least_squares(off, np.r_[np.zeros(4), 1.0], method="lm", xtol=1e-15, ftol=1e-15)
+    if abs(fit.fun).max() > _ROUND:
+        return mean
+    point, direction = axis(fit.x)
+    return np.asarray(mean + (point - direction * (point @ direction)) @ axes)

@@ -1,0 +1,29 @@
+"""Facets of a surface mesh: corners, areas and the shares of nodes in them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..support.arrays import Array
+
+
+def facet_corners(facets: Array) -> Array:
+    """Corners, on axis 1, of triangles (nf, 3, ...), quadratic triangles (nf, 6, ...) or quads (nf, 4, ...)."""
+    return facets[:, : 4 if facets.shape[1] == 4 else 3]
+
+
+def area_vectors(points: Array, facets: Array) -> Array:
+    """(nf, 3) array: outward normals of the facets' corners, as long as the facets are large [m2]."""
+    a, b, c, *rest = points[facet_corners(facets)].transpose(1, 0, 2)
+    d = rest[0] if rest else a
+    return np.cross(c - a, d - b) / 2
+
+
+def nodal_area(points: Array, facets: Array) -> Array:
+    """(n,) array: share of each of n points in a uniform traction on `facets` [m2].
+
+    A quadratic triangle passes it to its mid-side nodes alone, a third each.
+    """
+    area = np.linalg.norm(area_vectors(points, facets), axis=1)
+    n_loaded = facet_corners(facets).shape[1]
+    return np.bincount(facets[:, -n_loaded:].ravel(), np.repeat(area / n_loaded, n_loaded), minlength=len(points))

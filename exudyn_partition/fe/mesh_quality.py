@@ -1,0 +1,133 @@
+"""Checks of a finished mesh against itself: what a damaged file can change without breaking its format."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from ..errors import MeshError, MeshQualityWarning
+from ..support.arrays import Array
+from .model import TET_EDGES, FEModel
+from .shapes import shape_functions
+
+_VOLUME, _INERTIA = 1e-6, 1e-3  # relative: by how much elements and surface may differ
+_FAR = 3.0  # times the edges opposite to a node is how far the nearest neighbour may be
+_BENT = 0.35  # of its edge's length is how far a mid-side node may lie from the middle of its ends
+_FLAT = 0.01  # times the mean of its neighbours is the least shape quality of an element
+_EDGES = {8: np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])}
+
+
+def check_mesh(fem: FEModel) -> None:
+    """Check a mesh by what its own parts say of each other.
+
+    Checked are: the volume of the elements, and their second moments of volume from the consistent mass, against
+    those of the space inside the surface (divergence theorem); nodes far outside of the nodes around them; elements
+    far flatter than their neighbours; mid-side nodes far from the middle of their edge. A node that is moved by less
+    than an element's size is not found.
+
+    Raises
+    ------
+    MeshError
+        If elements and surface do not enclose the same.
+
+    Warns
+    -----
+    MeshQualityWarning
+        With the number and place of what looks damaged.
+    """
+    _check_inside(fem)
+    for said, found, points in (
+        (
+            f"nodes lie {_FAR:g} times as far from the nodes around them as those from each other",
+            *_far_nodes(fem),
+        ),
+        (f"elements have less than {_FLAT:g} of the shape quality of their neighbours", *_flat_cells(fem)),
+        (f"elements have a mid-side node {_BENT:g} of an edge away from its middle", *_bent_cells(fem)),
+    ):
+        if len(found):
+            x, y, z = points[0]
+            warnings.warn(
+                f"mesh: {len(found)} {said}, the first is {found[0]} (counted from 0) at ({x:.4g}, {y:.4g}, {z:.4g}). "
+                "Is the file damaged? Checked were volume and inertia against the surface's, places of nodes, and "
+                "shapes of elements; mesh anew if this place is not as you drew it",
+                MeshQualityWarning,
+                stacklevel=3,
+            )
+            return  # what follows has the same cause
+
+
+def _check_inside(fem: FEModel) -> None:
+    """Compare volume and second moments by the elements with those inside the surface."""
+    origin = fem.points.mean(axis=0)
+    volume, moments = _inside(fem.points - origin, fem.facets)
+    by_cells = fem.total_mass / fem.material.rho
+    if abs(by_cells - volume) > _VOLUME * by_cells:
+        raise MeshError(
+            f"mesh: its elements have a volume of {by_cells:.6g} m3, its surface encloses {volume:.6g} m3, expected "
+            "the same: elements overlap or are turned inside out. Check the places of nodes, or mesh anew"
+        )
+    arms = fem.points - origin
+    mass = fem.mass[::3][:, ::3]
+    by_mass = np.einsum("ni,ni->i", arms, mass @ arms) / fem.material.rho
+    if (abs(by_mass - moments) > _INERTIA * moments.sum()).any():
+        raise MeshError(
+            f"mesh: the second moments of its mass matrix are {by_mass} m5, those inside its surface {moments} m5, "
+            "expected the same within 0.1 %: elements overlap or are turned inside out. Mesh anew"
+        )
+
+
+def _inside(points: Array, facets: Array) -> tuple[float, Array]:
+    """Volume inside facets, and its second moments of x, y and z, (3,), by the divergence theorem."""
+    x, w = np.polynomial.legendre.leggauss(6)
+    r, s = (grid.ravel() for grid in np.meshgrid((x + 1) / 2, (x + 1) / 2))
+    weight = np.outer(w, w).ravel() / 4
+    if facets.shape[1] != 4:  # a square collapsed to a triangle
+        weight, s = weight * (1 - r), s * (1 - r)
+    values, *derivatives = shape_functions(np.column_stack([r, s]), facets.shape[1]).swapaxes(0, 1)
+    nodes = points[facets]
+    position = np.einsum("qn,fnd->fqd", values, nodes)
+    a, b = np.einsum("iqn,fnd->ifqd", derivatives, nodes)
+    flux = weight[:, None] * np.cross(a, b)
+    return float((position * flux).sum() / 3), (position**3 * flux).sum(axis=(0, 1)) / 3
+
+
+def _far_nodes(fem: FEModel) -> tuple[Array, Array]:
+    """Corner nodes that are far from all neighbours, beside how far those are from each other, and their points."""
+    edges = _EDGES.get(fem.cells.shape[1], TET_EDGES)
+    ends = fem.cells[:, edges]  # (ne, edges, 2)
+    length = np.linalg.norm(fem.points[ends[:, :, 1]] - fem.points[ends[:, :, 0]], axis=2)
+    nearest = np.full(fem.n_nodes, np.inf)
+    np.minimum.at(nearest, ends, length[:, :, None])
+    opposite = np.zeros(fem.n_nodes)
+    for corner in np.unique(edges):
+        without = length[:, (edges != corner).all(axis=1)].max(axis=1)
+        np.maximum.at(opposite, fem.cells[:, corner], without)
+    far = np.flatnonzero(np.isfinite(nearest) & (nearest > _FAR * opposite))
+    return far, fem.points[far]
+
+
+def _flat_cells(fem: FEModel) -> tuple[Array, Array]:
+    """Elements far flatter than their neighbours, by volume over the cube of their longest edge, and their centres."""
+    corners = fem.points[fem.cells[:, : 8 if fem.cells.shape[1] == 8 else 4]]
+    extent = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+    quality = fem.cell_mass / fem.material.rho / extent**3
+    number = fem.neighbours
+    total = np.bincount(number.ravel(), np.repeat(quality, number.shape[1]))
+    count = np.bincount(number.ravel())
+    others = (count[number] - 1).sum(axis=1)
+    mean = (total[number].sum(axis=1) - number.shape[1] * quality) / np.maximum(others, 1)
+    flat = np.flatnonzero((others > 0) & (quality < _FLAT * mean))
+    return flat, corners[flat].mean(axis=1)
+
+
+def _bent_cells(fem: FEModel) -> tuple[Array, Array]:
+    """Quadratic elements with a mid-side node far from the middle of its edge, and their centres."""
+    if fem.cells.shape[1] != 10:
+        return np.empty(0, dtype=int), np.empty((0, 3))
+    nodes = fem.points[fem.cells]
+    ends = nodes[:, TET_EDGES]
+    off = np.linalg.norm(nodes[:, 4:] - ends.mean(axis=2), axis=2)
+    length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+    bent = np.flatnonzero((off > _BENT * length).any(axis=1))
+    return bent, nodes[bent].mean(axis=1)

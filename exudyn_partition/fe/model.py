@@ -1,0 +1,378 @@
+"""The FE model of one free body: points, mass and stiffness in Exudyn's xyz order, and its surface."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import InputError, LockingError, MeshError, UnitsWarning
+from ..support.arrays import Array
+from ..support.checks import read_only, validate_array, validate_vector
+from .facets import facet_corners
+from .material import Material
+from .walls import Wall, weakest_wall
+
+# Edges of a tetrahedron in the order in which VTK lists their mid-side nodes.
+TET_EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+# Local faces of an element by its number of nodes, outward for positive volume: corners, then the mid-side nodes of
+# edges 01, 12, 20.
+_FACES = {
+    4: np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+    10: np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
+    8: np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
+}
+# Share of an element's mass that each node carries, HRZ lumping (Hinton, Rock, Zienkiewicz 1976): the diagonal of
+# the consistent element mass, scaled to the element's mass; positive also for quadratic elements.
+_HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)], 8: np.full(8, 1 / 8)}
+# Volume of the regular tetrahedron or of the cube with edges of length one.
+_UNIT_VOLUME = {4: 2**-0.5 / 6, 10: 2**-0.5 / 6, 8: 1.0}
+
+# Speeds of waves in bars, sqrt(E / rho), in metres and in millimetres a second: from foam to beyond diamond.
+_WAVE_SPEEDS = ((10.0, 2e4), (1e6, 2e7))
+# A material with less than this is not given in SI units: foam rubber has E = 1e5 Pa, aerogel rho = 50 kg/m3.
+_SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
+_LINEAR_NU = 0.49  # Poisson's ratio up to which linear elements are usable
+_LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
+_LARGEST_PLAUSIBLE_MASS = 2e3  # kg; a steel part of 0.05 kg in inches, taken for metres, has 3000 kg
+_SMALLEST_PLAUSIBLE = 1e-4  # m; a part of 30 mm scaled by 1e-3 twice has 30 um
+_SLENDEREST_PLAUSIBLE = 2000  # length by thickness; a wire of 0.2 mm drawn 1 long for 1 mm has 5000
+
+
+@dataclass(frozen=True, eq=False)
+class FEModel:
+    """Finite-element model of one unconstrained elastic body.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodal positions in the body's reference configuration [m].
+    cells : (ne, 4), (ne, 10) or (ne, 8) int array
+        Tetrahedra, linear or quadratic, or linear hexahedra, in VTK order with positive volume.
+    mass, stiffness : (3n, 3n) csr matrix
+        Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z.
+    cell_mass : (ne,) array
+        Mass of each element [kg].
+    material : Material
+        The material that the matrices were made with.
+    boundaries : dict of str to int array
+        Named boundaries as rows of `facets`.
+
+    Raises
+    ------
+    MeshError
+        If shapes do not fit together, rigid motion strains the body, it is in several parts, elements are there twice,
+        overlap, or share a face with two others.
+    LockingError
+        If elements are linear and the material is nearly incompressible.
+    """
+
+    points: Array
+    cells: Array
+    mass: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    cell_mass: Array
+    material: Material
+    boundaries: dict[str, Array]
+
+    def __post_init__(self) -> None:
+        points = validate_array("points", self.points, (None, 3))
+        object.__setattr__(self, "points", points)
+        cells = np.array(self.cells)
+        if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
+            raise MeshError(
+                f"cells: expected integers of shape (ne, 4), (ne, 10) or (ne, 8), got {cells.dtype} {cells.shape}"
+            )
+        if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
+            raise MeshError(
+                f"cells: expected node numbers from 0 to {len(points) - 1}, got {cells.min()} to {cells.max()}"
+            )
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "cell_mass", validate_array("cell_mass", self.cell_mass, (len(cells),)))
+        if not (self.cell_mass > 0).all():
+            raise MeshError(f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative")
+        if self.cells.shape[1] not in _FACES:
+            raise MeshError(
+                f"cells: expected tetrahedra with 4 or 10 nodes or hexahedra with 8, got {self.cells.shape[1]} nodes"
+            )
+        for name, matrix in (("mass", self.mass), ("stiffness", self.stiffness)):
+            if matrix.shape != (3 * len(points),) * 2:
+                raise MeshError(f"{name}: expected shape {(3 * len(points),) * 2}, got {matrix.shape}")
+            if not np.isfinite(matrix.data).all():
+                raise MeshError(f"{name}: holds numbers that are not finite")
+            if not (matrix.diagonal() > 0).all():
+                raise MeshError(f"{name}: {np.count_nonzero(matrix.diagonal() <= 0)} diagonal entries are not positive")
+        read_only(self.cells)
+        if self.order == 1 and self.material.nu > _LINEAR_NU:
+            raise LockingError(
+                f"nu: linear elements lock volumetrically near incompressibility, expected at most {_LINEAR_NU} with "
+                f"them, got {self.material.nu}. Take quadratic tetrahedra (order=2), which do not"
+            )
+        if self.order == 1:
+            unused = self.n_nodes - len(np.unique(self.cells))
+            if unused:
+                raise MeshError(f"points: {unused} nodes belong to no element; remove them")
+        _check_neighbours(self.cells, *self._faces)
+        # A common edge is a hinge: it leaves a motion without stiffness.
+        parts = _part_sizes(self._faces[1])
+        if len(parts) > 1:
+            raise MeshError(
+                f"cells: expected one connected body, got {len(parts)} parts that share no face, of "
+                f"{', '.join(map(str, parts[:5]))}{', ...' if len(parts) > 5 else ''} elements. Merge coincident nodes "
+                "where they touch, or make one FE model of each"
+            )
+        scale = abs(self.stiffness).max() * np.ptp(points, axis=0).max()
+        strain_force = abs(self.stiffness @ self.rigid_modes).max()
+        if strain_force > 1e-8 * scale:
+            raise MeshError(
+                f"stiffness: rigid motion gives forces of {strain_force:.3g}, expected none; is a node held, or the "
+                "order of dofs not x y z x y z?"
+            )
+
+    def warn_if_units_slipped(self) -> None:
+        """Warn (`UnitsWarning`) of a material of no solid, or of a size, shape, frequency or mass of few bodies."""
+        speed = self.material.bar_wave_speed
+        dimensionless = 1.0 in (self.material.E, self.material.rho)
+        if not dimensionless and not any(low <= speed <= high for low, high in _WAVE_SPEEDS):
+            warnings.warn(
+                f"material: the speed of waves in a bar, sqrt(E / rho), is {speed:.3g}, that of no solid: expected "
+                f"10 to 2e4 in m/s, or 1e6 to 2e7 in mm/s, got E={self.material.E:.6g} and rho={self.material.rho:.6g}."
+                " Steel has E=210e9 and rho=7800 in SI units, 210e3 and 7.8e-9 in mm, t and s",
+                UnitsWarning,
+                stacklevel=3,
+            )
+            return
+        if self.material.E < _SOFTEST_SI or self.material.rho < _LIGHTEST_SI:
+            return  # another system of units, mm-t-s or dimensionless
+        size = np.ptp(self.points, axis=0).max()
+        lowest = speed / (2 * size)
+        thickness = 3.5 * np.sqrt(np.linalg.eigvalsh(np.cov(self.points.T))[1])  # as of a rectangle, the second side
+        if size < _SMALLEST_PLAUSIBLE or size > _SLENDEREST_PLAUSIBLE * thickness:
+            warnings.warn(
+                f"the body is {size:.4g} long and {thickness:.3g} thick in the material's units, metres with an SI "
+                "material. Was it scaled twice, or drawn in two units? Go on if that is its size",
+                UnitsWarning,
+                stacklevel=3,
+            )
+        elif lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:
+            warnings.warn(
+                f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, its first "
+                f"longitudinal frequency would be about {lowest:.3g} Hz. With an SI material the geometry must be in "
+                "metres: if it is in millimetres, scale it by 1e-3 (scale=1e-3 of fe_model), in inches by 0.0254",
+                UnitsWarning,
+                stacklevel=3,
+            )
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of dofs, three a node."""
+        return 3 * len(self.points)
+
+    @property
+    def order(self) -> int:
+        """Polynomial order of the elements, 1 or 2."""
+        return 2 if self.cells.shape[1] == 10 else 1
+
+    @cached_property
+    def facets(self) -> Array:
+        """(nf, 3), (nf, 6) or (nf, 4) int array: outward surface triangles, corners before mid-sides, or quads."""
+        faces, number = self._faces
+        facets = faces[np.bincount(number.ravel())[number.ravel()] == 1]
+        read_only(facets)
+        return facets
+
+    @cached_property
+    def _faces(self) -> tuple[Array, Array]:
+        """Faces of all elements, (6 ne or 4 ne, k), and the number, (ne, 6 or 4), that equal faces have in common."""
+        local = _FACES[self.cells.shape[1]]
+        faces = self.cells[:, local].reshape(-1, local.shape[1])
+        corners = np.sort(facet_corners(faces), axis=1)
+        number = np.unique(corners, axis=0, return_inverse=True)[1]
+        return faces, number.reshape(len(self.cells), len(local))
+
+    @property
+    def neighbours(self) -> Array:
+        """(ne, 4) or (ne, 6) int array: numbers of the elements' faces; two elements that share one are neighbours."""
+        return self._faces[1]
+
+    @cached_property
+    def fingerprint(self) -> Array:
+        """(9,) array: a few sums over nodes and facets that tell this mesh from any other; see `same_mesh`."""
+        return mesh_fingerprint(self.points, self.facets)
+
+    @cached_property
+    def lumped_mass(self) -> Array:
+        """(n,) array: nodal masses [kg] by HRZ lumping, positive for both orders (paper, section 2.1)."""
+        share = self.cell_mass[:, None] * _HRZ_SHARE[self.cells.shape[1]]
+        lumped = np.bincount(self.cells.ravel(), share.ravel(), minlength=self.n_nodes)
+        read_only(lumped)
+        return lumped
+
+    @property
+    def lumped_mass_matrix(self) -> sp.csr_matrix:
+        """(3n, 3n) diagonal csr matrix of `lumped_mass` [kg]."""
+        return sp.diags(np.repeat(self.lumped_mass, 3), format="csr")
+
+    @cached_property
+    def total_mass(self) -> float:
+        """Mass of the body [kg]."""
+        return float(self.cell_mass.sum())
+
+    @cached_property
+    def centre_of_mass(self) -> Array:
+        """(3,) array: centre of mass [m], from the consistent mass."""
+        ones = np.tile([1.0, 0, 0], self.n_nodes)
+        weight = (self.mass @ ones)[::3]
+        return weight @ self.points / weight.sum()
+
+    @cached_property
+    def rigid_modes(self) -> Array:
+        """(3n, 6) array: unit translations [m] and unit rotations [rad] about the centre of mass."""
+        modes = rigid_modes(self.points - self.centre_of_mass)
+        read_only(modes)
+        return modes
+
+    @property
+    def max_size(self) -> float:
+        """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m]."""
+        volume = self.cell_mass.max() / self.material.rho
+        return float((volume / _UNIT_VOLUME[self.cells.shape[1]]) ** (1 / 3))
+
+    @property
+    def resolved_frequency(self) -> float:
+        """Highest frequency that the mesh resolves [Hz]: of shear waves, or of bending waves of its thinnest walls.
+
+        Four node spacings of the largest element make a shear wave; for bending waves see `walls.weakest_wall`.
+        """
+        return min(self.resolved_shear_frequency, self.weakest_wall.frequency)
+
+    @property
+    def resolved_shear_frequency(self) -> float:
+        """Frequency of a shear wave as long as four node spacings of the largest element [Hz]."""
+        return self.material.shear_wave_speed * self.order / (4 * self.max_size)
+
+    @cached_property
+    def weakest_wall(self) -> Wall:
+        """The wall whose bending waves are worst resolved."""
+        faces, number = self._faces
+        corners = facet_corners(faces).reshape(*number.shape, -1)
+        of_surface = np.flatnonzero(np.bincount(number.ravel())[number.ravel()] == 1)
+        facets = np.column_stack(np.divmod(of_surface, number.shape[1]))
+        return weakest_wall(self.points, corners, facets, number, self.order, self.material)
+
+    def nearest_node(self, point: Array) -> int:
+        """Index of the node nearest to `point`, (3,) [m]; see `nearest_node`."""
+        return nearest_node(self.points, point)
+
+    def __repr__(self) -> str:
+        shape = "hexahedra" if self.cells.shape[1] == 8 else "tetrahedra"
+        return (
+            f"FEModel({self.n_nodes} nodes, {len(self.cells)} {shape} of order {self.order}, "
+            f"{self.n_dofs} dofs, {self.total_mass:.4g} kg)"
+        )
+
+
+def mesh_fingerprint(points: Array, facets: Array) -> Array:
+    """(9,) array: numbers of points and facets, sums over both with weights of no pattern a mesh could have, its place.
+
+    The last three are where the first point is, all before them are those of the mesh wherever it is.
+    """
+    weight = np.sin(1.0 + np.arange(len(points)))
+    surface = (weight[facets].sum(axis=1) ** 2).mean()  # whatever the order of facets
+    size = np.ptp(points, axis=0).max()
+    shape, place = weight @ (points - points[0]) / size, points[0] / size
+    found = np.array([len(points), len(facets), surface, *shape, *place])
+    read_only(found)
+    return found
+
+
+def same_mesh(one: Array, other: Array, *, same_place: bool = True) -> bool:
+    """Whether two fingerprints are of one mesh: equal but for the round-off of making it twice, or of moving it."""
+    n = 9 if same_place else 6
+    return bool(np.allclose(one[:n], other[:n], rtol=1e-9, atol=1e-9 * np.sqrt(one[0])))
+
+
+def node_dofs(nodes: Array) -> Array:
+    """(3k,) int array: the dofs x, y, z of each of k nodes."""
+    return (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
+
+
+def nearest_node(points: Array, point: Array) -> int:
+    """Index of the node of a body, points (n, 3), that is nearest to `point`, (3,) [m].
+
+    Raises
+    ------
+    InputError
+        If every node is further away than a tenth of the body's size.
+    """
+    distance = np.linalg.norm(points - validate_vector("point", point), axis=1)
+    size = np.ptp(points, axis=0).max()
+    if distance.min() > 0.1 * size:
+        raise InputError(
+            f"point: {point} is {distance.min():.4g} m away from the nearest node of a body of {size:.4g} m; points "
+            "are given in the body's own coordinates, without referencePosition"
+        )
+    return int(distance.argmin())
+
+
+def _check_neighbours(cells: Array, faces: Array, number: Array) -> None:
+    """Refuse elements that are there twice, that share a face with two others, or that lie on their neighbour's side.
+
+    `cells` have positive volume, `faces` and `number` are `FEModel._faces`.
+    """
+    count = np.bincount(number.ravel())
+    by_faces = np.sort(number, axis=1)
+    order = np.lexsort(by_faces.T)
+    same = np.flatnonzero((np.diff(by_faces[order], axis=0) == 0).all(axis=1))
+    if len(same):
+        raise MeshError(
+            f"cells: {len(same)} of {len(cells)} elements are there twice, the first are elements "
+            f"{order[same[0]]} and {order[same[0] + 1]} (counted from 0), of the same nodes. Their mass and stiffness "
+            "would count twice; remove them"
+        )
+    if count.max() > 2:
+        owners = np.flatnonzero((number == count.argmax()).any(axis=1))
+        raise MeshError(
+            f"cells: {np.count_nonzero(count > 2)} faces belong to more than two elements, the first to elements "
+            f"{', '.join(map(str, owners))} (counted from 0), so that some of them overlap. Remove those, or mesh anew"
+        )
+    # Outward faces of two neighbours turn opposite ways.
+    ring = facet_corners(faces)
+    start = ring.argmin(axis=1)[:, None]
+    k = ring.shape[1]
+    after, before = (np.take_along_axis(ring, (start + step) % k, axis=1)[:, 0] for step in (1, -1))
+    turn = np.bincount(number.ravel(), np.where(after < before, 1, -1))
+    overlapping = np.flatnonzero((count == 2) & (turn != 0))
+    if len(overlapping):
+        owners = np.flatnonzero((number == overlapping[0]).any(axis=1))
+        raise MeshError(
+            f"cells: {len(overlapping)} pairs of elements overlap, for both lie on the same side of the face that "
+            f"they share, the first are elements {' and '.join(map(str, owners))} (counted from 0). A node lies where "
+            "it does not belong, or the order of nodes is wrong; mesh anew"
+        )
+
+
+def _part_sizes(face: Array) -> Array:
+    """Number of elements of each part that is connected through faces, (ne, faces an element), largest first."""
+    of = sp.csr_matrix((np.ones(face.size), (np.repeat(np.arange(len(face)), face.shape[1]), face.ravel())))
+    part = connected_components(of @ of.T, directed=False)[1]
+    return np.sort(np.bincount(part))[::-1]
+
+
+def rigid_modes(arms: Array) -> Array:
+    """Unit translations and rotations of points at `arms`, (n, 3) [m], as a (3n, 6) array."""
+    n = len(arms)
+    modes = np.zeros((n, 3, 6))
+    modes[:, :, :3] = np.eye(3)
+    for axis in range(3):
+        modes[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms)
+    return modes.reshape(3 * n, 6)

@@ -1,0 +1,457 @@
+"""Partition of a body: its impact region, the patches of it that may touch, and the interfaces for joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import EmptyRegionError, InputError
+from ..support.arrays import Array
+from ..support.checks import (
+    check_floats,
+    check_indices,
+    check_tuple,
+    read_only,
+    validate_choice,
+    validate_flag,
+    validate_integer,
+    validate_positive,
+    validate_text,
+    validate_type,
+    validate_vector,
+)
+from .faces import middle
+from .facets import area_vectors, facet_corners, nodal_area
+from .model import FEModel, rigid_modes, same_mesh
+
+AXES = ("normal", "xyz")
+KINDS = ("rigid", "averaged")
+
+_UNIT = 1e-9  # off a unit vector's length
+_FLAT = 1e-6  # of an interface's size: as near to one line its nodes may be
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A contact patch: the surface facets that may touch, and the directions of its residual flexibility.
+
+    Parameters
+    ----------
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Surface facets, as nodes of the body.
+    direction : (3,) array
+        Unit outward normal, area-weighted mean: the line of contact.
+    rim : (k,) int array
+        Nodes at which the body's surface goes on towards the other body: contact that reaches them leaves the patch.
+    axes : {"normal", "xyz"}
+        Whether contact acts along `direction` only, or along all three axes.
+    direction_given : bool
+        Whether the user gave `direction`.
+    name : str
+    """
+
+    facets: Array
+    direction: Array
+    rim: Array
+    axes: str = "normal"
+    direction_given: bool = False
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        check_indices("facets", self.facets, (None, None))
+        if self.facets.shape[1] not in (3, 4, 6) or not len(self.facets):
+            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        check_floats("direction", self.direction, (3,))
+        if abs(np.linalg.norm(self.direction) - 1) > _UNIT:
+            raise InputError(f"direction: expected a unit vector, got {self.direction}")
+        check_indices("rim", self.rim, (None,))
+        validate_choice("axes", self.axes, AXES)
+        validate_flag("direction_given", self.direction_given)
+        validate_text("name", self.name)
+        read_only(self.facets, self.direction, self.rim)
+
+    @property
+    def nodes(self) -> Array:
+        """(np,) int array: nodes of the patch, ascending."""
+        return np.unique(self.facets)
+
+    @property
+    def directions(self) -> Array:
+        """(d, 3) array: the directions in which each node has a row, one or three."""
+        return self.direction[None] if self.axes == "normal" else np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """Nodes of a joint, whose mean motion is three translations and three rotations.
+
+    Parameters
+    ----------
+    name : str
+    nodes : (k,) int array
+        Ascending.
+    kind : {"rigid", "averaged"}
+        "rigid": the nodes move as one rigid body (RBE2). "averaged": they stay as flexible as they are, a force or
+        moment of the joint is spread over them (RBE3).
+    position : (3,) array
+        Reference point of the motion, where joints attach [m].
+    weights : (k,) array
+        Share of each node in the mean, their sum is one: by area if they are all the nodes of some surface, else equal.
+    motion : (6, 3k) array
+        Mean translation [m] and rotation [rad] of the nodes' displacements, by weighted least squares; transposed, the
+        nodal forces of unit forces and moments on the interface.
+    """
+
+    name: str
+    nodes: Array
+    kind: str
+    position: Array
+    weights: Array
+    motion: Array
+
+    def __post_init__(self) -> None:
+        validate_text("name", self.name)
+        check_indices("nodes", self.nodes, (None,))
+        validate_choice("kind", self.kind, KINDS)
+        check_floats("position", self.position, (3,))
+        check_floats("weights", self.weights, (len(self.nodes),))
+        check_floats("motion", self.motion, (6, 3 * len(self.nodes)))
+        read_only(self.nodes, self.position, self.weights, self.motion)
+
+    def rigid_motion(self, fem: FEModel) -> Array:
+        """(3k, 6) array: displacements of the nodes by unit translations and rotations about `position`."""
+        return rigid_modes(fem.points[self.nodes] - self.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """Impact region II of a body (paper, eq. 11), its contact patches, and its interfaces for joints.
+
+    Partitions of the same FE model are joined by `|`::
+
+        tip = ep.Partition.ball(fem, center=(0, 0, 0), radius=1e-3, name="tip")
+        pin = ep.Partition.interface(fem, "pin", nodes="bore")
+        body = ep.reduce(fem, tip | pin, f_cut=40e3)
+
+    Parameters
+    ----------
+    nodes : (k,) int array
+        Nodes of the impact region, ascending.
+    patches : tuple of Patch
+    interfaces : tuple of Interface
+    n_nodes : int
+        Nodes of the FE model.
+    mesh : (9,) array
+        `FEModel.fingerprint` of the FE model.
+
+    Raises
+    ------
+    InputError
+        If two patches, two interfaces, or an interface and the impact region share nodes, or names are not unique.
+    """
+
+    nodes: Array
+    patches: tuple[Patch, ...]
+    interfaces: tuple[Interface, ...]
+    n_nodes: int
+    mesh: Array
+
+    def __post_init__(self) -> None:
+        n_nodes = validate_integer("n_nodes", self.n_nodes, 1)
+        check_tuple("patches", self.patches, Patch)
+        check_tuple("interfaces", self.interfaces, Interface)
+        check_indices("nodes", self.nodes, (None,), n_nodes)
+        for patch in self.patches:
+            check_indices("facets", patch.facets, patch.facets.shape, n_nodes)
+            check_indices("rim", patch.rim, (None,), n_nodes)
+        for interface in self.interfaces:
+            check_indices("nodes", interface.nodes, (None,), n_nodes)
+        for nodes in (self.nodes, *(interface.nodes for interface in self.interfaces)):
+            if (np.diff(nodes) <= 0).any():
+                raise InputError("nodes: expected each node once, ascending")
+        check_floats("mesh", self.mesh, (9,))
+        read_only(self.nodes, self.mesh)
+        owners = [(f"patch {i} {patch.name!r}", patch.nodes) for i, patch in enumerate(self.patches)]
+        joints = [(f"interface {interface.name!r}", interface.nodes) for interface in self.interfaces]
+        region = [("the impact region", self.nodes)]
+        for group in (owners + joints, region + joints):
+            for i, (name, nodes) in enumerate(group):
+                for other, others in group[:i]:
+                    shared = np.intersect1d(nodes, others)
+                    if len(shared):
+                        raise InputError(
+                            f"partition: {other} and {name} share {len(shared)} nodes, such as node {shared[0]}; "
+                            "expected none. Make one of them smaller, or move it"
+                        )
+        for names in ([i.name for i in self.interfaces], [p.name for p in self.patches if p.name]):
+            if len(set(names)) < len(names):
+                raise InputError(f"name: expected each name once, got {', '.join(map(repr, names))}")
+
+    def __or__(self, other: Partition) -> Partition:
+        validate_type("partition", other, Partition, "Partition.ball() or Partition.interface()")
+        if other.n_nodes != self.n_nodes:
+            raise InputError(f"partition: one is of a mesh with {self.n_nodes} nodes, the other with {other.n_nodes}")
+        if not same_mesh(self.mesh, other.mesh):
+            raise InputError(
+                f"partition: both are of meshes with {self.n_nodes} nodes, but these differ; expected two partitions "
+                "of one FE model"
+            )
+        return Partition(
+            np.union1d(self.nodes, other.nodes),
+            self.patches + other.patches,
+            self.interfaces + other.interfaces,
+            self.n_nodes,
+            self.mesh,
+        )
+
+    def is_of(self, fem: FEModel) -> bool:
+        """Whether the partition is of the mesh of `fem`: of its points and facets, not only of as many.
+
+        Patches go along with a mesh that is moved as a whole, points of interfaces do not.
+        """
+        return same_mesh(self.mesh, fem.fingerprint, same_place=bool(self.interfaces))
+
+    def check_mesh(self, fem: FEModel, name: str = "partition") -> None:
+        """Raise unless the partition is of the mesh of `fem`.
+
+        Raises
+        ------
+        InputError
+            Names `name`, what does not fit to the FE model.
+        """
+        if self.n_nodes != fem.n_nodes:
+            raise InputError(
+                f"{name}: is of a mesh with {self.n_nodes} nodes, made for another mesh than this FE model's, which "
+                f"has {fem.n_nodes}; make it of this one"
+            )
+        if not self.is_of(fem):
+            raise InputError(
+                f"{name}: was made for another mesh with as many nodes, {fem.n_nodes}, but at other places or "
+                "with other facets. Its patches would lie at the wrong place; make it anew for this FE model"
+            )
+
+    @property
+    def patch_nodes(self) -> Array:
+        """(np,) int array: nodes of all contact patches, ascending."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(patch.nodes for patch in self.patches)]))
+
+    def patch(self, key: int | str | None = None) -> int:
+        """Number of a patch by `key`, its number or name; of the only one by None.
+
+        Raises
+        ------
+        InputError
+            If there is no such patch, or none is named and there are several.
+        """
+        names = [patch.name for patch in self.patches]
+        if key is None and len(names) == 1:
+            return 0
+        if isinstance(key, str) and key and key in names:
+            return names.index(key)
+        if isinstance(key, int | np.integer) and not isinstance(key, bool) and 0 <= key < len(names):
+            return int(key)
+        raise InputError(
+            f"patch: expected the name or number of one of the {len(names)} contact patches {names}, got {key!r}"
+        )
+
+    def find_interface(self, name: str) -> Interface:
+        """Return the interface of that name; InputError if there is none."""
+        names = [interface.name for interface in self.interfaces]
+        if not isinstance(name, str) or name not in names:
+            raise InputError(
+                f"interface: expected one of {', '.join(map(repr, names)) or 'none, for the body has no interfaces'}, "
+                f"got {name!r}. Nodes beside interfaces are reduced away, and with them the body's static answer to "
+                f"a joint's forces; join Partition.interface(fem, {name!r}, nodes) to the partition by | and reduce "
+                "the body again"
+            )
+        return self.interfaces[names.index(name)]
+
+    @classmethod
+    def ball(
+        cls,
+        fem: FEModel,
+        center: Array,
+        radius: float,
+        *,
+        contact_radius: float | None = None,
+        direction: Array | None = None,
+        axes: str = "normal",
+        name: str = "",
+    ) -> Partition:
+        """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
+
+        Parameters
+        ----------
+        fem : FEModel
+        center : (3,) array
+            Centre of the ball [m], usually the point of first contact.
+        radius : float
+            Radius of the impact region [m].
+        contact_radius : float, optional
+            Radius of the patch where contact can happen, at most `radius` [m]; nodes that can never touch need no
+            contact rows. Default: `radius`. `hertz.contact_radius` estimates how far a contact reaches.
+        direction : (3,) array, optional
+            The line of contact, outward; default: the patch's mean normal, which its mesh makes uncertain by some
+            1e-3 rad. Give it for curved patches that start far apart.
+        axes : {"normal", "xyz"}
+            Directions in which the basis answers contact forces: along the line of contact, all that frictionless
+            contact needs, or also across it.
+        name : str
+            To tell patches of one body apart.
+
+        Raises
+        ------
+        EmptyRegionError
+            If the ball holds no node, no surface facet, or lies outside the body.
+        InputError
+            If an argument has a wrong shape or is not finite.
+        """
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_choice("axes", axes, AXES)
+        center = validate_vector("center", center)
+        radius = validate_positive("radius", radius, "m")
+        reach = radius if contact_radius is None else validate_positive("contact_radius", contact_radius, "m")
+        if reach > radius:
+            raise InputError(f"contact_radius: expected at most radius = {radius:.4g} m, got {reach:.4g} m")
+        distance = np.linalg.norm(fem.points - center, axis=1)
+        nodes = np.flatnonzero(distance <= radius)
+        if not len(nodes):
+            raise EmptyRegionError(
+                f"no node lies within {radius:.4g} m of {_show(center)}: the nearest is {distance.min():.4g} m away, "
+                f"at {_show(fem.points[distance.argmin()])}; the body spans {_show(fem.points.min(axis=0))} to "
+                f"{_show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
+            )
+        centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
+        within = np.linalg.norm(centres - center, axis=1) <= reach
+        if not within.any():
+            raise EmptyRegionError(
+                f"no surface facet lies within {reach:.4g} m of {_show(center)}, so nothing there can touch: "
+                f"{len(nodes)} nodes are in the region. Put the center on the surface, or refine the mesh to elements "
+                f"below {reach:.2g} m"
+            )
+        normals = area_vectors(fem.points, fem.facets)
+        # The normal at the center leads; the mean of all would be lost on a patch that goes around an edge.
+        surface = np.unique(fem.facets[_facing(normals, within, direction)])
+        foot = surface[distance[surface].argmin()]
+        line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
+        # Side walls beyond an edge cannot touch along the line of contact.
+        facing = normals @ line > 0.5 * np.linalg.norm(normals, axis=1)
+        if direction is None:
+            line = _direction(normals[within & facing], None)
+        facets = fem.facets[within & facing]
+        if not len(facets):
+            raise EmptyRegionError(
+                f"no facet within {reach:.4g} m of {_show(center)} faces the line of contact {_show(line)}; give "
+                "another direction or center"
+            )
+        rim = np.intersect1d(facets, fem.facets[~within & facing])
+        patch = Patch(facets, line, rim, axes, direction is not None, name)
+        return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
+
+    @classmethod
+    def interface(
+        cls, fem: FEModel, name: str, nodes: Array | str, *, kind: str = "rigid", position: Array | None = None
+    ) -> Partition:
+        """Interface for joints, springs and loads: a named node set with six resultants.
+
+        Parameters
+        ----------
+        fem : FEModel
+        name : str
+        nodes : (k,) int array or str
+            Nodes of the FE model, or the name of one of its boundaries.
+        kind : {"rigid", "averaged"}
+            Whether the nodes move as one rigid body (RBE2), or a joint's forces are spread over them (RBE3).
+        position : (3,) array, optional
+            Where joints attach, the reference point of the motion [m]. Default: the mean over the area, if the nodes
+            are all those of some surface, and of a bore or a pin on its axis (see `faces.middle`); else the mean of the
+            nodes. A joint wants it exactly where its other marker is.
+
+        Raises
+        ------
+        EmptyRegionError
+            If there are no nodes.
+        InputError
+            If they lie on one line, so that no rotation about it is defined, or are no nodes of the FE model; if
+            `position` is further from the nodes than the body is long.
+        """
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_choice("kind", kind, KINDS)
+        if isinstance(nodes, str):
+            validate_choice("nodes", nodes, fem.boundaries)
+            nodes = fem.facets[fem.boundaries[nodes]]
+        nodes = np.asarray(nodes)
+        if nodes.size and nodes.dtype.kind not in "iu":
+            raise InputError(
+                f"nodes: expected whole numbers of nodes or the name of a boundary, got {type(nodes.flat[0]).__name__}"
+            )
+        nodes = np.unique(nodes)
+        if not nodes.size:
+            raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
+        if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
+            raise InputError(f"nodes: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes[0]} to {nodes[-1]}")
+        spanned = fem.facets[np.isin(fem.facets, nodes).all(axis=1)]
+        if np.isin(nodes, spanned).all():
+            area = nodal_area(fem.points, spanned)[nodes]
+            weights = area / area.sum()
+            mean = middle(fem.points, spanned)
+        else:  # a few facets that some of the nodes happen to span must not carry all
+            weights = np.full(len(nodes), 1 / len(nodes))
+            mean = weights @ fem.points[nodes]
+        sizes = np.linalg.svd(np.sqrt(weights)[:, None] * (fem.points[nodes] - mean), compute_uv=False)
+        if len(nodes) < 3 or sizes[1] <= _FLAT * sizes[0]:
+            raise InputError(
+                f"nodes: interface {name!r} has {len(nodes)} nodes that lie on one line, so that its rotation about it "
+                "is not defined; expected at least three that span a plane"
+            )
+        place = mean if position is None else _checked_place(fem, name, mean, position)
+        motions = rigid_modes(fem.points[nodes] - place)
+        weighted = motions * np.repeat(weights, 3)[:, None]
+        motion = np.linalg.solve(motions.T @ weighted, weighted.T)
+        joint = Interface(name, nodes, kind, place, weights, motion)
+        return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes, fem.fingerprint)
+
+
+def _checked_place(fem: FEModel, name: str, mean: Array, position: Array) -> Array:
+    """Return an interface's point that the user gave."""
+    place = validate_vector("position", position)
+    away, size = np.linalg.norm(place - mean), np.ptp(fem.points, axis=0).max()
+    if away > size:
+        raise InputError(
+            f"position: expected the point where joints attach, in the body's own coordinates, got {_show(place)}, "
+            f"{away:.4g} m away from the nodes of interface {name!r} around {_show(mean)}, of a body of {size:.4g} m"
+        )
+    return place
+
+
+def _facing(normals: Array, within: Array, direction: Array | None) -> Array:
+    """Facets within reach that face a given direction, (nf,) bool, if there are any, else all.
+
+    Of a thin sheet, nodes on the other side may be nearer to a center on this one.
+    """
+    everywhere = np.ones(len(normals), dtype=bool)
+    if direction is None:
+        return everywhere
+    given = validate_vector("direction", direction)
+    facing = within & (normals @ given > 0.5 * np.linalg.norm(normals, axis=1) * np.linalg.norm(given))
+    return facing if facing.any() else everywhere
+
+
+def _direction(normals: Array, direction: Array | None) -> Array:
+    mean = normals.sum(axis=0)
+    mean = mean / np.linalg.norm(mean)
+    if direction is None:
+        return mean
+    given = validate_vector("direction", direction)
+    length = np.linalg.norm(given)
+    if length == 0 or given @ mean < 0.5 * length:
+        raise InputError(
+            f"direction: expected a vector that points out of the patch, whose mean normal is {_show(mean)}, "
+            f"got {_show(given)}"
+        )
+    return given / length
+
+
+def _show(vector: Array) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in vector) + ")"

@@ -1,0 +1,179 @@
+"""Thin walls of a body, and the bending waves that elements longer than a wall is thick can follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..support.arrays import Array
+from .material import Material
+
+_STEPS = 40  # elements that a ray may cross before it leaves a wall
+_OPPOSITE = -0.9  # cosine between the normals of the two sides of a wall
+_THICK = 2.0  # elements across a wall from which on it counts as solid
+_SEEN, _FOLLOWED = 1.3, 4.0  # quadratic elements a bending wave
+_LOCKS = 3.0  # times the wall's thickness is the length from which on they lock
+_SHEAR = 5 / 6  # Mindlin's shear coefficient
+
+
+@dataclass(frozen=True)
+class Wall:
+    """The wall whose bending waves limit a mesh.
+
+    Parameters
+    ----------
+    thickness : float
+        [m]
+    element : float
+        Length of its elements along it [m].
+    order : {1, 2}
+        Of the elements.
+    material : Material
+    """
+
+    thickness: float
+    element: float
+    order: int
+    material: Material
+
+    @property
+    def frequency(self) -> float:
+        """Highest frequency at which its elements see bending waves at all; no promise of how well [Hz]."""
+        return float(_resolved(self.element, self.thickness, self.order, self.material, _SEEN))
+
+    @property
+    def accurate_frequency(self) -> float:
+        """Frequency up to which its elements follow bending waves within 8 % of their frequency [Hz]."""
+        return float(_resolved(self.element, self.thickness, self.order, self.material, _FOLLOWED))
+
+    def element_for(self, frequency: float) -> float:
+        """Length of elements that would see bending waves up to `frequency` [Hz], in [m]."""
+        lengths = self.element * np.geomspace(1, 1e-4, 1000)
+        return float(
+            lengths[_resolved(lengths, self.thickness, self.order, self.material, _SEEN) >= frequency].max(
+                initial=lengths[-1]
+            )
+        )
+
+
+def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, order: int, material: Material) -> Wall:
+    """Wall that is worst resolved by its elements; of infinite thickness if there is none.
+
+    An element of length L sees the bending waves of a wall of thickness t down to 1.3 elements a wave, little above
+    two nodes a wave, and follows them with four, or with two where several span the wall. Beyond L = 3 t quadratic
+    elements lock in shear, and need (L / 3 t)^2 times as many. `tests/test_walls.py` holds that against the exact
+    waves of Rayleigh and Lamb. Linear elements lock at once: longer than the wall is thick they follow none, and
+    beyond L = 3 t they are refused.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+    corners : (ne, faces of a cell, corners of a face) int array
+        Outward faces of each cell, as corner nodes.
+    facets : (nf, 2) int array
+        Cell of each surface facet and its face there.
+    number : (ne, faces of a cell) int array
+        Numbers that equal faces have in common.
+    order : {1, 2}
+        Of the elements.
+    material : Material
+
+    References
+    ----------
+    R. D. Mindlin, Influence of rotatory inertia and shear on flexural motions of isotropic, elastic plates, 1951.
+    """
+    length = _lengths(points, corners[facets[:, 0], facets[:, 1]])
+    thickness = _thickness(points, corners, facets, number, _THICK * length)
+    worst = int(_resolved(length, thickness, order, material, _SEEN).argmin())
+    return Wall(float(thickness[worst]), float(length[worst]), order, material)
+
+
+def _resolved(
+    length: Array | float, thickness: Array | float, order: int, material: Material, elements: float
+) -> Array:
+    """Frequency of the bending waves that are so many elements long [Hz]; more of them where elements are long."""
+    ratio = length / thickness
+    needed = np.clip(elements * ratio, min(2.0, elements), elements) * np.maximum(1, (ratio / _LOCKS) ** 2)
+    frequency = bending_frequency(2 * np.pi / (needed * length), thickness, material)
+    if order == 1:
+        return np.where(ratio > (_LOCKS if elements == _SEEN else 1.0), 0.0, np.inf)
+    return frequency
+
+
+def bending_frequency(wavenumber: Array | float, thickness: Array | float, material: Material) -> Array:
+    """Frequency of bending waves in plates by Mindlin's theory [Hz]; infinite if the thickness is.
+
+    Parameters
+    ----------
+    wavenumber : (...) array
+        [rad/m]
+    thickness : (...) array
+        [m]
+    material : Material
+    """
+    finite = np.isfinite(thickness)
+    t, k = np.where(finite, thickness, 1.0), wavenumber
+    inertia, mass = material.rho * t**3 / 12, material.rho * t
+    bending = material.plane_strain_modulus * t**3 / 12 * k**2
+    shear = _SHEAR * material.shear_modulus * t
+    # The lower root of a w^4 - b w^2 + c = 0, in the form without cancellation.
+    a, c = mass * inertia, shear * k**2 * bending
+    b = inertia * shear * k**2 + mass * (bending + shear)
+    omega = np.sqrt(2 * c / (b + np.sqrt(b * b - 4 * a * c)))
+    return np.where(finite, omega / (2 * np.pi), np.inf)
+
+
+def _lengths(points: Array, facets: Array) -> Array:
+    """(nf,) array: lengths of facets [m], of equilateral triangles and squares their edges, mean of the neighbours'."""
+    nodes = points[facets]
+    arms = nodes - nodes.mean(axis=1, keepdims=True)
+    largest = np.linalg.eigvalsh(np.einsum("fki,fkj->fij", arms, arms))[:, -1]
+    length = np.sqrt(largest * (2 if facets.shape[1] == 3 else 1))
+    # Neighbours together follow a wave, not each by itself.
+    weight = np.bincount(facets.ravel(), minlength=len(points))
+    at_nodes = np.bincount(facets.ravel(), np.repeat(length, facets.shape[1]), minlength=len(points))
+    return (at_nodes / np.maximum(weight, 1))[facets].mean(axis=1)
+
+
+def _thickness(points: Array, corners: Array, facets: Array, number: Array, limit: Array) -> Array:
+    """(nf,) array: way from the middle of each facet through the cells to the opposite side [m].
+
+    Infinite where it is above `limit`, or where what lies there is not nearly parallel.
+    """
+    nodes = points[corners]
+    middle = nodes.mean(axis=2)
+    first, second, third, fourth = (nodes[:, :, i] for i in (0, 1, 2, -1))
+    normal = np.cross(third - first, fourth - second)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    across = _other_sides(number)
+    cell, face = facets.T
+    start, outward = middle[cell, face], normal[cell, face]
+    thickness = np.full(len(facets), np.inf)
+    ray = np.arange(len(facets))
+    for _ in range(_STEPS):
+        if not len(ray):
+            break
+        slope = -np.einsum("rfi,ri->rf", normal[cell], outward[ray])
+        height = np.einsum("rfi,rfi->rf", normal[cell], middle[cell] - start[ray, None])
+        way = np.divide(height, slope, out=np.full_like(height, np.inf), where=slope > 1e-9)
+        way[np.arange(len(ray)), face] = np.inf  # where it came in
+        face = way.argmin(axis=1)
+        way = way[np.arange(len(ray)), face]
+        code = across[cell, face]
+        out = (code < 0) & (np.einsum("ri,ri->r", normal[cell, face], outward[ray]) < _OPPOSITE) & (way > 0)
+        thickness[ray[out]] = way[out]
+        on = (code >= 0) & (way < limit[ray])
+        ray, code = ray[on], code[on]
+        cell, face = code // number.shape[1], code % number.shape[1]
+    return np.where(thickness < limit, thickness, np.inf)
+
+
+def _other_sides(number: Array) -> Array:
+    """(ne, faces of a cell) int array: of each face, its row in the neighbour, flat; -1 on the surface."""
+    flat = number.ravel()
+    order = np.argsort(flat, kind="stable")
+    same = np.flatnonzero(flat[order][1:] == flat[order][:-1])
+    other = np.full(len(flat), -1)
+    other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
+    return other.reshape(number.shape)

@@ -1,0 +1,1 @@
+"""Motion of a reduced body in space: the inertial frame, the floating frame, mean axes and inertia forces."""

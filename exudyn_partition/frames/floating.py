@@ -1,0 +1,234 @@
+"""Motion of a reduced body in space: places, velocities and generalised forces of nodes, momentum and energy.
+
+One class a frame, with the same methods: a body in an inertial frame moves by small rotations about its place, one in a
+floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs,), or a history of them, (m, n_dofs);
+`mass`, (n_dofs,), is the diagonal of their mass matrix.
+"""
+
+from __future__ import annotations
+
+import copy
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError
+from ..reduction.body import ReducedBody
+from ..reduction.inertia import InertiaIntegrals
+from ..support.arrays import Array
+from .inertia_forces import rotation_matrix
+from .inertial import NO_NODES, InertialKinematics, node_fields
+from .mean_axes import MeanAxes
+from .nodal_inertia import NodalInertia
+
+
+class FloatingKinematics:
+    """A body in its mean axes: x = r + A (X - c + Phi z), with q = (r - r0, rotation vector - that at the start, z).
+
+    Rotation vector and angular velocity are those of a node which is fixed to the frame, with axes of its own.
+    Velocities q_t are (r_t, angular velocity in the node's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them;
+    generalised forces and `inertia` have the node's axes too, all else those of the body.
+
+    Deformation z is that of `mean_axes`: the elastic shapes', and with nodal columns the shapes and displacements that
+    are left of those without rigid motion, mass-normalised.
+
+    Parameters
+    ----------
+    body : ReducedBody
+    position : (3,) array
+        Where the origin of the body's mesh is put [m].
+    rotation : (3,) array
+        Rotation vector of its axes there [rad].
+    nodes : (k,) int array
+        Nodes of the FE model that the methods for nodes are about.
+    node_rotation : (3,) array, optional
+        Rotation vector of the node's axes at the start [rad]; default: the body's.
+
+    Raises
+    ------
+    InputError
+        If the body has no moment of inertia about some axis.
+    """
+
+    linear = False
+
+    def __init__(
+        self,
+        body: ReducedBody,
+        position: Array,
+        rotation: Array,
+        nodes: Array = NO_NODES,
+        node_rotation: Array | None = None,
+    ) -> None:
+        self.body, self.position = body, position
+        self.rotation = rotation if node_rotation is None else node_rotation
+        axes = rotation_matrix(rotation)
+        self.node_axes = np.eye(3) if node_rotation is None else axes.T @ rotation_matrix(node_rotation)
+        self.mean_axes = MeanAxes(body.mass.diagonal(), body.rigid)
+        self.inertia = _inertia(body, self.mean_axes).turned(self.node_axes)
+        self.mass = np.r_[np.full(3, body.total_mass), np.diag(self.inertia.tensor), np.ones(body.n_dofs - 6)]
+        self.origin = position + axes @ body.centre_of_mass
+        self._of(nodes)
+
+    def _of(self, nodes: Array) -> None:
+        self.nodes = nodes
+        self.arms = self.body.points[nodes] - self.body.centre_of_mass
+        rows: Any = self.body.rows(nodes)
+        self.rows = self.mean_axes.restrict(rows.toarray() if sp.issparse(rows) else rows)
+
+    def at(self, nodes: Array) -> FloatingKinematics:
+        """Kinematics of other nodes, (k,) int array."""
+        result = copy.copy(self)
+        result._of(nodes)
+        return result
+
+    def frame(self, q: Array) -> tuple[Array, Array]:
+        """Place of the centre of mass, (..., 3) [m], and rotation matrix of the body's axes, (..., 3, 3)."""
+        return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6]) @ self.node_axes.T
+
+    @property
+    def from_basis(self) -> sp.csr_matrix:
+        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+        n = self.body.n_dofs
+        rigid = InertialKinematics(self.body, self.position).rigid_motion(np.eye(n)).T
+        turned = self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]
+        return sp.csr_matrix(np.vstack([*turned, self.mean_axes.of(np.eye(n)).T]))
+
+    def elastic(self, q: Array) -> Array:
+        """Coordinates, in the basis, of the motion within the frame."""
+        return self.mean_axes.expand(q[..., 6:])
+
+    deformed = elastic
+
+    def elastic_force(self, z: Array) -> Array:
+        """Generalised forces K z, (..., n_dofs - 6), of deformation z, (..., n_dofs - 6)."""
+        return self.mean_axes.restrict((self.body.stiffness @ self.mean_axes.expand(z).T).T)
+
+    @cached_property
+    def elastic_stiffness(self) -> Array:
+        """K of the deformation, (n_dofs - 6, n_dofs - 6), dense."""
+        rows = self.mean_axes.restrict(self.body.stiffness.toarray())
+        return self.mean_axes.restrict(rows.T)
+
+    def proportional_force(self, q: Array, alpha: float, beta: float) -> Array:
+        """Generalised forces (alpha M + beta K) of the deformation in coordinates or velocities q, (..., n_dofs)."""
+        z = q[..., 6:]
+        return np.concatenate([np.zeros((*z.shape[:-1], 6)), alpha * z + beta * self.elastic_force(z)], axis=-1)
+
+    def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
+        """(n_dofs, n_dofs): derivative of `proportional_force`."""
+        n = self.body.n_dofs - 6
+        own = alpha * np.eye(n) + beta * self.elastic_stiffness
+        return sp.block_diag([sp.csr_matrix((6, 6)), own], format="csr")
+
+    def moved(self, q: Array, way: Array) -> Array:
+        """Coordinates after a way, (n_dofs,), velocity times time, from q, (n_dofs,): rotations are composed."""
+        result = q + way
+        before, turn = (Rotation.from_rotvec(v) for v in (self.rotation + q[3:6], way[3:6]))
+        result[3:6] = (before * turn).as_rotvec() - self.rotation
+        return result
+
+    def accelerations(self, q: Array, forces: Array) -> Array:
+        """Accelerations, (n_dofs, m), by generalised forces, (n_dofs, m), with the mass that q gives."""
+        J, C = self.inertia.of_place(q[6:])
+        omega_t = np.linalg.solve(J - C @ C.T, forces[3:6] - C @ forces[6:])
+        return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
+
+    def place(self, q: Array) -> Array:
+        """Places of the nodes, (..., k, 3) [m]."""
+        r, A = self.frame(q)
+        return r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
+
+    def displacements(self, q: Array) -> Array:
+        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        return self.place(q) - self.place(np.zeros(q.shape[-1]))
+
+    def velocities(self, q: Array, q_t: Array) -> Array:
+        """Velocities of the nodes, (..., k, 3) [m/s]."""
+        local = np.cross((q_t[..., 3:6] @ self.node_axes.T)[..., None, :], self._arms(q)) + node_fields(
+            self.rows, q_t[..., 6:]
+        )
+        return q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
+
+    def generalised(self, q: Array, forces: Array) -> Array:
+        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]; the torque is in the node's axes."""
+        local = forces @ self.frame(q)[1]
+        torque = np.cross(self._arms(q), local).sum(axis=0) @ self.node_axes
+        return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
+
+    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:
+        """Rows on the coordinates' velocities, (m, n_dofs), of rows on the nodes' velocities, (m, 3k)."""
+        A, arms = self.frame(q)[1], self._arms(q)
+        k = len(arms)
+        local = rows @ sp.kron(sp.identity(k), A, format="csr")
+        turning = np.cross(self.node_axes.T, arms[:, None, :]).swapaxes(1, 2)  # unit rotations about the node's axes
+        translation = np.tile(np.eye(3), (k, 1))
+        return np.hstack([rows @ translation, local @ turning.reshape(3 * k, 3), local @ self.rows])
+
+    def in_frame(self, q: Array, directions: Array) -> Array:
+        """Directions in space, (m, 3), in the body's axes."""
+        return directions @ self.frame(q)[1]
+
+    def on_constant_mass(self, q: Array, force: Array) -> Array:
+        """Forces that give the constant mass diag(m, J, 1) the accelerations which `force` gives the true one.
+
+        See `floating.InertiaForces`, which does the same for inertia and elastic forces.
+        """
+        q_tt = self.accelerations(q, force)
+        return np.concatenate([force[:3], self.inertia.tensor @ q_tt[3:6], q_tt[6:]])
+
+    def weight(self, gravity: Array) -> Array:
+        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+        return np.concatenate([self.body.total_mass * gravity, np.zeros(self.body.n_dofs - 3)])
+
+    @property
+    def mass_integral(self) -> Array:
+        """Linear momentum by velocities of the coordinates within the frame, (3, n_dofs - 6): none in mean axes."""
+        return np.zeros((3, self.body.n_dofs - 6))
+
+    def momentum(self, q_t: Array) -> Array:
+        """Linear momentum, (..., 3) [N s]."""
+        return self.body.total_mass * q_t[..., :3]
+
+    def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
+        """Angular momentum about a point in space, (3,) [m], (..., 3) [N m s]."""
+        r, A = self.frame(q)
+        local = self.inertia.angular_momentum(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
+        return np.cross(r - point, self.momentum(q_t)) + np.einsum("...ab,...b->...a", A @ self.node_axes, local)
+
+    def kinetic_energy(self, q: Array, q_t: Array) -> Array:
+        """Kinetic energy, (...,) [J]."""
+        translation = np.sum(q_t[..., :3] * self.momentum(q_t), axis=-1) / 2
+        return translation + self.inertia.kinetic_energy(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
+
+    def rigid_motion(self, q: Array) -> Array:
+        """Translation of the centre of mass [m] and rotation vector of the body's axes [rad], (..., 6)."""
+        axes = self.frame(q)[1]
+        turn = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_rotvec().reshape(*axes.shape[:-2], 3)
+        return np.concatenate([q[..., :3], turn], axis=-1)
+
+    def deformation(self, q: Array) -> Array:
+        """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
+        return node_fields(self.rows, q[..., 6:])
+
+    def _arms(self, q: Array) -> Array:
+        return self.arms + self.deformation(q)
+
+
+def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> InertiaIntegrals | NodalInertia:
+    inertia: InertiaIntegrals | NodalInertia = body.inertia
+    if len(body.basis.nodal):
+        masses = body.mass.diagonal()[body.n_shapes :: 3]
+        arms = body.points[body.basis.nodal] - body.centre_of_mass
+        inertia = NodalInertia(body.inertia, masses, arms, mean_axes, np.eye(3))
+    moments = np.linalg.eigvalsh(inertia.tensor)
+    if moments[0] <= 1e-12 * moments[2]:
+        raise InputError(
+            f"body: expected moments of inertia above zero about all axes, got {moments} kg m2; a floating frame "
+            "cannot rotate about an axis without inertia. Give the body an extension across it, or take "
+            "frame='inertial'"
+        )
+    return inertia

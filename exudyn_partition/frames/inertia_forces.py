@@ -1,0 +1,130 @@
+"""Inertia of a deformable body in a floating frame: mean axes at the centre of mass.
+
+With x = r + A (X - c + Phi z), shapes Phi mass-normalised and orthogonal to rigid motion, the kinetic energy is
+
+    T = m r_t^2 / 2 + omega' J(z) omega / 2 + omega' C(z) z_t + z_t' z_t / 2,
+
+angular velocity omega and all else but r in the body's axes. J is quadratic and C linear in z, so that integrals over
+the body of products of two shapes hold all of it. Lagrange's equations, with the outer forces (tau, f):
+
+    J(z) omega_t + C(z) z_tt  = tau - omega x (J(z) omega + C(z) z_t) - J_t omega
+    z_tt + C(z)' omega_t + K z = f + d(omega' J(z) omega)/dz / 2 + 2 (omega . N) z_t
+
+Shabana, Dynamics of Multibody Systems (2013), chapter 5; mean axes: Agrawal and Shabana (1985).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..reduction.inertia import PLACE, InertiaIntegrals, skew
+from ..support.arrays import Array
+
+if TYPE_CHECKING:
+    from .nodal_inertia import NodalInertia
+
+TERMS = {
+    "gyroscopic": "gyroscopic torque omega x J omega: the axis of rotation stays where it is in the body",
+    "coriolis": "Coriolis forces of vibration and rotation on each other",
+    "centrifugal": "centrifugal forces: rotation does not stretch the body",
+    "coupling": "inertia that changes with deformation, but for that of gyroscopic, Coriolis and centrifugal forces",
+}
+"""Inertia forces of a floating frame, and what a body is without each."""
+
+
+class InertiaForces:
+    """Inertia forces on constant mass diag(J, 1): what a solver is given instead of the equations above.
+
+    Mass that changes with deformation would have to be factorised in every step. Instead the accelerations that the
+    true mass gives to inertia and elastic forces are computed here, by a 3 x 3 solve as the elastic mass is the
+    identity, and returned times the constant mass. Outer forces, which are not known here, act on the constant mass:
+    they lack the change of inertia, which is of the relative size of the deformation.
+
+    Parameters
+    ----------
+    integrals : InertiaIntegrals or nodal_inertia.NodalInertia
+    elastic : callable
+        Elastic forces K z, (n,), of the elastic coordinates z, (n,).
+    terms : collection of str
+        Those of `TERMS` to be kept.
+    """
+
+    def __init__(
+        self,
+        integrals: InertiaIntegrals | NodalInertia,
+        elastic: Callable[[Array], Array],
+        terms: Collection[str] = tuple(TERMS),
+    ) -> None:
+        self.tensor, self._integrals = integrals.tensor, integrals
+        self.elastic = elastic
+        self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
+
+    def coriolis_force(self, omega: Array, z_t: Array) -> Array:
+        """Coriolis forces on the elastic coordinates, (n,)."""
+        return 2 * (omega @ self._integrals.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
+
+    def force(self, omega: Array, z: Array, z_t: Array) -> Array:
+        """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).
+
+        Parameters
+        ----------
+        omega : (3,) array
+            Angular velocity in the body's axes [rad/s].
+        z, z_t : (n,) array
+            Elastic coordinates and their velocities.
+        """
+        by_place, J, C, cross_t = self._integrals.products(z, z_t)
+        torque, force, turn = np.zeros(3), np.zeros(len(z)), skew(omega)
+        if self.gyroscopic:
+            torque -= turn @ (J @ omega)
+        if self.coriolis:
+            J_t = 2 * (by_place @ z_t)[PLACE]
+            torque -= turn @ (C @ z_t) + J_t @ omega
+            force += 2 * (omega @ cross_t)
+        if self.centrifugal:
+            force += _products(omega) @ by_place
+        if self.coupling:
+            omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - self.elastic(z)))
+            torque, force = self.tensor @ omega_t, force - C.T @ omega_t
+        return np.concatenate([torque, force])
+
+    def derivatives(self, omega: Array, z: Array, z_t: Array) -> tuple[Array, Array]:
+        """Derivatives of `force` by z, (3 + n, n), and by omega and z_t, (3 + n, 3 + n).
+
+        Those of the coupling are left out: second order in deformation, for Newton's method only.
+        """
+        by_place, J, C, cross_t = self._integrals.products(z, z_t)
+        n = len(z)
+        by_z, by_velocity = np.zeros((3 + n, n)), np.zeros((3 + n, 3 + n))
+        turn, J_omega = skew(omega), by_place[PLACE].transpose(0, 2, 1) @ omega  # d(J omega)/dz = 2 J_omega
+        if self.gyroscopic:
+            by_z[:3] -= 2 * turn @ J_omega
+            by_velocity[:3, :3] += skew(J @ omega) - turn @ J
+        if self.coriolis:
+            J_t = 2 * (by_place @ z_t)[PLACE]
+            by_shape_t = self._integrals.by_shapes(z_t)[PLACE].transpose(0, 2, 1) @ omega
+            by_z[:3] -= turn @ cross_t + 2 * by_shape_t
+            by_velocity[:3, :3] += skew(C @ z_t) - J_t
+            by_velocity[:3, 3:] -= turn @ C + 2 * J_omega
+            by_velocity[3:, :3] += 2 * cross_t.T
+            by_velocity[3:, 3:] += 2 * self._integrals.cross_form(omega)
+        if self.centrifugal:
+            by_velocity[3:, :3] += 2 * J_omega.T
+            by_z[3:] += self._integrals.inertia_form(_products(omega))
+        return by_z, by_velocity
+
+
+def rotation_matrix(v: Array) -> Array:
+    """Rotation matrices, (..., 3, 3), of rotation vectors (..., 3) [rad]."""
+    half = np.linalg.norm(v, axis=-1)[..., None, None] / (2 * np.pi)
+    turn = skew(v)
+    return np.eye(3) + np.sinc(2 * half) * turn + np.sinc(half) ** 2 / 2 * (turn @ turn)
+
+
+def _products(omega: Array) -> Array:
+    """Weights of the six components in omega' J omega."""
+    a, b, c = omega
+    return np.array([a * a, b * b, c * c, 2 * b * c, 2 * a * c, 2 * a * b])

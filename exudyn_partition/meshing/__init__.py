@@ -1,0 +1,1 @@
+"""FE models from shapes, meshes and files: NGSolve, meshio, STEP and input decks."""

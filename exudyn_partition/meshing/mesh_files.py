@@ -1,0 +1,214 @@
+"""Mesh files through meshio: points, cells and named faces in the file's own numbering, checked."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from ..errors import InputError, MeshError, MissingPackageError
+from ..fe.model import TET_EDGES
+from ..support.arrays import Array
+from ..support.checks import read_only, validate_array, validate_file
+from ..support.optional import require
+from .input_decks import check_deck, check_regions
+
+_VOLUMES = ("tetra", "tetra10", "hexahedron")
+_FACE_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
+
+# Elements with their nodes in the order that mirrors them.
+_MIRRORED = {4: [1, 0, 2, 3], 10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
+_NO_VOLUME = 1e-10  # of the cube of an element's extent: six times the volume of what is a sliver of round-off
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeMesh:
+    """Points and volume elements of a mesh file, all of one kind.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodal positions in the file's order and unit of length.
+    cells : (ne, 4), (ne, 10) or (ne, 8) int array
+        Linear or quadratic tetrahedra or linear hexahedra, in VTK order with positive volume.
+    faces : dict of str to (k, 3) or (k, 4) int array
+        Corner nodes of the triangles or quadrilaterals that the file names.
+    """
+
+    points: Array
+    cells: Array
+    faces: dict[str, Array]
+
+    def __post_init__(self) -> None:
+        read_only(self.points, self.cells, *self.faces.values())
+
+    @property
+    def order(self) -> int:
+        """Polynomial order of the elements, 1 or 2."""
+        return 2 if self.cells.shape[1] == 10 else 1
+
+
+def read_mesh(path: Path) -> VolumeMesh:
+    """Read the volume elements of a mesh file: VTU, Gmsh, Abaqus, Nastran, and what else meshio reads.
+
+    Surface and line elements count only as far as they name boundaries (Gmsh's physical groups, Abaqus's element
+    sets).
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or meshio cannot read it.
+    MeshError
+        If it holds no volume elements, others than linear or quadratic tetrahedra or linear hexahedra, several kinds
+        of them, several regions, inverted ones, or nodes of no element; or if meshio does not read all of it, see
+        `input_decks.check_deck`.
+    MissingPackageError
+        If meshio, or what it needs for this format, is not installed.
+    """
+    mesh = _read(path)
+    counts: dict[str, int] = {}
+    for block in mesh.cells:
+        counts[block.type] = counts.get(block.type, 0) + len(block)
+    volumes = sorted({block.type for block in mesh.cells if block.dim == 3 and len(block)})
+    if not volumes:
+        raise MeshError(
+            f"{path}: expected tetrahedra or hexahedra, got {_listing(counts) or 'no elements'}. Export the volume "
+            "mesh, not the surface alone"
+        )
+    if len(volumes) > 1 or volumes[0] not in _VOLUMES:
+        raise MeshError(
+            f"{path}: expected one of {', '.join(_VOLUMES)} alone, got "
+            f"{_listing({kind: counts[kind] for kind in volumes})}. Mesh the body with one kind, best tetra10"
+        )
+    points = validate_array(f"points of {path}", mesh.points, (None, 3))
+    cells = np.asarray(mesh.cells_dict[volumes[0]], dtype=np.int64)
+    _check_nodes(path, volumes[0], len(points), cells)
+    return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, 4 if volumes[0] == "hexahedron" else 3))
+
+
+def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[str, Array]) -> None:
+    """Write cells of one of meshio's kinds, with nodal fields, (n,) or (n, k), to a VTU file."""
+    meshio = require("meshio")
+    meshio.Mesh(points, [(kind, cells)], point_data=fields).write(path, file_format="vtu")
+
+
+def _read(path: Path) -> Any:
+    """Read a file as a `meshio.Mesh`."""
+    validate_file("path", path)
+    meshio = require("meshio")
+    said = _Said(sys.stdout)
+    try:
+        # meshio prints what it could not read, and ends the process.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            mesh = meshio.read(path)
+    except ImportError as error:
+        raise MissingPackageError(
+            f"{error.name} is needed to read {path} and could not be imported: pip install {error.name}"
+        ) from error
+    except (Exception, SystemExit) as error:  # its readers raise whatever a broken file makes them run into
+        reason = " ".join(said.getvalue().split()) or f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"path: {path} could not be read by meshio ({reason}). Is it complete, and does its ending name its format?"
+        ) from error
+    check_deck(path, mesh)
+    check_regions(path, mesh)
+    return mesh
+
+
+class _Said(io.StringIO):
+    """Keeps what its own thread prints; what others print meanwhile goes where it would have gone."""
+
+    def __init__(self, others: TextIO) -> None:
+        super().__init__()
+        self._others, self._thread = others, threading.get_ident()
+
+    def write(self, text: str) -> int:
+        return super().write(text) if threading.get_ident() == self._thread else self._others.write(text)
+
+
+def _check_nodes(path: Path, kind: str, n: int, cells: Array) -> None:
+    """Refuse nodes that do not exist, that no element has, or that an element has twice."""
+    if cells.min() < 0 or cells.max() >= n:
+        bad = np.flatnonzero(((cells < 0) | (cells >= n)).any(axis=1))
+        raise MeshError(
+            f"{path}: {len(bad)} of {len(cells)} elements name nodes that are not in the file, the first is element "
+            f"{bad[0]} (counted from 0). Export nodes and elements together"
+        )
+    orphans = np.setdiff1d(np.arange(n), cells)
+    if len(orphans):
+        raise MeshError(
+            f"{path}: {len(orphans)} of {n} nodes belong to no volume element, the first is node {orphans[0]} (counted "
+            f"from 0). Export the mesh without them, or number the others anew: m = meshio.read({str(path)!r}); used, "
+            f"cells = numpy.unique(m.cells_dict[{kind!r}], return_inverse=True); meshio.Mesh(m.points[used], "
+            f"{{{kind!r}: cells.reshape(-1, {cells.shape[1]})}}).write(...)"
+        )
+    collapsed = np.flatnonzero((np.diff(np.sort(cells, axis=1), axis=1) == 0).any(axis=1))
+    if len(collapsed):
+        raise MeshError(
+            f"{path}: {len(collapsed)} of {len(cells)} elements have a node twice, the first is element {collapsed[0]} "
+            "(counted from 0). Collapsed hexahedra are wedges; mesh the body with one kind of element"
+        )
+
+
+def _outward(path: Path, points: Array, cells: Array) -> Array:
+    """Cells of positive volume: as they are, or all mirrored where a file has the other convention."""
+    bad = inverted(points, cells)
+    if len(bad) == len(cells):
+        cells = cells[:, _MIRRORED[cells.shape[1]]]
+        bad = inverted(points, cells)
+    if len(bad):
+        raise MeshError(
+            f"{path}: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first is element "
+            f"{bad[0]} (counted from 0), of nodes {cells[bad[0]].tolist()}. Check the order of its nodes and where "
+            "they lie, or mesh anew"
+        )
+    return cells
+
+
+def inverted(points: Array, cells: Array) -> Array:
+    """Rows of `cells`, (ne, 4), (ne, 10) or (ne, 8), with no or negative volume somewhere where it is integrated."""
+    corners = points[cells]
+    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", _gradients(cells.shape[1]), corners))
+    extent = np.ptp(corners, axis=1).max(axis=1)
+    return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
+
+
+def _gradients(n_nodes: int) -> Array:
+    """(q, n_nodes, 3) array: derivatives of an element's shape functions at the q points where it is integrated."""
+    if n_nodes == 8:
+        sign = np.array([[-1, 1, 1, -1] * 2, [-1, -1, 1, 1] * 2, [-1] * 4 + [1] * 4]).T
+        factors = (1 + sign * sign[:, None] / np.sqrt(3)) / 2  # at each Gauss point, of each node, along each axis
+        others = factors[..., [1, 0, 0]] * factors[..., [2, 2, 1]]
+        return sign / 2 * others
+    corner = np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    if n_nodes == 4:
+        return corner[None]
+    at = np.full((4, 4), (5 - np.sqrt(5)) / 20) + np.eye(4) / np.sqrt(5)  # four-point rule, barycentric
+    i, j = TET_EDGES.T
+    edge = 4 * (at[:, i, None] * corner[j] + at[:, j, None] * corner[i])
+    return np.concatenate([(4 * at - 1)[:, :, None] * corner, edge], axis=1)
+
+
+def _named_faces(mesh: Any, corners: int) -> dict[str, Array]:
+    """Corner nodes of the faces with so many corners in named sets and in Gmsh's named physical groups."""
+    sets = {name: members for name, members in mesh.cell_sets_dict.items() if not name.startswith("gmsh:")}
+    for kind, tags in mesh.cell_data_dict.get("gmsh:physical", {}).items():
+        for name, (tag, dimension) in mesh.field_data.items():
+            if dimension == 2 and name not in mesh.cell_sets:
+                sets.setdefault(name, {})[kind] = np.flatnonzero(tags == tag)
+    faces: dict[str, list[Array]] = {}
+    for name, members in sets.items():
+        for kind, rows in members.items():
+            if _FACE_CORNERS.get(kind) == corners and len(rows):
+                faces.setdefault(name, []).append(mesh.cells_dict[kind][rows][:, :corners])
+    return {name: np.concatenate(blocks).astype(np.int64) for name, blocks in faces.items()}
+
+
+def _listing(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items())

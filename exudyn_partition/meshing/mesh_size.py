@@ -1,0 +1,159 @@
+"""Sizes of elements: local refinement, and how many elements and how much memory a mesh takes, before it is made."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError, MemoryLimitError, UnitsWarning
+from ..support.arrays import Array
+from ..support.checks import validate_positive, validate_vector
+from ..support.machine import available_memory
+
+_MOST_POINTS = 1e7  # of a ball's grid: more than an FE model in memory has nodes
+# Netgen's elements a volume maxh^3, and a surface maxh^2 where a wall is thinner than an element.
+_A_VOLUME, _A_SURFACE = 4.5, 3.5
+# Nodes an element, and what an FE model takes at its peak a node and its mesh an element [byte].
+_NODES = {1: 0.22, 2: 1.5}
+_A_NODE, _AN_ELEMENT = 19e3, 1.2e3
+
+
+@dataclass(frozen=True)
+class Refine:
+    """Local mesh size around a point.
+
+    Parameters
+    ----------
+    center : (3,) array
+        Centre of the refined ball [m].
+    radius : float
+        Its radius [m].
+    h : float
+        Element size within it [m]; quadratic elements have nodes every h / 2.
+    """
+
+    center: Array
+    radius: float
+    h: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "center", validate_vector("center", self.center))
+        validate_positive("radius", self.radius, "m")
+        validate_positive("h", self.h, "m")
+
+    @property
+    def n_points(self) -> float:
+        """Number of `points`, estimated without making them."""
+        return 4 / 3 * np.pi * (self.radius / self.h + 0.5) ** 3
+
+    def points(self) -> Array:
+        """(n, 3) array: a grid of spacing h that fills the ball [m]."""
+        n = int(np.ceil(self.radius / self.h))
+        grid = self.h * np.stack(np.meshgrid(*[np.arange(-n, n + 1)] * 3), axis=-1).reshape(-1, 3)
+        return self.center + grid[np.linalg.norm(grid, axis=1) <= self.radius]
+
+    def n_elements(self, maxh: float, grading: float) -> float:
+        """Number of elements, about, in the half ball of a body whose surface its centre is on, and around it.
+
+        Parameters
+        ----------
+        maxh : float
+            Largest size of elements, outside [m].
+        grading : float
+            Growth of the size with the distance.
+        """
+        h = min(self.h, maxh)
+        around = (maxh - h) / grading * np.linspace(0, 1, 200)
+        integral = np.trapezoid((self.radius + around) ** 2 / (h + grading * around) ** 3, around)
+        return float(_A_VOLUME * 2 * np.pi * (self.radius**3 / (3 * h**3) + integral))
+
+
+def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine]) -> float:
+    """Size of a body that spans `low` to `high`, (3,) [m], with element sizes judged beside it.
+
+    Warnings name the line that called the caller of this function's caller.
+
+    Raises
+    ------
+    InputError
+        If the body has no finite extent, or a ball takes more elements than memory holds.
+    """
+    size = float((high - low).max())
+    if not np.isfinite([low, high]).all() or not size > 0:
+        raise InputError(f"shape: expected a body of finite size, got one that spans {low} to {high} m")
+    if maxh > size:
+        warnings.warn(
+            f"maxh: {maxh:g} m is longer than the body, {size:.4g} m; lengths are those of the shape, metres: give "
+            "maxh in them, or scale=1e-3 of fe_model for a shape in millimetres",
+            UnitsWarning,
+            stacklevel=4,
+        )
+    for region in regions:
+        if region.n_points > _MOST_POINTS:
+            raise InputError(
+                f"refine: a ball of radius {region.radius:g} m with elements of {region.h:g} m takes "
+                f"{region.n_points:.2g} of them, expected at most {_MOST_POINTS:g}; the body is {size:.4g} m long. Is "
+                "a length in millimetres? Give radius and h in metres"
+            )
+        if region.h >= maxh:
+            warnings.warn(
+                f"refine: h={region.h:g} m has no effect, it is not below maxh={maxh:g} m; the body is {size:.4g} m "
+                "long. Is it in millimetres? Give it in metres",
+                UnitsWarning,
+                stacklevel=4,
+            )
+    return size
+
+
+def check_memory_of_mesh(
+    size: float, volume: float, surface: float, maxh: float, regions: Sequence[Refine], grading: float, order: int
+) -> None:
+    """Refuse a mesh that memory does not hold, before it is made.
+
+    Parameters
+    ----------
+    size, volume, surface : float
+        Of the body [m], [m3], [m2].
+    maxh, regions, grading :
+        As `generate_mesh` takes them.
+    order : {1, 2}
+        Of the FE model that is made of it.
+
+    Raises
+    ------
+    MemoryLimitError
+        With the estimated number of elements.
+    """
+    n = max(_A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2)
+    for region in regions:
+        n += min(region.n_elements(maxh, grading), _A_VOLUME * volume / min(region.h, maxh) ** 3)
+    needed, available = n * (_NODES[order] * _A_NODE + _AN_ELEMENT), available_memory()[0]
+    if needed > available:
+        raise MemoryLimitError(
+            f"maxh: elements of {maxh:.4g} m in a body of {size:.4g} m would be about {n:.2g}"
+            f"{', refinement included,' if regions else ''} and take {_gb(needed)}, of {_gb(available)} that are free. "
+            "Take a larger maxh, or larger h and smaller radius in refine; is the shape in millimetres? Then give "
+            "scale=1e-3 of fe_model"
+        )
+
+
+def check_memory_of_model(n_nodes: int) -> None:
+    """Refuse an FE model of so many nodes if its matrices do not fit into memory, before they are assembled.
+
+    Raises
+    ------
+    MemoryLimitError
+    """
+    needed, available = n_nodes * _A_NODE, available_memory()[0]
+    if needed > available:
+        raise MemoryLimitError(
+            f"mesh: the matrices of {n_nodes} nodes would take about {_gb(needed)}, of {_gb(available)} that are free. "
+            "Take larger elements far from the contact"
+        )
+
+
+def _gb(size: float) -> str:
+    return f"{size / 1e9:.3g} GB"

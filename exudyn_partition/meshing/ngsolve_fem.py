@@ -1,0 +1,513 @@
+"""From an OCC shape, NGSolve mesh or file to an `FEModel`; the only module that imports NGSolve and Netgen."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import threading
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning, UnitsWarning
+from ..fe.facets import facet_corners
+from ..fe.material import Material
+from ..fe.mesh_quality import check_mesh
+from ..fe.model import TET_EDGES, FEModel
+from ..support.arrays import Array
+from ..support.checks import validate_file, validate_number, validate_path, validate_positive
+from ..support.optional import require
+from ..support.progress import pulsing
+from .input_decks import refuse_regions
+from .mesh_files import VolumeMesh, inverted, read_mesh
+from .mesh_size import Refine, check_memory_of_mesh, check_memory_of_model, check_sizes
+from .step_files import ENDINGS, check_step
+
+_UNNAMED = (None, "", "default")  # by shapes and meshes
+_SHARP = np.sin(np.radians(44.0))  # of cones' half angles: below, Netgen fails at the tip
+_GRADING = 0.3
+_GRADINGS = (0.05, 1.0)  # below, Netgen forgets local sizes or crashes; above, it does not end
+_VOLUME_MISSED = 0.05  # relative: by how much a mesh may miss the volume of its shape
+
+# NGSolve and Netgen keep global state: of two threads that mesh or assemble at once, one crashes or gets the other's.
+_ONE_AT_A_TIME = threading.RLock()
+
+
+def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), grading: float = _GRADING) -> Any:
+    """Mesh an OCC shape with tetrahedra.
+
+    Parameters
+    ----------
+    shape : netgen.occ.TopoDS_Shape
+        The body, one solid.
+    maxh : float
+        Largest element size [m].
+    refine : iterable of Refine
+        Balls with smaller elements.
+    grading : float
+        How fast elements grow away from them, 0.05 (slowly) to 1.
+
+    Returns
+    -------
+    ngsolve.Mesh
+        Elements curved to the geometry with order 2.
+
+    Raises
+    ------
+    InputError
+        If the shape is no OCC shape or has no finite size, a size is not above zero, `grading` is out of range, or a
+        ball takes more elements than memory holds.
+    MeshError
+        If the shape has no solid, or Netgen cannot mesh it with this size.
+    MemoryLimitError
+        If the mesh would not fit into the memory that is free, before it is begun.
+    MissingPackageError
+        If ngsolve is not installed.
+
+    Warns
+    -----
+    UnitsWarning
+        If `maxh` is longer than the body, or a ball misses it or has no effect.
+    """
+    with _ONE_AT_A_TIME:
+        return _meshed(shape, maxh, refine, grading, 1)
+
+
+def _meshed(shape: Any, maxh: Any, refine: Any, grading: Any, order: int) -> Any:
+    """What `generate_mesh` does, as far from the caller's line, which warnings name, as from that of `fe_model`."""
+    ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
+    maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
+    if not _GRADINGS[0] <= grading <= _GRADINGS[1]:
+        raise InputError(f"grading: expected {_GRADINGS[0]} (slow) to {_GRADINGS[1]:g} (fast), got {grading:g}")
+    if not isinstance(shape, occ.TopoDS_Shape):
+        raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
+    regions = _regions(refine)
+    if not np.isfinite([[v.p.x, v.p.y, v.p.z] for v in shape.vertices]).all():  # OCC crashes on some of these
+        raise InputError("shape: expected a body of finite size, got corners that are not finite")
+    low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
+    size = check_sizes(low, high, maxh, regions)
+    if not len(shape.solids):
+        raise MeshError("shape: expected a solid, got none: its faces enclose no volume, or some are missing")
+    _check_tips(shape, size)
+    surface = sum(face.mass for face in shape.faces)
+    check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
+    parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
+    for region in regions:
+        for x, y, z in region.points():
+            parameters.RestrictH(x=x, y=y, z=z, h=region.h)
+    try:
+        with pulsing("mesh"):
+            mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
+    except (meshing.NgException, RuntimeError) as error:  # OCC raises the latter
+        raise MeshError(
+            f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
+            "elements not much larger than they are thick"
+        ) from error
+    vertices = mesh.ngmesh.Coordinates()
+    for region in regions:
+        distance = np.linalg.norm(vertices - region.center, axis=1).min()
+        if distance > region.radius + region.h:
+            warnings.warn(
+                f"refine: the ball of radius {region.radius:g} m at {tuple(map(float, region.center))} misses the "
+                f"body, of {size:.4g} m, by {distance - region.radius:.3g} m. Give its centre in the shape's own "
+                "coordinates and unit, metres",
+                UnitsWarning,
+                stacklevel=3,
+            )
+    mesh.Curve(2)
+    return mesh
+
+
+def _check_tips(shape: Any, size: float) -> None:
+    """Refuse the tips of sharp cones, on which Netgen fails, often after it has written where it must not.
+
+    A cone is a surface whose straight lines, along its second parameter, meet in a point.
+    """
+    for face in shape.faces:
+        surface = face.surf
+        (_, along_0, line_0), (_, along_1, line_1) = (_derivatives(surface, v) for v in (0.0, 1.0))
+        widening = (np.linalg.norm(along_1) - np.linalg.norm(along_0)) / max(float(np.linalg.norm(line_0)), 1e-300)
+        if not np.allclose(line_0, line_1, atol=1e-9 * size) or not 1e-6 < abs(widening) < _SHARP:
+            continue
+        v = -np.linalg.norm(along_0) / (np.linalg.norm(along_1) - np.linalg.norm(along_0))
+        tip, beside = (np.array([*surface.Value(u, v)]) for u in (0.0, 1.0))
+        corners = np.array([[*vertex.p] for vertex in face.vertices])
+        if np.linalg.norm(tip - beside) < 1e-9 * size and np.linalg.norm(corners - tip, axis=1).min() < 1e-6 * size:
+            half_angle = np.degrees(np.arcsin(abs(widening)))
+            raise MeshError(
+                f"shape: the cone with its tip at {tip} m is sharp, its half angle {half_angle:.3g} degrees. Netgen "
+                "fails on tips below 45 degrees and may end the program. Round the tip, or cut it off where it is a "
+                "few elements wide; or bring a mesh file"
+            )
+
+
+def _derivatives(surface: Any, v: float) -> list[Array]:
+    """Place on a surface at (0, v), and its derivatives by both parameters."""
+    return [np.array([x.x, x.y, x.z]) for x in surface.D1(0.0, v)]
+
+
+def fe_model(
+    source: Any,
+    material: Material,
+    *,
+    order: int | None = None,
+    maxh: float | None = None,
+    refine: Iterable[Refine] = (),
+    grading: float = _GRADING,
+    scale: float = 1.0,
+) -> FEModel:
+    """Assemble the FE model of a free body.
+
+    Parameters
+    ----------
+    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
+        An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
+        curved to its geometry must be curved with order 2 beforehand, as `generate_mesh` does.
+        A path leads to a shape in a STEP file (lengths come in the unit that Netgen reads them in, millimetres: give
+        scale=1e-3) or to a mesh file of linear or quadratic tetrahedra or linear hexahedra, see `mesh_files.read_mesh`.
+        The nodes of a mesh file keep their order, quadratic elements their own mid-side nodes; its named faces become
+        boundaries.
+    material : Material
+        In units that fit the geometry's, SI unless all are chosen otherwise.
+    order : {1, 2}, optional
+        Linear elements with straight sides, or quadratic ones that follow the mesh's curvature. Default: 2, and for a
+        mesh file the file's own. Linear tetrahedra of a file can be raised to order 2, with mid-side nodes after its
+        own.
+    maxh, refine, grading :
+        For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
+    scale : float
+        Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
+
+    Returns
+    -------
+    FEModel
+
+    Raises
+    ------
+    InputError
+        If an argument is of the wrong kind, has no effect on this source, or a file cannot be read. A STEP file is
+        tried in a process of its own, which a damaged file may crash.
+    MeshError
+        If the mesh or shape is of several regions, which are named, of several parts, or cannot be used.
+    MemoryLimitError
+        If mesh or matrices would not fit into the memory that is free; estimated beforehand.
+    MissingPackageError
+
+    Warns
+    -----
+    UnitsWarning
+        If the material is that of no solid, size and density give an implausible frequency or mass, `maxh` is longer
+        than the body, or a ball of `refine` misses it or has no effect.
+    MeshQualityWarning
+        If the mesh looks damaged, see `mesh_quality.check_mesh`, or misses the volume of its shape by 5 %.
+
+    Notes
+    -----
+    Threads take turns, for NGSolve and Netgen are not made for several.
+    """
+    ngsolve = require("ngsolve")
+    if isinstance(order, bool) or order not in (None, 1, 2):
+        raise InputError(f"order: expected 1 or 2, got {order!r}")
+    if not isinstance(material, Material):
+        raise InputError(f"material: expected an ep.Material, such as ep.STEEL, got {type(material).__name__}")
+    scale = validate_positive("scale", scale)
+    path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
+    is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
+    try:
+        with _ONE_AT_A_TIME:
+            if is_shape:
+                shape = _scaled(_read_step(path) if path else source, scale)
+                if maxh is None:
+                    raise InputError("maxh: a shape needs a largest element size [m]")
+                mesh = _meshed(shape, maxh, refine, grading, order or 2)
+                with pulsing("assemble"):
+                    fem = _from_mesh(ngsolve, mesh, material, order or 2)
+            elif path:
+                with pulsing("assemble"):
+                    file = read_mesh(path)
+                    _refuse_mesh_options(maxh, refine, grading)
+                    fem = _from_file(ngsolve, path, file, material, order, scale)
+            else:
+                _refuse_mesh_options(maxh, refine, grading)
+                if scale != 1:
+                    raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
+                with pulsing("assemble"):
+                    fem = _from_mesh(ngsolve, source, material, order or 2)
+    except MemoryLimitError:
+        raise
+    except MemoryError as error:
+        raise MemoryLimitError(
+            "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
+        ) from error
+    check_mesh(fem)
+    if is_shape and fem.order == 2:
+        missed = fem.total_mass / material.rho / shape.mass - 1
+        if abs(missed) > _VOLUME_MISSED:
+            warnings.warn(
+                f"shape: its mesh has {missed:+.1%} of its volume, {shape.mass:.4g} m3. Take smaller elements where it "
+                "is curved; or is the shape damaged, such that faces miss each other?",
+                MeshQualityWarning,
+                stacklevel=2,
+            )
+    fem.warn_if_units_slipped()
+    return fem
+
+
+def _is_geometry(ngsolve: Any, source: Any) -> bool:
+    """Whether `source` is a mesh or a shape; what else it may be is a path."""
+    if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape):
+        return True
+    if isinstance(source, str | Path):
+        return False
+    raise InputError(
+        "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, or the path of a STEP or mesh file, got "
+        f"{type(source).__name__}"
+    )
+
+
+def _refuse_mesh_options(maxh: Any, refine: Any, grading: Any) -> None:
+    """Refuse options that would have no effect on a mesh."""
+    named = {"maxh": maxh is not None, "grading": grading != _GRADING}
+    named["refine"] = bool(_regions(refine))
+    given = [name for name, is_given in named.items() if is_given]
+    if given:
+        raise InputError(
+            f"{', '.join(given)}: a mesh is taken as it is, so that this would have no effect. Mesh it finer where it "
+            "was made, or give its shape or STEP file"
+        )
+
+
+def _regions(refine: Any) -> list[Refine]:
+    """Balls of an option `refine`, one or several."""
+    regions = [refine] if isinstance(refine, Refine) or not isinstance(refine, Iterable) else list(refine)
+    for region in regions:
+        if not isinstance(region, Refine):
+            raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
+    return regions
+
+
+def _read_step(path: Path) -> Any:
+    """OCC shape of a STEP file."""
+    occ = require("netgen.occ")
+    validate_file("path", path)
+    with tempfile.TemporaryDirectory() as folder:
+        if path.suffix not in ENDINGS:  # Netgen knows small letters alone
+            path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
+        check_step(path)
+        return occ.OCCGeometry(str(path)).shape
+
+
+def _scaled(shape: Any, scale: float) -> Any:
+    return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape
+
+
+def _check_regions(source: str, names: Sequence[str | None]) -> None:
+    """Refuse several regions, unless all have been given the same name."""
+    if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
+        refuse_regions(
+            source, "solids", [f"{i}: {'without name' if name in _UNNAMED else name}" for i, name in enumerate(names)]
+        )
+
+
+def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEModel:
+    """FE model with NGSolve's own numbering: vertices, then edges."""
+    if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
+        raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
+    _check_regions("mesh", mesh.GetMaterials())
+    curve_order = mesh.GetCurveOrder()
+    if order == 2 and curve_order > 2:
+        raise MeshError(
+            f"mesh: it is curved with order {curve_order}, expected at most 2, that of the elements; mesh.Curve(2)"
+        )
+    if order == 1:
+        mesh.Curve(1)
+    try:
+        to_hierarchical, edges = _nodal_basis(ngsolve, mesh, order)
+        position = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
+        with ngsolve.TaskManager():
+            position.Set(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z)))
+        points = np.column_stack(_nodal_values(position.vec, to_hierarchical))
+        corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
+        cells = _cells(corners, edges, points, mesh.nv)
+        _check_volume(points, cells)
+        fem = _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
+    finally:
+        if order == 1:
+            mesh.Curve(curve_order)
+    elements = mesh.ngmesh.Elements2D().NumPy()
+    triangles = elements["nodes"][:, :3].astype(np.int64) - 1
+    names = np.array(mesh.GetBoundaries())[elements["index"] - 1]
+    fem.boundaries.update(_boundaries(fem.facets, {str(name): triangles[names == name] for name in np.unique(names)}))
+    return fem
+
+
+def _check_volume(points: Array, cells: Array) -> None:
+    """Refuse elements that their curved sides turn inside out; NGSolve integrates them with a positive volume."""
+    bad = inverted(points, cells)
+    if len(bad):
+        where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
+        raise MeshError(
+            f"mesh: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first at ({where}). Curved "
+            "sides do that to elements that are large beside the curvature or the wall's thickness: take a smaller "
+            "maxh, or refine there"
+        )
+
+
+def _from_file(
+    ngsolve: Any, path: Path, file: VolumeMesh, material: Material, order: int | None, scale: float
+) -> FEModel:
+    """FE model with the nodes of a mesh file in their order."""
+    file = replace(file, points=scale * file.points)
+    n_nodes = file.cells.shape[1]
+    if order not in (None, file.order) and n_nodes != 4:
+        raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")
+    if file.order == 2:
+        fem = _isoparametric(ngsolve, file, material)
+    else:
+        mesh = _volume_mesh(ngsolve, file.points, file.cells)
+        if order == 2:
+            fem = _from_mesh(ngsolve, mesh, material, 2)
+        else:
+            fem = _assemble(ngsolve, mesh, material, file.points, file.cells, _nodal_basis(ngsolve, mesh, 1)[0])
+    fem.boundaries.update(_boundaries(fem.facets, file.faces))
+    return fem
+
+
+def _volume_mesh(ngsolve: Any, points: Array, cells: Array) -> Any:
+    """`ngsolve.Mesh` of linear elements, its vertices in the order of `points`."""
+    mesh = require("netgen.meshing").Mesh(dim=3)
+    mesh.AddPoints(np.ascontiguousarray(points))
+    mesh.AddElements(dim=3, index=1, data=np.ascontiguousarray(cells, dtype=np.int32), base=0)
+    return ngsolve.Mesh(mesh)
+
+
+def _isoparametric(ngsolve: Any, file: VolumeMesh, material: Material) -> FEModel:
+    """FE model of quadratic tetrahedra with the mid-side nodes of a mesh file."""
+    points, cells = file.points, file.cells
+    vertices, corners = np.unique(cells[:, :4], return_inverse=True)
+    corners = corners.reshape(-1, 4)
+    mesh = _volume_mesh(ngsolve, points[vertices], corners)
+    to_hierarchical, edges = _nodal_basis(ngsolve, mesh, 2)
+    numbers = np.hstack([corners, _middle_nodes(corners, edges, mesh.nv)])
+    number_of = np.empty(len(points), dtype=np.int64)
+    number_of[cells] = numbers
+    if len(points) != to_hierarchical.shape[0] or (number_of[cells] != numbers).any():
+        raise MeshError(
+            f"mesh: {len(edges)} edges have {len(points) - mesh.nv} mid-side nodes, expected one each that all "
+            "elements on an edge share. Merge coincident nodes or mesh anew"
+        )
+    to_hierarchical = to_hierarchical[:, number_of]
+    # NGSolve can curve elements by a geometry alone; without one, a deformation carries straight ones to the nodes.
+    offsets = np.zeros_like(points)
+    offsets[cells[:, 4:]] = points[cells[:, 4:]] - points[cells[:, TET_EDGES]].mean(axis=2)
+    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
+    deformation.vec.FV().NumPy()[:] = (to_hierarchical @ offsets).T.ravel()
+    mesh.SetDeformation(deformation)
+    return _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
+
+
+def _assemble(
+    ngsolve: Any, mesh: Any, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
+) -> FEModel:
+    """Matrices by NGSolve, changed from its hierarchical basis to nodal values and from x..y..z.. to xyz order."""
+    check_memory_of_model(len(points))
+    space = ngsolve.VectorH1(mesh, order=2 if cells.shape[1] == 10 else 1)
+    u, v = space.TnT()
+
+    def strain(w: Any) -> Any:
+        return ngsolve.Sym(ngsolve.Grad(w))
+
+    with ngsolve.TaskManager():
+        stress = 2 * material.shear_modulus * strain(u) + material.lame * ngsolve.div(u) * ngsolve.Id(3)
+        stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, strain(v)) * ngsolve.dx).Assemble()
+        mass = ngsolve.BilinearForm(material.rho * u * v * ngsolve.dx).Assemble()
+        cell_mass = material.rho * np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
+    n = len(points)
+    interleave = np.arange(3 * n).reshape(3, n).T.ravel()
+    change = sp.block_diag([to_hierarchical] * 3, format="csr")[:, interleave]
+    return FEModel(
+        points=points,
+        cells=cells,
+        mass=_symmetric(change.T @ _csr(mass.mat) @ change),
+        stiffness=_symmetric(change.T @ _csr(stiffness.mat) @ change),
+        cell_mass=cell_mass,
+        material=material,
+        boundaries={},
+    )
+
+
+def _nodal_basis(ngsolve: Any, mesh: Any, order: int) -> tuple[sp.csr_matrix, Array]:
+    """Matrix from nodal values to NGSolve's hierarchical coefficients of one component, and the mesh's edges.
+
+    At order 2 an edge function is c times the nodal one, so u_mid = (u_1 + u_2) / 2 + c b, b = (u_mid - ...) / c.
+    """
+    nv = mesh.nv
+    if order == 1:
+        return sp.identity(nv, format="csr"), np.empty((0, 2), dtype=np.int64)
+    edges = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
+    scalar = ngsolve.H1(mesh, order=2)
+    if scalar.ndof != nv + len(edges):
+        raise MeshError("mesh: its order-2 space has other dofs than one a vertex and one an edge")
+    element = ngsolve.ElementId(ngsolve.VOL, 0)
+    midpoint_values = scalar.GetFE(element).CalcShape(0.5, 0.5, 0.0)
+    c = float(max(np.array(midpoint_values)[4:], key=abs))
+    ne = len(edges)
+    rows = nv + np.arange(ne)
+    weights = sp.csr_matrix((np.full(2 * ne, -0.5 / c), (np.r_[rows, rows], edges.T.ravel())), shape=(nv + ne, nv + ne))
+    return (weights + sp.diags(np.r_[np.ones(nv), np.full(ne, 1 / c)])).tocsr(), edges
+
+
+def _nodal_values(vector: Any, to_hierarchical: sp.csr_matrix) -> list[Array]:
+    """Nodal values of the three components of a VectorH1 function; off its diagonal the change reads vertices alone."""
+    coefficients = np.array(vector).reshape(3, -1)
+    diagonal = to_hierarchical.diagonal()
+    below = to_hierarchical - sp.diags(diagonal)
+    return [(c - below @ c) / diagonal for c in coefficients]
+
+
+def _cells(corners: Array, edges: Array, points: Array, nv: int) -> Array:
+    """Tetrahedra of positive volume, with their mid-side nodes if there are edges, in VTK order."""
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+    if not (volume != 0).all():
+        raise MeshError(f"mesh: {np.count_nonzero(volume == 0)} elements have no volume")
+    flip = volume < 0
+    corners[flip, :2] = corners[flip, 1::-1]
+    if not len(edges):
+        return corners
+    return np.hstack([corners, _middle_nodes(corners, edges, nv)])
+
+
+def _middle_nodes(corners: Array, edges: Array, nv: int) -> Array:
+    """(ne, 6) numbers of the tetrahedra's mid-side nodes in VTK order, where edge i has node nv + i."""
+    key = np.sort(edges, axis=1) @ [nv, 1]
+    order = np.argsort(key)
+    wanted = np.sort(corners[:, TET_EDGES], axis=2) @ [nv, 1]
+    return nv + order[np.searchsorted(key[order], wanted)]
+
+
+def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:
+    """Rows of `facets` on each named boundary, whose faces are given by their corner nodes."""
+    if not faces:
+        return {}
+    corners = np.vstack([facet_corners(facets), *faces.values()])
+    number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    own, *theirs = np.split(number, np.cumsum([len(facets), *map(len, faces.values())])[:-1])
+    return {name: np.flatnonzero(np.isin(own, their)) for name, their in zip(faces, theirs, strict=True)}
+
+
+def _csr(matrix: Any) -> sp.csr_matrix:
+    values, columns, starts = matrix.CSR()
+    return sp.csr_matrix((np.array(values), np.array(columns), np.array(starts)), shape=(matrix.height, matrix.width))
+
+
+def _symmetric(matrix: sp.spmatrix) -> sp.csr_matrix:
+    """Remove the round-off asymmetry of a triple product."""
+    result = ((matrix + matrix.T) / 2).tocsr()
+    result.sort_indices()
+    return result

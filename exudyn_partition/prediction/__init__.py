@@ -1,0 +1,1 @@
+"""What is known before a mesh: impacts by Hertz, and the frequencies that they excite."""

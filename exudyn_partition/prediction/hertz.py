@@ -1,0 +1,320 @@
+"""Hertz's theory, before there is a mesh: contact radius (paper, eq. 30), impacts, and what they ask of a model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from ..errors import InputError
+from ..fe.material import Material
+from ..support.arrays import Array
+from ..support.checks import read_only, validate_positive, validate_type
+from .spectrum import truncation_frequency
+
+
+@dataclass(frozen=True, eq=False)
+class HertzImpact:
+    """Estimated impact of two bodies on a Hertz spring.
+
+    Parameters
+    ----------
+    peak_force : float
+        Largest force [N].
+    approach : float
+        Largest approach of the two bodies [m].
+    duration : float
+        Time in contact [s]; `math.inf` if no mass stops the bodies. Where an impedance limits the force, waves from the
+        bodies' ends part them earlier.
+    rise_time : float
+        Time in which the force rises from 10 % to 90 % of its peak [s].
+    contact_radius : float
+        Radius of the contact circle at the peak [m], as by eq. 30.
+    t : (n,) array
+        Times over the duration, equally spaced [s]; if that is infinite, until the force has its limit.
+    force : (n,) array
+        Contact force [N].
+    """
+
+    peak_force: float
+    approach: float
+    duration: float
+    rise_time: float
+    contact_radius: float
+    t: Array
+    force: Array
+
+    def __post_init__(self) -> None:
+        read_only(self.t, self.force)
+
+    def __repr__(self) -> str:
+        return (
+            f"HertzImpact(peak force {self.peak_force:.4g} N, approach {self.approach:.4g} m, duration "
+            f"{self.duration:.4g} s, rise time {self.rise_time:.4g} s, contact radius {self.contact_radius:.4g} m)"
+        )
+
+    def truncation_frequency(self, *, tolerance: float = 0.01) -> float:
+        """Truncation frequency that the force asks for, before any run (paper, section 5.2).
+
+        Where impedances limit the force, estimate the impact with masses too: it then rises as the waves let it, and
+        ends.
+
+        Parameters
+        ----------
+        tolerance : float
+            As for `truncation_frequency` of a signal.
+
+        Returns
+        -------
+        float
+            [Hz], for `f_cut` of `reduce`.
+
+        Raises
+        ------
+        InputError
+            If the contact never ends: the share of its energy that lies at zero frequency grows with time.
+        """
+        if math.isinf(self.duration):
+            raise InputError("mass: expected a finite one, for a contact without end has no truncation frequency")
+        return truncation_frequency(self.t, self.force, tolerance=tolerance)
+
+
+_SAMPLES = 100  # of the force in its rise time
+_MOST_SAMPLES = 2**18  # in all: forces that rise in no time beside their duration
+_SETTLED = 20  # time for a force that only an impedance limits: what it lacks of its limit falls by exp(-1.5 t)
+
+
+_EXTREME = 1e30  # in SI units no mechanism is beyond it, nor below its inverse; products of some of them stay finite
+_SLOWEST = 1e-10  # share of the speed that a mass takes while a force rises on an impedance: less is not followed
+
+
+def _positive(name: str, value: float, unit: str) -> float:
+    number = validate_positive(name, value, unit)
+    if not 1 / _EXTREME <= number <= _EXTREME:
+        raise InputError(f"{name}: expected {1 / _EXTREME:g} to {_EXTREME:g} in {unit}, got {number!r}")
+    return number
+
+
+def _validate_limit(name: str, value: float, unit: str) -> float:
+    if isinstance(value, float) and value == math.inf:
+        return math.inf
+    return _positive(name, value, unit)
+
+
+def _combined(
+    radius_1: float, radius_2: float, material_1: Material, material_2: Material | None
+) -> tuple[float, float]:
+    radii = (("radius_1", radius_1), ("radius_2", radius_2))
+    curvature = sum(1 / _validate_limit(name, radius, "m, or math.inf for a plane") for name, radius in radii)
+    if curvature == 0:
+        raise InputError("radius_1, radius_2: two planes have no Hertz contact; one radius must be finite")
+    validate_type("material_1", material_1, Material, "Material()")
+    if material_2 is not None:
+        validate_type("material_2", material_2, Material, "Material()")
+    compliance = 1 / material_1.plane_strain_modulus
+    if material_2 is not None:
+        compliance += 1 / material_2.plane_strain_modulus
+    return 1 / curvature, 1 / compliance
+
+
+def contact_radius(
+    force: float, radius_1: float, radius_2: float, material_1: Material, material_2: Material | None = None
+) -> float:
+    """Radius of the contact circle under a force, (3 P R / 4 E*)^(1/3) (paper, eq. 30).
+
+    Parameters
+    ----------
+    force : float
+        P [N].
+    radius_1, radius_2 : float
+        Radii of the surfaces [m], `math.inf` for a plane.
+    material_1, material_2 : Material
+        Their materials; None for a rigid second body.
+
+    Returns
+    -------
+    float
+        [m]
+
+    Raises
+    ------
+    InputError
+        If a number is not above zero, or both radii are infinite.
+    """
+    R, E = _combined(radius_1, radius_2, material_1, material_2)
+    return (3 * _positive("force", force, "N") * R / (4 * E)) ** (1 / 3)
+
+
+def effective(first: float, second: float) -> float:
+    """Effective mass or impedance of two bodies against each other, first * second / (first + second).
+
+    Parameters
+    ----------
+    first, second : float
+        Both masses [kg], or both impedances [N s/m]; `math.inf` for a rigid wall.
+
+    Returns
+    -------
+    float
+    """
+    unit = "kg or N s/m, or math.inf for a wall"
+    inverse = 1 / _validate_limit("first", first, unit) + 1 / _validate_limit("second", second, unit)
+    return 1 / inverse if inverse else math.inf
+
+
+def rod_impedance(material: Material, area: float) -> float:
+    """Wave impedance of a rod's end, rho c A with the bar wave speed c (Johnson, Contact Mechanics, section 11.1).
+
+    Parameters
+    ----------
+    material : Material
+    area : float
+        Cross section A [m2].
+
+    Returns
+    -------
+    float
+        Force over velocity [N s/m] until the first wave returns from the other end.
+
+    Raises
+    ------
+    InputError
+        If the area is not above zero.
+    """
+    validate_type("material", material, Material, "Material()")
+    return material.rho * material.bar_wave_speed * _positive("area", area, "m2")
+
+
+def plate_impedance(material: Material, thickness: float) -> float:
+    """Wave impedance of a thin plate under a normal point force, 8 sqrt(D rho h) with D = E h^3 / (12 (1 - nu^2)).
+
+    Cremer, Heckl, Petersson: Structure-Borne Sound; the same in Zener 1941. It holds for the lower frequencies, whose
+    bending waves are long beside the thickness, and until the first wave returns from an edge.
+
+    Parameters
+    ----------
+    material : Material
+    thickness : float
+        h [m].
+
+    Returns
+    -------
+    float
+        Force over velocity [N s/m].
+
+    Raises
+    ------
+    InputError
+        If the thickness is not above zero.
+    """
+    validate_type("material", material, Material, "Material()")
+    h = _positive("thickness", thickness, "m")
+    stiffness = material.plane_strain_modulus * h**3 / 12
+    return 8 * math.sqrt(stiffness * material.rho * h)
+
+
+def impact(
+    mass: float,
+    speed: float,
+    radius_1: float,
+    radius_2: float,
+    material_1: Material,
+    material_2: Material | None = None,
+    *,
+    impedance: float = math.inf,
+) -> HertzImpact:
+    """Estimate an impact from masses, wave impedances and Hertz's contact, before there is a mesh.
+
+    The bodies approach by d against the force F = k d^(3/2), k = 4/3 E* sqrt(R). A compact body of mass m changes its
+    velocity by the integral of F / m, a wave guide of impedance Z by F / Z:
+
+        d' = speed - 1 / mass int F dt - F / impedance.
+
+    With a mass alone this is Hertz's impact (Johnson, Contact Mechanics, section 11.4), with the mass of a sphere and
+    the impedance of a plate Zener's (Phys. Rev. 59, 1941, 669). The force exceeds neither limit:
+
+        F <= k (5 mass speed^2 / (4 k))^(3/5)  at all times, as the energy of the relative motion is all there is,
+        F <= impedance speed                   until waves return from the ends; later forces may be larger.
+
+    Give a body its mass if waves cross it many times during the contact, its impedance if they do not return. For one
+    that lies between, the lower of the two limits is an upper estimate of the force until waves return from the other
+    body. Mass and impedance of the same body in one call make it yield by both, and give less than its peak force.
+
+    Parameters
+    ----------
+    mass : float
+        Effective mass m1 m2 / (m1 + m2) [kg], see `effective`; the striker's own for a wall; `math.inf` where only
+        impedances count.
+    speed : float
+        Approach speed [m/s].
+    radius_1, radius_2, material_1, material_2 :
+        As for `contact_radius`.
+    impedance : float
+        Effective impedance Z1 Z2 / (Z1 + Z2) [N s/m], see `effective`, `rod_impedance`, `plate_impedance`; the only
+        one's own if the other body is compact, thick or a wall; `math.inf` if no body is a wave guide.
+
+    Returns
+    -------
+    HertzImpact
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, neither mass nor impedance is finite, or the mass acts 1e10 times more slowly
+        than the force rises.
+    """
+    R, E = _combined(radius_1, radius_2, material_1, material_2)
+    speed = _positive("speed", speed, "m/s")
+    wave_limit = _validate_limit("impedance", impedance, "N s/m, or math.inf for none") * speed
+    energy = _validate_limit("mass", mass, "kg, or math.inf where only impedances count") * speed**2
+    stiffness = 4 / 3 * E * math.sqrt(R)
+    mass_limit = stiffness**0.4 * (1.25 * energy) ** 0.6
+    # In units of the lower limit and its approach: y' = w - a y^(3/2), w' = -b y^(3/2), with w the speed less F / Z.
+    limit = min(wave_limit, mass_limit)
+    if math.isinf(limit):
+        raise InputError("mass, impedance: expected at least one of them finite, for nothing else limits the force")
+    length = (limit / stiffness) ** (2 / 3)
+    b = limit * length / energy
+    if 0 < b < _SLOWEST:
+        raise InputError(
+            f"mass, impedance: the force would rise on the impedance in {length / speed:.3g} s, and the mass stop the "
+            f"bodies only after some {length / speed / b:.3g} s: expected times nearer to each other. Give "
+            "mass=math.inf for the rise alone"
+        )
+    y, end, rise, shape = _solve(limit / wave_limit, b)
+    period = length / speed
+    duration = end * period if math.isfinite(mass) else math.inf
+    t = np.linspace(0, end * period, len(shape))
+    return HertzImpact(limit * y**1.5, length * y, duration, rise * period, math.sqrt(R * length * y), t, limit * shape)
+
+
+def _solve(a: float, b: float) -> tuple[float, float, float, Array]:
+    """Largest y, end, rise time and force y^(3/2) at equal steps of y' = w - a y^(3/2), w' = -b y^(3/2), w(0) = 1."""
+
+    def force(y: Array) -> Array:
+        return np.maximum(y, 0) ** 1.5
+
+    def rates(_: float, state: Array) -> tuple[Array, Array]:
+        f = force(state[0])
+        return state[1] - a * f, -b * f
+
+    def turns(t: float, state: Array) -> Array:
+        return rates(t, state)[0]
+
+    def parts(_: float, state: Array) -> Array:
+        return state[0]
+
+    turns.direction = parts.direction = -1  # type: ignore[attr-defined]
+    parts.terminal = True  # type: ignore[attr-defined]
+    span = (0, math.inf if b else _SETTLED)
+    tolerances = {"rtol": 1e-10, "atol": 1e-22}
+    run = solve_ivp(rates, span, (0.0, 1.0), method="LSODA", events=(turns, parts), dense_output=True, **tolerances)
+    end = run.t[-1]
+    top, largest = (run.t_events[0][0], run.y_events[0][0][0]) if b else (end, run.y[0, -1])
+    rising = np.linspace(0, top, 2**12)
+    ten, ninety = np.interp(np.array([0.1, 0.9]) * largest**1.5, force(run.sol(rising)[0]), rising)
+    rise = ninety - ten
+    samples = min(math.ceil(_SAMPLES * end / rise), _MOST_SAMPLES)
+    return float(largest), float(end), float(rise), force(run.sol(np.linspace(0, end, samples))[0])

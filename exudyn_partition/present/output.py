@@ -1,0 +1,302 @@
+"""Fields of a run as files for ParaView: one VTU a body and frame, and a PVD that lists them over time.
+
+Points are where the bodies were put. `displacement` leads from there to where they are, rigid motion and rotation of a
+floating frame included: ParaView's filter Warp By Vector with factor 1 shows the motion. `deformation` is the part of
+it that strains the body, turned into space with the body's axes: to exaggerate deformation s times, warp by
+displacement + (s - 1) deformation.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_items import PartitionContact
+from ..fe.model import FEModel
+from ..meshing.mesh_files import write_vtu
+from ..reduction.recovery import StaticAnswer, nodal_stress, von_mises
+from ..support.arrays import Array
+from ..support.checks import validate_callable, validate_choice, validate_flag, validate_items, validate_result
+from ..support.files import filling
+from ..support.progress import Progress, shown
+
+if TYPE_CHECKING:
+    from ..simulation.result import Result
+
+Shown = PartitionBody | tuple[PartitionBody, FEModel]
+Load = tuple[PartitionContact, list[Array]]  # and its forces on the nodes of each side's patch, (n, np, 3)
+
+FIELDS = ("displacement", "deformation", "velocity", "stress", "von_mises", "contact_pressure")
+_OF_STRESS = {"stress", "von_mises"}
+_FRAMES = 50
+_LONGEST_STEM = 40  # characters of a body's name in those of its files, which file systems limit to 255 bytes
+_LIST = "run.pvd"
+_FACETS = {3: "triangle", 6: "triangle6", 4: "quad"}
+_CELLS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}
+
+
+def write_paraview(
+    folder: str | Path,
+    result: Result,
+    bodies: Sequence[Shown] | None = None,
+    *,
+    fields: str | Iterable[str] = ("displacement",),
+    times: Sequence[float] | Array | int = _FRAMES,
+    contacts: Sequence[PartitionContact] | None = None,
+    surface: bool = True,
+    static_answer: bool = True,
+    progress: Progress | None = None,
+) -> Path:
+    """Write fields of a run to VTU files and a PVD that ParaView opens as a film.
+
+    One frame of one body is in memory at a time.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there; files of the same names are replaced, once all are written.
+    result : Result
+    bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
+        Default: all of the run. Stresses, and the inside of a body, need its FE model.
+    fields : str or iterable of str
+        "displacement" and "deformation" [m] and "velocity" [m/s], (n, 3) in the axes of space; "von_mises", (n,), and
+        "stress", (n, 6) xx, yy, zz, yz, xz, xy in the body's own axes [Pa]; "contact_pressure", (n,) [Pa], of slaves,
+        whose nodes have the contact's rows (with passes="two" of both bodies).
+    times : (k,) [s] or int
+        Times, of which the nearest samples are taken, or the number of frames, equally spaced over the run.
+    contacts : sequence of PartitionContact, optional
+        Default: all of the run.
+    surface : bool
+        Write the surface alone, not the elements inside.
+    static_answer : bool
+        Of bodies with an FE model, add what the kept shapes lack of the static answer to the contacts' forces, see
+        `recovery.StaticAnswer`. Without it stresses beneath a contact are far too small. It costs a factorisation of
+        the body's stiffness. Velocities go without.
+    progress : callable, optional
+        Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
+
+    Returns
+    -------
+    Path
+        Of the PVD file, `run.pvd` in the folder.
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, a field is unknown, a time not within the run, there is no body, or an FE model
+        is missing or of another body.
+    OutputError
+        If the disk is full or protected; files that were there are kept.
+    """
+    names = _field_names(fields)
+    validate_result(result)
+    validate_flag("surface", surface)
+    validate_flag("static_answer", static_answer)
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
+    contacts = validate_contacts(result.contacts if contacts is None else contacts)
+    for contact in contacts:
+        result.sensor_of(contact, contact["sForce"])  # which knows the run's own
+    chosen = result.at(times)
+    pieces = [BodyFields(entry, names, surface) for entry in shown_bodies(result.bodies, bodies)]
+    answered = static_answer and any(piece.fem is not None for piece in pieces)
+    loads = contact_loads(contacts, chosen) if answered else []
+    entries = []
+    with filling(folder, last=_LIST) as new, shown(progress, "write frames") as report:
+        for part, (piece, stem) in enumerate(zip(pieces, _stems(pieces), strict=True)):
+            for i, data in enumerate(piece.frames(chosen, contacts, loads)):
+                path = new / f"{stem}_{i:04d}.vtu"
+                write_vtu(path, piece.points, piece.kind, piece.cells, data)
+                entries.append((float(chosen.t[i]), part, path.name))
+                report((part + (i + 1) / len(chosen.t)) / len(pieces))
+        _write_pvd(new / _LIST, sorted(entries))
+    return Path(folder) / _LIST
+
+
+def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) -> list[Shown]:
+    """Return the `bodies` to write or draw, by default all that are `held`, or raise `InputError`."""
+    expected = "bodies: expected a list of what CreatePartitionBody returns, or of pairs (body, fem) with its FE model"
+    if bodies is None:
+        bodies = held
+    if isinstance(bodies, str | Mapping) or not isinstance(bodies, Iterable):
+        raise InputError(f"{expected}, got {type(bodies).__name__}")
+    found = list(bodies)
+    if not found:
+        raise InputError("bodies: there is no partition body to show; call CreatePartitionBody before")
+    return found
+
+
+def validate_contacts(contacts: Iterable[PartitionContact]) -> list[PartitionContact]:
+    """Return contacts as a list, all of them such, or raise `InputError`."""
+    return validate_items("contacts", contacts, PartitionContact, "CreatePartitionContact()")
+
+
+def _field_names(fields: str | Iterable[str]) -> list[str]:
+    """Names of fields, each once."""
+    if not isinstance(fields, Iterable):
+        raise InputError(f"fields: expected names, {', '.join(map(repr, FIELDS))}, got {fields!r}")
+    names = [validate_choice("fields", name, FIELDS) for name in ([fields] if isinstance(fields, str) else fields)]
+    if not names:
+        raise InputError(f"fields: expected at least one of {', '.join(map(repr, FIELDS))}, got none")
+    return list(dict.fromkeys(names))
+
+
+class BodyFields:
+    """A body as it is written or drawn: its points, its cells, and its fields.
+
+    Parameters
+    ----------
+    entry : PartitionBody or (PartitionBody, FEModel)
+    names : sequence of str
+        Of `FIELDS`.
+    surface : bool
+        Without the elements inside.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Where its nodes are at the start, in space [m].
+    cells : (nc, k) int array
+        Facets or elements, as rows of `points`.
+    kind : str
+        Their name in meshio.
+
+    Raises
+    ------
+    InputError
+        If it is no such thing, or the FE model is needed and missing, or of another body.
+    """
+
+    def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
+        self.item: PartitionBody
+        self.fem: FEModel | None
+        pair = entry if isinstance(entry, tuple) else (entry, None)
+        if len(pair) != 2 or not isinstance(pair[0], PartitionBody) or not isinstance(pair[1], FEModel | None):
+            got = " and ".join(type(x).__name__ for x in (entry if isinstance(entry, tuple) else (entry,)))
+            raise InputError(
+                f"bodies: expected what CreatePartitionBody returns, or pairs (body, fem) with its FE model, got {got}"
+            )
+        self.item, self.fem = pair
+        self.names, self.body = names, self.item.body
+        self._static: StaticAnswer | None = None
+        if self.fem is None and (_OF_STRESS & {*names} or not surface):
+            what = "stress" if surface else "the inside"
+            raise InputError(
+                f"bodies: {what} of {self.item.name or 'a body'!r} needs its FE model, give pairs (body, fem)"
+            )
+        if self.fem is not None and not self.body.partition.is_of(self.fem):
+            raise InputError(
+                f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, of "
+                f"the same mesh, got {self.fem!r}"
+            )
+        cells = self.body.facets if surface or self.fem is None else self.fem.cells
+        self.kind = (_FACETS if surface else _CELLS)[cells.shape[1]]
+        self.nodes, numbers = np.unique(cells, return_inverse=True)
+        self.cells: Array = numbers.reshape(cells.shape)
+        self.kinematics = self.item.kinematics.at(self.nodes)
+        self.points = self.kinematics.place(np.zeros(self.body.n_dofs))
+
+    def frames(
+        self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
+    ) -> Iterator[dict[str, Array]]:
+        """Fields at each time of `result`, (n,) or (n, 3), with pressures of `contacts` and answers to `loads`."""
+        pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
+        for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
+            data = self.fields(q, q_t, self.forces(loads, i))
+            if pressures:
+                field = np.zeros(len(self.body.points))
+                for facets, nodes, values in pressures:
+                    field[nodes] = values[i].toarray()[0]
+                    if facets.shape[1] == 6:  # pressures are linear between corners
+                        field[facets[:, 3:]] = (field[facets[:, :3]] + field[facets[:, [1, 2, 0]]]) / 2
+                data["contact_pressure"] = field[self.nodes]
+            yield data
+
+    def forces(self, loads: Iterable[Load], i: int) -> Array:
+        """Forces of contacts, `loads`, on all n nodes at sample i, (n, 3) in space [N]."""
+        forces = np.zeros((len(self.body.points), 3))
+        for contact, on_sides in loads:
+            for (item, patch), on_side in zip(contact.sides, on_sides, strict=True):
+                if item is self.item:
+                    forces[self.body.partition.patches[patch].nodes] += on_side[i]
+        return forces
+
+    def fields(self, q: Array, q_t: Array, forces: Array | None = None) -> dict[str, Array]:
+        """Fields at coordinates q and velocities q_t, (n_dofs,), with the static answer to forces on all nodes."""
+        kinematics, axes, answer = self.kinematics, self.kinematics.frame(q)[1], None
+        displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
+        if self.fem is not None and self.body.basis.flexibility is not None and forces is not None and forces.any():
+            self._static = self._static or StaticAnswer(self.fem, self.body)
+            answer = self._static(kinematics.in_frame(q, forces))
+            deformation = deformation + answer[self.nodes]
+            displacement = displacement + answer[self.nodes] @ axes.T
+        data = {"displacement": displacement, "deformation": deformation @ axes.T}
+        if "velocity" in self.names:
+            data["velocity"] = kinematics.velocities(q, q_t)
+        if self.fem is not None and _OF_STRESS & {*self.names}:
+            within = self.body.displacement(kinematics.elastic(q))
+            stress = nodal_stress(self.fem, within if answer is None else within + answer)[self.nodes]
+            data |= {"stress": stress, "von_mises": von_mises(stress)}
+        return {name: data[name] for name in self.names if name in data}
+
+
+def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:
+    """Forces of contacts on the nodes of their patches at the times of `result`; without those that are multipliers.
+
+    Raises
+    ------
+    InputError
+        If a body of another kind carries a rigid surface: these are not known after the run.
+    """
+    contacts = validate_contacts(contacts)
+    validate_result(result)
+    try:
+        return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.multipliers]
+    except InputError as error:
+        raise InputError(f"{error}; without FE models, or with static_answer=False, fields do without them") from error
+
+
+def _pressures(
+    item: PartitionBody, contacts: Iterable[PartitionContact], result: Result
+) -> list[tuple[Array, Array, Array]]:
+    """Facets and nodes of the patches of a body that have rows, and the pressures on the latter, (n, np) [Pa]."""
+    found = []
+    for contact in contacts:
+        pressure, start = contact.pressure(result), 0
+        for side, patch in contact.sides:
+            own = side.body.partition.patches[patch]
+            if start < pressure.shape[1]:  # of the slave, and with two passes of the master
+                if side is item:
+                    found.append((own.facets, own.nodes, pressure[:, start : start + len(own.nodes)]))
+                start += len(own.nodes)
+    return found
+
+
+def _stems(pieces: Sequence[BodyFields]) -> list[str]:
+    """File names of bodies: their own, as far as a file can have them and each only once, also where case is lost."""
+    stems: list[str] = []
+    for i, piece in enumerate(pieces):
+        wanted = re.sub(r"[^\w.-]+", "_", piece.item.name)[:_LONGEST_STEM] or f"body{i}"
+        stem, number = wanted, 1
+        while stem.casefold() in [other.casefold() for other in stems]:
+            number += 1
+            stem = f"{wanted}_{number}"
+        stems.append(stem)
+    return stems
+
+
+def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> None:
+    """Write the list of files with their times and parts."""
+    root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    collection = ElementTree.SubElement(root, "Collection")
+    for t, part, name in entries:
+        ElementTree.SubElement(collection, "DataSet", timestep=repr(t), part=str(part), file=name)
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

@@ -1,0 +1,109 @@
+"""What figures are asked to show: the arguments of module `plot`, checked, and labels as matplotlib takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_items import PartitionContact
+from ..results.compare import Comparison
+from ..results.history import History
+from ..support.checks import validate_choice, validate_items, validate_result, validate_type, validate_vector
+from ..support.optional import require
+
+if TYPE_CHECKING:
+    from ..simulation.result import Result
+
+_SIZE = (6.0, 3.4)  # inches: a column and a half
+_LONGEST_LABEL = 50  # characters
+
+
+def plain(text: object) -> str:
+    """Text as matplotlib shows it: dollars are its mathematics, and long names push a figure out of its frame."""
+    said = str(text)
+    if len(said) > _LONGEST_LABEL:
+        said = said[: _LONGEST_LABEL - 3] + "..."
+    return said.replace("$", r"\$")
+
+
+def validate_bodies(bodies: Sequence[PartitionBody]) -> list[PartitionBody]:
+    """Return bodies as a list, all of them such."""
+    return validate_items("bodies", bodies, PartitionBody, "CreatePartitionBody()")
+
+
+def axes_of(axes: Any) -> Any:
+    """Return the axes, or those of a new figure for None."""
+    if axes is None:
+        return require("matplotlib.figure").Figure(figsize=_SIZE, layout="constrained").subplots()
+    if not isinstance(axes, require("matplotlib.axes").Axes):
+        raise InputError(f"axes: expected those of matplotlib, or None for a new figure, got {type(axes).__name__}")
+    return axes
+
+
+def check_samples(result: Result) -> None:
+    """Raise unless it is a Result with samples."""
+    validate_result(result)
+    if not len(result.t):
+        raise InputError(f"result: the run kept no samples ({result.message})")
+
+
+def contact_of(result: Result, contact: PartitionContact | None) -> PartitionContact:
+    """Return the contact, or the only one of the run for None."""
+    check_samples(result)
+    if contact is not None:
+        validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
+        return contact
+    if len(result.contacts) != 1:
+        names = ", ".join(repr(c.name) for c in result.contacts)
+        raise InputError(f"contact: expected one of the run's {len(result.contacts)} contacts ({names}), got none")
+    return result.contacts[0]
+
+
+def history_of(run: History | Result, contact: PartitionContact | None) -> History:
+    """Return a history, or that of a contact of a Result."""
+    if not isinstance(run, History):
+        chosen = contact_of(run, contact)
+        return run.history(chosen)
+    if contact is not None:
+        raise InputError("contact: a History has one force; name a contact of a Result")
+    return run
+
+
+def history_of_point(run: History | Result, point: Any, body: PartitionBody | None) -> tuple[History, str]:
+    """History with the velocity of a point, and its name there."""
+    if isinstance(run, History):
+        if body is not None:
+            raise InputError("body: a History has points by their names; name a body of a Result")
+        return run, validate_choice("point", point, run.velocity)
+    check_samples(run)
+    if isinstance(point, str):
+        raise InputError(f"point: a Result has no named points; give a point of a body, (3,) [m], instead of {point!r}")
+    place = validate_vector("point", point)
+    if body is None:
+        if len(run.bodies) != 1:
+            names = ", ".join(repr(item.name) for item in run.bodies)
+            raise InputError(f"body: expected one of the run's {len(run.bodies)} bodies ({names}), got none")
+        body = run.bodies[0]
+    validate_type("body", body, PartitionBody, "CreatePartitionBody()")
+    name = "(" + ", ".join(f"{1e3 * x:.4g}" for x in place) + ") mm"
+    return History(run.t, np.zeros(len(run.t)), {name: body.velocity(run, place)}, {"label": body.name}), name
+
+
+def label_of(history: History) -> str | None:
+    """What the legend says of a history."""
+    label = history.info.get("label")
+    return None if label is None else plain(label)
+
+
+def labelled(runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]]) -> dict[str, Comparison]:
+    """Return comparisons by their labels."""
+    try:
+        return dict(runs)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"runs: expected a dict of labels and comparisons, or pairs of them, got {type(runs).__name__}"
+        ) from error

@@ -1,0 +1,233 @@
+"""One run as a page: scene, what was left out, step, conservation, contacts, timings, versions and figures.
+
+The page is one HTML file without references to others, its figures are embedded.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import datetime
+import html
+import io
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..exudyn_contacts.contact_items import PartitionContact
+from ..results.compare import versions
+from ..support.arrays import Array
+from ..support.checks import validate_text
+from ..support.files import replacing, writable
+from ..support.optional import require
+from . import plot, view
+
+if TYPE_CHECKING:
+    from ..simulation.result import Result
+
+_VISIBLE = 0.03  # of the scene's size: largest deformation in the picture
+_MOST_IMPACTS = 20  # sub-impacts of a contact that are listed
+_STYLE = """
+body { font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
+table { border-collapse: collapse; margin: .6em 0 1.4em; }
+th, td { border-bottom: 1px solid #ccc; padding: .2em .8em .2em 0; text-align: left; vertical-align: top; }
+th { font-weight: 600; } td.number { text-align: right; font-variant-numeric: tabular-nums; }
+img { max-width: 100%; } .warning { color: #a00; font-weight: 600; }
+"""
+
+
+def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
+    """Write the page of a run; see `Result.report`."""
+    path = writable(path)
+    validate_text("title", title)
+    if not len(result.t):
+        raise InputError("result: the run kept no samples, there is nothing to report")
+    title = title or path.stem
+    parts = [
+        f"<h1>{html.escape(title)}</h1>",
+        _run(result),
+        _figures(result),
+        "<h2>Scene</h2>",
+        _bodies(result),
+        "<h2>Contacts</h2>",
+        *(_contact(i, contact, result) for i, contact in enumerate(result.contacts)),
+        "<h2>Conservation</h2>",
+        _conservation(result),
+        "<h2>What was left out</h2>",
+        _left_out(result),
+        "<h2>Versions</h2>",
+        _table([], versions().items()),
+    ]
+    page = (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    )
+    with replacing(path, "w") as file:
+        file.write(page)
+    return path
+
+
+def _run(result: Result) -> str:
+    status = html.escape(f"{result.status}: {result.message}")
+    paragraph = f"<p>{status}</p>" if result.status == "finished" else f'<p class="warning">{status}</p>'
+    reduction = sum(item.body.reduce_s for item in result.bodies)
+    rows = [
+        ("time span", f"{result.t[0]:.6g} to {result.t[-1]:.6g} s, {len(result.t)} samples"),
+        ("method", result.method or "not known"),
+        ("step", _number(result.step, "s") + (f", {result.steps} steps" if result.steps else "")),
+        ("reduction of the bodies (off-line)", _number(reduction, "s")),
+        ("Exudyn's solver (on-line)", _number(result.time_s, "s")),
+        ("written", datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")),
+    ]
+    return paragraph + _table([], rows)
+
+
+def _bodies(result: Result) -> str:
+    head = ["body", "frame", "basis", "f_cut [kHz]", "dofs", "FE dofs", "patch nodes", "mass [kg]", "estimated error"]
+    rows = []
+    for i, item in enumerate(result.bodies):
+        body, estimate = item.body, item.body.estimate
+        error = "not estimated" if estimate is None else f"{estimate.error:.2%} (asked {estimate.tolerance:.2%})"
+        size = (1e-3 * body.f_cut, body.n_dofs, body.fe_dofs, len(body.partition.patch_nodes), body.total_mass)
+        rows.append((item.name or f"body {i}", item.frame, body.basis.name, *size, error))
+    return _table(head, rows)
+
+
+def _contact(number: int, contact: PartitionContact, result: Result) -> str:
+    name, force = contact.name or f"contact {number}", contact.force(result)
+    master = contact.sides[1][0].name or "a body" if len(contact.sides) > 1 else type(contact.master).__name__
+    history, impacts = result.history(contact), contact.impacts(result)
+    rows: list[tuple[str, Any]] = [
+        ("slave, master", f"{contact.slave.name or 'a body'}, {master}"),
+        ("contact law", type(contact.law).__name__),
+        ("rows", contact.n_rows),
+    ]
+    said = ""
+    if impacts:
+        peak = int(force.argmax())
+        rows += [
+            ("peak force", f"{force[peak]:.5g} N at {result.t[peak]:.6g} s"),
+            ("impulse", f"{history.impulse:.5g} N s"),
+            ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
+            ("largest contact area", f"{1e6 * contact.area(result).max():.4g} mm2"),
+            ("largest pressure", f"{1e-6 * contact.pressure(result).max():.4g} MPa"),
+        ]
+        listed = [(i.start, i.end, i.peak, i.impulse) for i in impacts[:_MOST_IMPACTS]]
+        said = _table(["from [s]", "to [s]", "peak [N]", "impulse [N s]"], listed)
+        if len(impacts) > _MOST_IMPACTS:
+            said += f"<p>and {len(impacts) - _MOST_IMPACTS} more.</p>"
+    else:
+        rows.append(("peak force", f"none: the bodies did not touch; smallest gap {contact.gap(result).min():.4g} m"))
+    if contact.reached_edge_at is not None:
+        said += (
+            f'<p class="warning">Reached the edge of its patch at {contact.reached_edge_at:.6g} s: '
+            "the force is too small from then on.</p>"
+        )
+    return f"<h3>{html.escape(name)}</h3>" + _table([], rows) + said
+
+
+def _conservation(result: Result) -> str:
+    """Sums over the partition bodies, at start and end."""
+    if not result.bodies:
+        return "<p>No partition bodies.</p>"
+    rows: list[Sequence[Any]] = []
+    bodies, note, with_contacts = np.sum([item.energy(result) for item in result.bodies], axis=0), "", None
+    try:
+        with_contacts = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
+    except InputError as error:
+        note = f"{html.escape(str(error))}. "
+    damped = np.sum([item.dissipated_energy(result) for item in result.bodies], axis=0)
+    sums = [("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)]
+    if damped.any():
+        total = None if with_contacts is None else with_contacts + damped
+        sums += [("taken by damping [J]", damped), ("with contacts' and what damping took [J]", total)]
+    for name, values in sums:
+        if values is not None:
+            largest = abs(values).max() or 1.0
+            rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / largest:.2e}"))
+    momenta = [item.momentum(result) for item in result.bodies]
+    total, largest = np.sum(momenta, axis=0), max(np.linalg.norm(p, axis=1).max() for p in momenta) or 1.0
+    for axis, name in enumerate("xyz"):
+        p = total[:, axis]
+        rows.append((f"momentum {name} [N s]", f"{p[0]:.6g}", f"{p[-1]:.6g}", f"{(p[-1] - p[0]) / largest:.2e}"))
+    return (
+        _table(["of all partition bodies", "at the start", "at the end", "change, of the largest"], rows)
+        + f"<p>{note}Loads, joints and other items of the model may change them; contact between the bodies does not."
+        "</p>"
+    )
+
+
+def _left_out(result: Result) -> str:
+    entries = [(item.name or f"body {i}", [*item.left_out]) for i, item in enumerate(result.bodies)]
+    entries += [(contact.name or f"contact {i}", contact.left_out) for i, contact in enumerate(result.contacts)]
+    listed = (f"<li>{html.escape(name)}: {html.escape(one)}</li>" for name, said in entries for one in said)
+    return "<ul>" + "".join(listed) + "</ul>"
+
+
+def _figures(result: Result) -> str:
+    images = []
+    forces = [contact.force(result) for contact in result.contacts]
+    with require("matplotlib").rc_context({"font.size": 9}):
+        for i, contact in enumerate(result.contacts):
+            axes = plot.force(None, result, contact=contact)
+            axes.set_title(plot.plain(contact.name or f"contact {i}"))
+            images.append((_png(axes), "contact force over time"))
+        if result.bodies:
+            with contextlib.suppress(InputError):  # of what is not known after the run; `_conservation` says so
+                images.append((_png(plot.energy(None, result)), "energies over time"))
+    if result.bodies:
+        peak = float(result.t[int(np.argmax(np.max(forces, axis=0)))]) if forces else float(result.t[-1])
+        scale = _scale(result.at([peak]))
+        caption = f"deformation at {peak:.6g} s, drawn {scale:g} times as large"
+        images.append((_encoded(view.picture(result, peak, scale=scale)), caption))
+    return "".join(
+        f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+        for data, text in images
+    )
+
+
+def _scale(sample: Result) -> float:
+    """Power of ten that makes the deformation visible."""
+    size = max(np.ptp(item.body.points, axis=0).max() for item in sample.bodies)
+    largest = max(
+        abs(item.kinematics.at(np.unique(item.body.facets)).deformation(item.coordinates(sample)[0])).max()
+        for item in sample.bodies
+    )
+    return 10.0 ** max(0, math.floor(math.log10(_VISIBLE * size / largest))) if largest > 0 else 1.0
+
+
+def _png(axes: Any) -> str:
+    buffer = io.BytesIO()
+    axes.figure.savefig(buffer, format="png", dpi=120)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def _encoded(image: Array) -> str:
+    buffer = io.BytesIO()
+    require("matplotlib.image").imsave(buffer, image, format="png")
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    lines = ["<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"] if head else []
+    for first, *others in rows:
+        cells = "".join(_cell(value) for value in others)
+        lines.append(f"<tr><td>{html.escape(_text(first))}</td>{cells}</tr>")
+    return "<table>" + "".join(lines) + "</table>"
+
+
+def _cell(value: Any) -> str:
+    kind = ' class="number"' if isinstance(value, int | float) else ""
+    return f"<td{kind}>{html.escape(_text(value))}</td>"
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _number(value: float, unit: str) -> str:
+    return "not known" if math.isnan(value) else f"{value:.4g} {unit}"

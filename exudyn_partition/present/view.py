@@ -1,0 +1,321 @@
+"""Bodies in Exudyn's own renderer: their deforming surfaces, coloured by a field.
+
+Nothing is added to the equations of motion. `CreatePartitionView` puts an ObjectGround without coordinates into a
+model, whose graphicsDataUserFunction draws the triangles when, and only when, Exudyn renders: live, or in
+`mbs.SolutionViewer()`. `picture` and `show` draw a finished run in a scene of their own.
+
+The tests check what would be drawn, as data, and raytraced pictures, neither of which needs a screen. Exudyn's OpenGL
+window was tried under a virtual display (Xvfb), not on a screen.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError, RunError
+from ..exudyn_bodies.model import coordinate_slices, partition_items, validate_model
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..support.arrays import Array
+from ..support.checks import (
+    validate_array,
+    validate_choice,
+    validate_integer,
+    validate_number,
+    validate_positive,
+    validate_result,
+    validate_vector,
+)
+from ..support.optional import require
+from .output import BodyFields, Shown, contact_loads, shown_bodies
+
+if TYPE_CHECKING:
+    from ..simulation.result import Result
+
+Fields = Callable[[Any, BodyFields], dict[str, Array]]  # of a body in a model, now
+
+UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
+_COLOURS = "viridis"
+_ACROSS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a quadratic triangle, in four flat ones
+_SPLIT = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [0, 2, 3]]), 6: _ACROSS}
+_WINDOW = (1024, 768)
+_MOST_PIXELS = 8192  # along a side: Exudyn asks for the memory of larger ones without a word, and ends the process
+_LARGEST_SCALE = 1e12  # of deformation, beyond which single precision, in which pictures are drawn, has no more room
+_AMBIENT = 0.8  # brightness of what no light falls on: shadows must not pass for small values
+_MARGIN = 0.6  # half of a picture's height, in diagonals of what it shows
+
+
+def CreatePartitionView(
+    mbs: Any,
+    bodies: Sequence[PartitionBody] | None = None,
+    *,
+    field: str = "deformation",
+    scale: float = 1.0,
+    limits: Sequence[float] | None = None,
+) -> Any:
+    """Show the surfaces of partition bodies in the renderer of a model.
+
+    To be called before `mbs.Assemble()`. It costs nothing while nothing is rendered. After a run,
+    `mbs.SolutionViewer()` shows it if Exudyn wrote its solution file (`settings.solution.file.write`).
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    bodies : sequence of PartitionBody, optional
+        Default: all that the model holds now.
+    field : {"deformation", "displacement", "velocity"}
+        Colour: its magnitude [m], [m/s]. Stresses are another matter, for they need the static answer to contact
+        forces: `picture`, `show` and `output.write_paraview` have them.
+    scale : float
+        Deformation is drawn so many times as large; rigid motion is not.
+    limits : (2,), optional
+        Values of the ends of the colour scale. Default: least and largest of each frame.
+
+    Returns
+    -------
+    exudyn.ObjectIndex
+        Of an ObjectGround.
+
+    Raises
+    ------
+    InputError
+        If there is no body, or an option is out of range.
+    """
+    validate_model(mbs)
+    validate_choice("field", field, [name for name in UNITS if name != "von_mises"])
+    configuration = require("exudyn").ConfigurationType.Visualization
+    held = partition_items(mbs)[0]
+    pieces = _pieces(shown_bodies(held, bodies), field)
+    for piece in pieces:
+        if not any(piece.item is item for item in held):
+            raise InputError(
+                f"bodies: body {piece.item.name!r} belongs to another model, or to this one before a Reset"
+            )
+
+    def fields(mbs: Any, piece: BodyFields) -> dict[str, Array]:
+        data, slices = mbs.systemData, coordinate_slices(mbs, piece.item)
+        q, q_t = (
+            np.concatenate([np.asarray(get(configuration))[s] for s in slices])
+            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t)
+        )
+        return piece.fields(q, q_t)
+
+    return _add(mbs, pieces, fields, field, scale, limits)
+
+
+def picture(
+    result: Result,
+    time: float,
+    bodies: Sequence[Shown] | None = None,
+    *,
+    field: str = "deformation",
+    scale: float = 1.0,
+    limits: Sequence[float] | None = None,
+    rotation: Sequence[float] = (-1.2, 0.0, 0.3),
+    size: tuple[int, int] = _WINDOW,
+) -> Array:
+    """Picture of a run's bodies by Exudyn's software raytracer, which needs no screen.
+
+    Parameters
+    ----------
+    result : Result
+    time : float
+        The nearest sample is drawn [s].
+    bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
+        Default: all of the run. With its FE model, a body shows the static answer to its contacts' forces too.
+    field : {"deformation", "displacement", "velocity", "von_mises"}
+        Colour: its magnitude [m], [m/s], or von Mises's stress [Pa], which needs the FE models.
+    scale, limits :
+        As for `CreatePartitionView`.
+    rotation : (3,)
+        Rotation vector of the view [rad].
+    size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing or out of range, or the time is not within the run.
+    """
+    validate_result(result)
+    frame = result.at([validate_number("time", time, "a time in s")])
+    turn = Rotation.from_rotvec(validate_vector("rotation", rotation).tolist())
+    pixels = _pixels(size)
+    SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
+    general, view = SC.visualizationSettings.general, SC.visualizationSettings.view0
+    view.window.renderWindowSize = pixels
+    general.renderWindowString = f"t = {frame.t[0]:.6g} s"
+    general.showSolverInformation = general.showSolverTime = view.window.showComputationInfo = False
+    light = SC.visualizationSettings.openGL
+    light.lightModelAmbient = [_AMBIENT] * 3 + [1.0]
+    light.light0.useCameraFrame = True
+    SC.renderer.ZoomAll()  # or the first drawing sets the view anew
+    points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    height = _MARGIN * float(np.linalg.norm(high - low))
+    centre = turn.apply((low + high) / 2)  # the renderer moves after it has turned
+    SC.renderer.SetModelView(height, turn.as_rotvec().tolist(), centre.tolist())
+    return np.array(SC.renderer.RedrawAndGetImage(useRaytracer=True))
+
+
+def show(
+    result: Result,
+    bodies: Sequence[Shown] | None = None,
+    *,
+    field: str = "deformation",
+    scale: float = 1.0,
+    limits: Sequence[float] | None = None,
+    times: Sequence[float] | Array | int = 200,
+    period: float = 0.04,
+    cycles: int | None = None,
+) -> None:
+    """Show a run's bodies as a film in Exudyn's renderer, until its window is closed.
+
+    Parameters
+    ----------
+    result : Result
+    bodies, field, scale, limits :
+        As for `picture`.
+    times : (k,) [s] or int
+        As for `Result.at`.
+    period : float
+        Time between frames on the screen [s].
+    cycles : int, optional
+        How often the film runs. Default: until the window is closed.
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing or out of range.
+    RunError
+        If there is no screen.
+    """
+    validate_result(result)
+    frames, now = result.at(times), 0
+    validate_positive("period", period, "s")
+    if cycles is not None:
+        validate_integer("cycles", cycles, 1)
+    SC, mbs = _scene(frames, lambda: now, bodies, field, scale, limits)
+    # Exudyn ends the whole process where X11 is missing, so that this has to be asked before.
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise RunError("show: there is no screen, DISPLAY is not set; ep.view.picture draws without one")
+    if not SC.renderer.Start():
+        raise RunError("show: Exudyn could not open a window; ep.view.picture draws without one")
+    SC.renderer.ZoomAll()
+    shown = 0
+    while SC.renderer.IsActive() and (cycles is None or shown < cycles * len(frames.t)):
+        now = shown % len(frames.t)
+        SC.visualizationSettings.general.renderWindowString = f"t = {frames.t[now]:.6g} s"
+        mbs.SendRedrawSignal()
+        SC.renderer.DoIdleTasks(period, False)
+        shown += 1
+    SC.renderer.Stop()
+
+
+def _pieces(bodies: Sequence[Shown], field: str) -> list[BodyFields]:
+    validate_choice("field", field, UNITS)
+    return [BodyFields(entry, ("displacement", "deformation", field), surface=True) for entry in bodies]
+
+
+def _pixels(size: tuple[int, int]) -> list[int]:
+    """Width and height of a picture."""
+    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or len(size) != 2:
+        raise InputError(f"size: expected width and height in pixels, such as {_WINDOW}, got {size!r}")
+    return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
+
+
+def _scene(
+    result: Result,
+    now: Callable[[], int],
+    bodies: Sequence[Shown] | None,
+    field: str,
+    scale: float,
+    limits: Sequence[float] | None,
+    turn: Rotation | None = None,
+) -> tuple[Any, Any]:
+    """System container and model that hold nothing but the bodies, at the sample that `now` names."""
+    SC = require("exudyn").SystemContainer()
+    mbs = SC.AddSystem()
+    pieces = _pieces(shown_bodies(result.bodies, bodies), field)
+    loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
+    histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
+
+    def fields(mbs: Any, piece: BodyFields) -> dict[str, Array]:
+        i = now()
+        q, q_t = histories[id(piece)]
+        return piece.fields(q[i], q_t[i], piece.forces(loads, i))
+
+    _add(mbs, pieces, fields, field, scale, limits, turn)
+    mbs.Assemble()
+    return SC, mbs
+
+
+def _add(
+    mbs: Any,
+    pieces: list[BodyFields],
+    fields: Fields,
+    field: str,
+    scale: float,
+    limits: Sequence[float] | None,
+    turn: Rotation | None = None,
+) -> Any:
+    """Add the object that draws, for a view that is turned."""
+    items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
+    if scale > _LARGEST_SCALE:
+        raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
+    given = None if limits is None else validate_array("limits", limits, (2,))
+    if given is not None and given[0] >= given[1]:
+        raise InputError(
+            f"limits: expected the lower and the upper end of the colours, got {given[0]:g} to {given[1]:g}"
+        )
+
+    def draw(mbs: Any, item: Any) -> list[dict[str, Any]]:
+        return _graphics(pieces, partial(fields, mbs), field, scale, given, turn or Rotation.identity())
+
+    return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
+
+
+def _graphics(
+    pieces: list[BodyFields],
+    fields: Callable[[BodyFields], dict[str, Array]],
+    field: str,
+    scale: float,
+    limits: Array | None,
+    turn: Rotation,
+) -> list[dict[str, Any]]:
+    """Exudyn's graphics data of the deformed surfaces, and a text that says what the colours mean."""
+    places, values = [], []
+    for piece in pieces:
+        data = fields(piece)
+        places.append(piece.points + data["displacement"] + (scale - 1) * data["deformation"])
+        colour = data[field]
+        values.append(colour if colour.ndim == 1 else np.linalg.norm(colour, axis=1))
+    least, largest = (
+        (min(v.min() for v in values), max(v.max() for v in values)) if limits is None else map(float, limits)
+    )
+    colours = require("matplotlib").colormaps[_COLOURS]
+    drawn: list[dict[str, Any]] = []
+    for piece, place, value in zip(pieces, places, values, strict=True):
+        share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
+        triangles = piece.cells[:, _SPLIT[piece.cells.shape[1]]].reshape(-1, 3)
+        drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
+    says = f"{field} {least:.3g} to {largest:.3g} {UNITS[field]}" + (f", deformed x {scale:g}" if scale != 1 else "")
+    drawn.append({"type": "Text", "text": says, "position": _corner(places, turn)})
+    return drawn
+
+
+def _corner(places: list[Array], turn: Rotation) -> list[float]:
+    """Place above the bodies, as they are seen, (3,) [m]."""
+    seen = turn.apply(np.vstack(places))  # to the right, up, and towards the eye
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    return turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()

@@ -1,0 +1,349 @@
+"""The bases of the partition method: from an FE model and its partition to the columns of T, u = T q.
+
+Every basis here is mass-normalised in its shapes, so that mass and stiffness of the shapes are diagonal; nodal columns,
+which only the paper's basis has, are unit displacements of the impact region's nodes (paper, eq. 15).
+
+Interfaces for joints are the same in all bases: rigid ones are tied first (`tied`), and the static answer to the six
+resultants of each interface is in the span of the shapes, by attachment modes where nothing else holds it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+
+from ..algebra.factorisation import Factorisation
+from ..algebra.krylov import RitzPairs, eigenmodes, orthonormal_complement
+from ..errors import FrequencyRangeError, InputError, UnitsWarning
+from ..fe.model import FEModel, node_dofs
+from ..fe.partition import Partition
+from ..support.arrays import Array
+from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
+from ..support.progress import Progress
+from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
+from .loads import interface_loads, patch_rows
+
+_FAR_BELOW = 0.01  # of the frequency of longitudinal waves; impacts of compact bodies last some ten of their periods
+_ROUND_OFF = 10 * np.finfo(float).eps  # of the stiffest dof's stiffness over mass: that of the pivots of rigid modes
+_RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis:
+    """Columns of T, and what the basis knows about the rest.
+
+    Parameters
+    ----------
+    name : str
+    shapes : (3n, ns) array
+        Mass-normalised shapes [kg^-1/2], rigid ones first; zero at the nodes of `nodal`.
+    omega : (ns,) array
+        Circular frequencies of the shapes, zero for rigid ones [rad/s].
+    labels : tuple of str
+        One for each shape.
+    rigid : (ns, 6) array
+        Shape coordinates of unit translations and rotations about the centre of mass.
+    nodal : (k,) int array
+        Nodes that keep their three displacements.
+    mass : str
+        "consistent" or "lumped".
+    flexibility : (r, r) array or None
+        Residual flexibility of the rows of `patch_rows`: those of each patch after the other [m/N].
+    left_out : tuple of str
+        What the basis leaves out, in sentences.
+    """
+
+    name: str
+    shapes: Array
+    omega: Array
+    labels: tuple[str, ...]
+    rigid: Array
+    nodal: Array
+    mass: str
+    flexibility: Array | None = None
+    left_out: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        validate_text("name", self.name)
+        validate_choice("mass", self.mass, ("consistent", "lumped"))
+        check_floats("shapes", self.shapes, (None, None))
+        n_dofs, n_shapes = self.shapes.shape
+        check_floats("omega", self.omega, (n_shapes,))
+        if (self.omega < 0).any():
+            raise InputError(f"omega: expected frequencies that are not negative, got {self.omega.min()}")
+        check_floats("rigid", self.rigid, (n_shapes, 6))
+        check_indices("nodal", self.nodal, (None,), n_dofs // 3)
+        check_tuple("labels", self.labels, str)
+        if len(self.labels) != n_shapes:
+            raise InputError(f"labels: expected one for each of {n_shapes} shapes, got {len(self.labels)}")
+        check_tuple("left_out", self.left_out, str)
+        read_only(self.shapes, self.omega, self.rigid, self.nodal)
+        if self.flexibility is not None:
+            check_floats("flexibility", self.flexibility, (len(self.flexibility),) * 2)
+            read_only(self.flexibility)
+
+
+def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
+    """Build the paper's partition basis: free modes on the non-impact region, nodes in the impact region (eq. 11-17).
+
+    Elastic modes of the whole body up to `f_cut`, and attachment modes of its interfaces, keep their rows in region I
+    only (eq. 13), every node of region II keeps its three displacements. The rigid modes, which the paper puts into the
+    frame (eq. 12), are six more columns. They and the modes are rotated within their span until mass and stiffness of
+    the modal part are diagonal, which changes neither the space of motions nor any result. The mass is lumped, as in
+    the paper (section 2.1).
+    """
+    if len(partition.nodes) == fem.n_nodes:
+        return _all_nodal(fem, partition)
+    body = FreeBody(fem, partition, mass="lumped")
+    pairs = modes = _modes_to(body, f_cut, progress)
+    if not len(modes.omega):
+        raise _no_mode_below(fem, f_cut)
+    if partition.interfaces:
+        pairs = _with_attachments(body, modes, body.static_answers().of_interfaces)
+    left_out = f"elastic modes above {f_cut:.6g} Hz"
+    if not len(partition.nodes):
+        return ReducedBasis(
+            name="free",
+            shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
+            omega=np.r_[np.zeros(6), pairs.omega],
+            labels=_pair_labels(pairs, len(modes.omega)),
+            rigid=_rigid_coordinates(body, len(pairs.omega)),
+            nodal=partition.nodes,
+            mass="lumped",
+            left_out=(f"{left_out} (f_cut raises that)",),
+        )
+    region = node_dofs(partition.nodes)
+    # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
+    rigid_outside, elastic_outside = np.array(fem.rigid_modes), body.model.expand @ pairs.vectors
+    rigid_outside[region] = elastic_outside[region] = 0.0
+    M = fem.lumped_mass_matrix
+    # A few nodes have fewer independent motions than there are modes, or even rigid motions.
+    moved = orthonormal_complement(rigid_outside, M, np.empty((fem.n_dofs, 0)))
+    shapes = np.hstack([moved, orthonormal_complement(elastic_outside, M, moved)])
+    omega_squared, combination = np.linalg.eigh(shapes.T @ (fem.stiffness @ shapes))
+    shapes = shapes @ combination
+    omega = np.sqrt(np.maximum(omega_squared, 0.0))
+    return ReducedBasis(
+        name="free",
+        shapes=shapes,
+        omega=omega,
+        labels=_labels("region I shape", omega),
+        rigid=shapes.T @ (M @ rigid_outside),
+        nodal=partition.nodes,
+        mass="lumped",
+        left_out=(f"{left_out}, outside the impact region (f_cut raises that)",),
+    )
+
+
+def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
+    """Build the basis of an impact region that covers the body: the full FE model with lumped mass."""
+    return ReducedBasis(
+        name="free",
+        shapes=np.empty((fem.n_dofs, 0)),
+        omega=np.empty(0),
+        labels=(),
+        rigid=np.empty((0, 6)),
+        nodal=partition.nodes,
+        mass="lumped",
+        left_out=("all modes: the impact region covers the body",),
+    )
+
+
+def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
+    """Build the Craig-Bampton basis: modes with the boundary held, and its static constraint modes.
+
+    Craig and Bampton (1968), boundary = the three displacements of each patch node and the six coordinates of each
+    rigid interface; averaged interfaces add the static answers to their loads with the boundary held. The reduced
+    matrices are diagonalised, which changes neither the space of motions nor any result; the patch keeps as many
+    independent displacements as it has, with their mass, and contact is by multipliers.
+    """
+    body = FreeBody(fem, partition)
+    model, rigid = body.model, body.rigid
+    boundary = np.r_[model.column[node_dofs(partition.patch_nodes)], model.interface_columns]
+    if not boundary.size or len(boundary) == model.n:
+        raise InputError(
+            f"basis: 'craig-bampton' needs a boundary that holds the body, contact patches or rigid interfaces, and "
+            f"dofs within it; got {len(boundary)} boundary dofs of {model.n}. Take basis='contact-adapted'"
+        )
+    interior = np.delete(np.arange(model.n), boundary)
+    K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
+    averaged = [i for i in partition.interfaces if i.kind == "averaged"]
+    loads = interface_loads(fem, averaged) @ model.expand
+    answers = Factorisation(K).solve(
+        np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T])
+    )
+    held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
+    n_held, n_boundary = len(held.omega), len(boundary)
+    # The more modes are held, the less is left of the answers to averaged interfaces; only that is a new motion.
+    attached = orthonormal_complement(answers[:, n_boundary:], M, held.vectors)
+    columns = np.zeros((model.n, n_held + n_boundary + attached.shape[1]), order="F")
+    columns[interior] = np.hstack([held.vectors, answers[:, :n_boundary], attached])
+    columns[boundary, n_held + np.arange(n_boundary)] = 1.0
+    gram = columns.T @ (model.mass @ columns)
+    omega_squared, combination = scipy.linalg.eigh(columns.T @ (model.stiffness @ columns), gram)
+    # The six lowest are rigid motion, which constraint modes hold exactly but round-off does not.
+    combination = combination[:, 6:]
+    shapes = columns @ combination
+    shapes -= rigid @ ((model.mass @ rigid).T @ shapes)
+    omega = np.sqrt(omega_squared[6:])
+    if not (omega < 2 * np.pi * f_cut).any():
+        raise _no_mode_below(fem, f_cut)
+    share_held = np.sum((gram[:n_held] @ combination) ** 2, axis=0)  # of each shape's mass in the held modes' span
+    kinds = np.where(share_held > 0.5, "fixed-interface", "constraint")
+    return ReducedBasis(
+        name="craig-bampton",
+        shapes=model.expand @ np.hstack([rigid, shapes]),
+        omega=np.r_[np.zeros(6), omega],
+        labels=_RIGID + _labels(kinds, omega),
+        rigid=_rigid_coordinates(body, len(omega)),
+        nodal=np.empty(0, dtype=np.int64),
+        mass="consistent",
+        left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its boundary (f_cut raises that)",),
+    )
+
+
+def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
+    """Build the residual-flexibility basis: free modes up to `f_cut`, the static answer of all others at the contact.
+
+    MacNeal (1971), Rubin (1975). The contact coordinates carry no mass; see `_with_residual_flexibility`. Without a
+    mode below `f_cut`, the body is rigid motion and the static answer.
+    """
+    body = FreeBody(fem, partition)
+    modes = _modes_to(body, f_cut, progress)
+    static = body.static_answers()
+    pairs = _with_attachments(body, modes, static.of_interfaces)
+    left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
+    return _with_residual_flexibility("residual", body, pairs, len(modes.omega), static, (left_out,))
+
+
+def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
+    """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
+
+    Loads are a uniform traction on each patch and the resultants of each interface. The static answers to them lead the
+    basis; block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2 from the same loads follows, then Rayleigh-Ritz.
+    Without the static answers, the Krylov vectors find the lowest modes last, and until then the residual flexibility
+    takes their large compliance for a static one. The basis grows until the mobility of each of these loads
+    below `f_cut` has settled; what they cannot excite is never computed (method.md, section 2). Ritz pairs far above
+    `f_cut` are left to the residual flexibility: all of them, of a compact body that moves slowly.
+    """
+    space = AdaptedSpace(fem, partition, f_cut)
+    space.grow(f_cut, progress)
+    return adapted_basis(space, f_cut)
+
+
+def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises that") -> ReducedBasis:
+    """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that.
+
+    `remedy` says how a user keeps more.
+    """
+    found = space.pairs(f_cut)
+    pairs = _with_attachments(space, found, space.static.of_interfaces)
+    left_out = (
+        f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
+        f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz, {DROP_ABOVE:g} f_cut "
+        f"({remedy})",
+    )
+    return _with_residual_flexibility("contact-adapted", space, pairs, len(found.omega), space.static, left_out)
+
+
+def _modes_to(body: FreeBody, f_cut: float, progress: Progress | None) -> RitzPairs:
+    model = body.model
+    stiffest = (model.stiffness.diagonal() / model.mass.diagonal()).max()
+    lowest = np.sqrt(_ROUND_OFF * stiffest) / (2 * np.pi)
+    if f_cut < lowest:
+        raise FrequencyRangeError(
+            f"f_cut: expected at least {lowest:.3g} Hz, below which round-off hides modes among the rigid ones, got "
+            f"{f_cut:.6g} Hz. Take basis='contact-adapted', or a higher f_cut"
+        )
+    return eigenmodes(model.stiffness, model.mass, body.rigid, 2 * np.pi * f_cut, progress=progress)
+
+
+def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
+    return FrequencyRangeError(
+        f"f_cut: no elastic mode lies below {f_cut:.6g} Hz, {_waves(fem)}; take f_cut well above that, or "
+        "basis='contact-adapted' or 'residual', which take such a body as rigid but for its contact"
+    )
+
+
+def warn_if_far_below(fem: FEModel, f_cut: float) -> None:
+    """Warn (`UnitsWarning`) of a truncation frequency far below the modes of a body that keeps none of them."""
+    if f_cut < _FAR_BELOW * _wave_frequency(fem):
+        warnings.warn(
+            f"f_cut: no elastic mode lies anywhere near {f_cut:.6g} Hz, {_waves(fem)}. The body is rigid but for its "
+            "contact; if that is not meant, give f_cut in Hz, not in kHz",
+            UnitsWarning,
+            stacklevel=3,
+        )
+
+
+def _wave_frequency(fem: FEModel) -> float:
+    return fem.material.bar_wave_speed / (2 * np.ptp(fem.points, axis=0).max())
+
+
+def _waves(fem: FEModel) -> str:
+    size = np.ptp(fem.points, axis=0).max()
+    return (
+        f"for the body is {size:.4g} m long and longitudinal waves cross it {_wave_frequency(fem):.4g} times a second "
+        "there and back"
+    )
+
+
+def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPairs:
+    """Span of `pairs` and of `static`, (nz, 6 i), the static answers to the interfaces' resultants, as pairs again.
+
+    What the pairs lack of those answers has mass like any motion, which is kept: it becomes attachment modes, high
+    above the others.
+    """
+    if not static.shape[1]:
+        return pairs
+    model = body.model
+    more = orthonormal_complement(static, model.mass, np.hstack([body.rigid, pairs.vectors]))
+    vectors = np.hstack([pairs.vectors, more])
+    omega_squared, combination = np.linalg.eigh(vectors.T @ (model.stiffness @ vectors))
+    return RitzPairs(vectors @ combination, np.sqrt(omega_squared))
+
+
+def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers) -> Array:
+    """F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2 of all rows of `patch_rows` (method.md, section 2)."""
+    G = patch_rows(body.fem, body.partition) @ body.model.expand
+    at_patch = G @ pairs.vectors
+    F = static.at_patches - (at_patch / pairs.omega**2) @ at_patch.T
+    return (F + F.T) / 2
+
+
+def _with_residual_flexibility(
+    name: str, body: FreeBody, pairs: RitzPairs, n_elastic: int, static: StaticAnswers, left_out: tuple[str, ...]
+) -> ReducedBasis:
+    """Basis of rigid motion and `pairs`, and the residual flexibility of all else at the contact."""
+    if not len(pairs.omega):
+        left_out = ("all vibration: the body is rigid but for the static answer of its contact", *left_out)
+    if any(patch.axes == "normal" for patch in body.partition.patches):
+        left_out += ("tangential contact rows: contact is frictionless (axes='xyz' of the partition keeps them)",)
+    return ReducedBasis(
+        name=name,
+        shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
+        omega=np.r_[np.zeros(6), pairs.omega],
+        labels=_pair_labels(pairs, n_elastic),
+        rigid=_rigid_coordinates(body, len(pairs.omega)),
+        nodal=np.empty(0, dtype=np.int64),
+        mass="consistent",
+        flexibility=residual_flexibility(body, pairs, static),
+        left_out=left_out,
+    )
+
+
+def _rigid_coordinates(body: FreeBody, n_elastic: int) -> Array:
+    return np.vstack([body.rigid.T @ (body.model.mass @ body.model.rigid_modes), np.zeros((n_elastic, 6))])
+
+
+def _pair_labels(pairs: RitzPairs, n_elastic: int) -> tuple[str, ...]:
+    """Labels of rigid motion and of pairs of `_with_attachments`, whose first are the elastic modes: the lowest."""
+    return _RIGID + _labels(np.where(np.arange(len(pairs.omega)) < n_elastic, "elastic", "attachment"), pairs.omega)
+
+
+def _labels(kinds: str | Array, omega: Array) -> tuple[str, ...]:
+    kinds = np.broadcast_to(kinds, omega.shape)
+    return tuple(f"{kind} {w / (2 * np.pi):.1f} Hz" for kind, w in zip(kinds, omega, strict=True))

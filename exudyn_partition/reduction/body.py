@@ -1,0 +1,318 @@
+"""The reduced body: reduced matrices, its contact patch and the recovery u = T q."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import InputError
+from ..fe.model import nearest_node, node_dofs, rigid_modes
+from ..fe.partition import Interface, Partition, Patch
+from ..support.archive import Format
+from ..support.arrays import Array
+from ..support.checks import (
+    check_floats,
+    check_indices,
+    read_only,
+    validate_array,
+    validate_number,
+    validate_positive,
+    validate_type,
+    validate_vector,
+)
+from ..surfaces.surface import Surface
+from .basis import ReducedBasis
+from .estimate import Estimate
+from .inertia import InertiaIntegrals
+from .loads import patch_slice
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBody:
+    """A body in reduced coordinates q: shape coordinates first, then x, y, z of each nodal column.
+
+    Parameters
+    ----------
+    basis : ReducedBasis
+    partition : Partition
+    points : (n, 3) array
+        Nodes of the FE model [m].
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Its surface, as `FEModel.facets`: what pictures need.
+    mass, stiffness : (n_dofs, n_dofs) csr matrix
+        T' M T and T' K T (paper, eq. 16).
+    total_mass : float
+        [kg]
+    centre_of_mass : (3,) array
+        [m]
+    f_cut : float
+        Truncation frequency [Hz].
+    reduce_s : float
+        Time that the reduction took [s]; of one of a pair, half of the pair's.
+    inertia : InertiaIntegrals
+        What a floating frame needs to know of the mass: of the elastic shapes, or with nodal columns of all shapes and
+        the body's part without those nodes.
+    estimate : Estimate or None
+        Estimated errors, of a body that was grown to a tolerance.
+    """
+
+    basis: ReducedBasis
+    partition: Partition
+    points: Array
+    facets: Array
+    mass: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    total_mass: float
+    centre_of_mass: Array
+    f_cut: float
+    reduce_s: float
+    inertia: InertiaIntegrals
+    estimate: Estimate | None = None
+
+    def __post_init__(self) -> None:
+        validate_type("basis", self.basis, ReducedBasis, "BASES")
+        validate_type("partition", self.partition, Partition, "Partition.ball()")
+        validate_type("inertia", self.inertia, InertiaIntegrals, "InertiaIntegrals.of()")
+        if self.estimate is not None:
+            validate_type("estimate", self.estimate, Estimate, "reduce(tolerance=)")
+        check_floats("points", self.points, (None, 3))
+        n_nodes, nodal = len(self.points), self.basis.nodal
+        check_indices("facets", self.facets, (None, None), n_nodes)
+        if self.facets.shape[1] not in (3, 4, 6):
+            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        if self.partition.n_nodes != n_nodes:
+            raise InputError(f"partition: it is of a mesh with {self.partition.n_nodes} nodes, the body has {n_nodes}")
+        check_floats("shapes", self.basis.shapes, (3 * n_nodes, None))
+        n_shapes = self.basis.shapes.shape[1]
+        for name in ("mass", "stiffness"):
+            matrix = getattr(self, name)
+            if not sp.issparse(matrix) or matrix.shape != (n_shapes + 3 * len(nodal),) * 2:
+                raise InputError(f"{name}: expected a sparse matrix of order {n_shapes + 3 * len(nodal)}")
+            check_floats(name, matrix.data, (None,))
+        if not (self.mass.diagonal() > 0).all():
+            raise InputError("mass: expected a positive mass of each coordinate")
+        if self.basis.flexibility is not None:
+            rows = patch_slice(self.partition, len(self.partition.patches)).start
+            check_floats("flexibility", self.basis.flexibility, (rows, rows))
+        n_fields = n_shapes if len(nodal) else n_shapes - 6
+        check_floats("inertia", self.inertia.cross, (3, n_fields, n_fields))
+        for name, unit in (("total_mass", "kg"), ("f_cut", "Hz")):
+            validate_positive(name, getattr(self, name), unit)
+        validate_number("reduce_s", self.reduce_s)
+        check_floats("centre_of_mass", self.centre_of_mass, (3,))
+        read_only(self.points, self.facets, self.centre_of_mass)
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of reduced coordinates."""
+        return self.mass.shape[0]
+
+    @property
+    def n_shapes(self) -> int:
+        """Number of shape coordinates, rigid ones included; they stand first."""
+        return self.basis.shapes.shape[1]
+
+    @property
+    def fe_dofs(self) -> int:
+        """Number of dofs of the FE model."""
+        return 3 * len(self.points)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What the body leaves out, in sentences."""
+        said = list(self.basis.left_out)
+        beside = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
+        if len(beside):
+            said.append(
+                f"contact rows at {len(beside)} nodes of the impact region, inside the body or beside the patch "
+                "(contact_radius of the partition widens the patch)"
+            )
+        said.append("strain and stress rows, until `recovery` is asked for them")
+        return tuple(said)
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(n_dofs, 6) array: coordinates of unit translations [m] and rotations [rad] about the centre of mass."""
+        arms = self.points[self.basis.nodal] - self.centre_of_mass
+        result = np.vstack([self.basis.rigid, rigid_modes(arms)])
+        read_only(result)
+        return result
+
+    def rows(self, nodes: Array) -> sp.csr_matrix | Array:
+        """T's rows of some nodes, (3k, n_dofs): dense where there are shapes only, csr with nodal columns.
+
+        Parameters
+        ----------
+        nodes : (k,) int array
+
+        Raises
+        ------
+        InputError
+            If they are no numbers of nodes.
+        """
+        nodes = np.asarray(nodes)
+        if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or not ((nodes >= 0) & (nodes < len(self.points))).all():
+            raise InputError(f"nodes: expected numbers of nodes, 0 to {len(self.points) - 1}, an array of shape (k,)")
+        dofs = node_dofs(nodes)
+        shapes = self.basis.shapes[dofs]
+        nodal = self.basis.nodal
+        if not len(nodal):
+            return shapes
+        column = np.full(len(self.points), -1)
+        column[nodal] = np.arange(len(nodal))
+        own = column[dofs // 3]
+        kept = np.flatnonzero(own >= 0)
+        identity = sp.csr_matrix(
+            (np.ones(len(kept)), (kept, 3 * own[kept] + dofs[kept] % 3)), shape=(len(dofs), 3 * len(nodal))
+        )
+        return sp.hstack([sp.csr_matrix(shapes), identity], format="csr")
+
+    def reduced_rows(self, rows: sp.csr_matrix) -> Array:
+        """Rows on the coordinates, rows T, (k, n_dofs), of rows on the nodal displacements, (k, 3n).
+
+        Parameters
+        ----------
+        rows : (k, 3n) csr matrix
+            As `recovery` makes them; rows @ u of the recovered displacements u is the result times q.
+
+        Raises
+        ------
+        InputError
+            If they are of another mesh.
+        """
+        if not sp.issparse(rows) and not (isinstance(rows, np.ndarray) and rows.ndim == 2):
+            raise InputError(f"rows: expected a csr matrix, as `recovery` makes them, got {type(rows).__name__}")
+        if rows.shape[1] != self.fe_dofs:
+            raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
+        dofs = (3 * self.basis.nodal[:, None] + np.arange(3)).ravel()
+        rows = sp.csr_matrix(rows)
+        return np.hstack([rows @ self.basis.shapes, rows[:, dofs].toarray()])
+
+    def displacement(self, q: Array) -> Array:
+        """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise.
+
+        Raises
+        ------
+        InputError
+            If q has another shape.
+        """
+        q = validate_array("q", q, (self.n_dofs,))
+        u = (self.basis.shapes @ q[: self.n_shapes]).reshape(-1, 3)
+        u[self.basis.nodal] += q[self.n_shapes :].reshape(-1, 3)
+        return u
+
+    def nearest_node(self, point: Array) -> int:
+        """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `fem.nearest_node`."""
+        return nearest_node(self.points, point)
+
+    def surface(self, position: Array, patch: int | str = 0) -> Surface:
+        """Contact patch `patch`, by number or name, with the body shifted by `position`, (3,) [m].
+
+        Raises
+        ------
+        InputError
+            If there is no such patch, or the position is no vector.
+        """
+        place = validate_vector("position", position)
+        return Surface.of(self.points, self.partition.patches[self.partition.patch(patch)], place)
+
+    def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array:
+        """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
+
+        Both are numbers or names of patches.
+
+        Raises
+        ------
+        InputError
+            If the basis has none, or there is no such patch.
+        """
+        if self.basis.flexibility is None:
+            raise InputError(f"body: basis {self.basis.name!r} has no residual flexibility, its patch has mass instead")
+        rows, columns = (
+            patch_slice(self.partition, self.partition.patch(key)) for key in (patch, patch if other is None else other)
+        )
+        return self.basis.flexibility[rows, columns]
+
+    def interface_rows(self, name: str) -> Array:
+        """Rows of an interface, (6, n_dofs): its mean translation [m] and rotation [rad] by the coordinates.
+
+        Transposed, they are the generalised forces of a unit force and moment on it.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        InputError
+            If there is no such interface.
+        """
+        interface = self.partition.find_interface(name)
+        return interface.motion @ self.rows(interface.nodes)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each column of T is, n_dofs of them."""
+        return self.basis.labels + tuple(f"nodal {axis} of node {node}" for node in self.basis.nodal for axis in "xyz")
+
+    def table(self) -> str:
+        """Columns of T, one a line: number, what it is."""
+        return "\n".join(f"{i:5d}  {label}" for i, label in enumerate(self.labels))
+
+    def save(self, path: str | Path) -> None:
+        """Write to an npz file, all fields in full precision; `load_body` reads it.
+
+        The file is written under another name and then renamed, so that a process that is killed leaves no half file.
+
+        Parameters
+        ----------
+        path : str or Path
+            Taken as it is, nothing is appended.
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or `path` is one.
+        """
+        FILE.save(path, self)
+
+    def __repr__(self) -> str:
+        return (
+            f"ReducedBody({self.basis.name!r}, {self.n_dofs} of {self.fe_dofs} dofs, f_cut {self.f_cut:.6g} Hz, "
+            f"{len(self.partition.patch_nodes)} patch nodes)"
+        )
+
+
+FILE = Format(
+    name="reduced body",
+    version=6,
+    units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
+    classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
+)
+
+
+def load_body(path: str | Path) -> ReducedBody:
+    """Read a body that `ReducedBody.save` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    ReducedBody
+        Equal to the saved one in every bit.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, of another kind, or of another version of the format.
+    """
+    body = FILE.load(path)
+    if not isinstance(body, ReducedBody):
+        raise InputError(f"path: expected a saved reduced body, got {len(body)} of them in {path}, from the cache")
+    return body

@@ -1,0 +1,106 @@
+"""Links under compression: the force between two interfaces of a body, against the load that buckles it there.
+
+A reduced body is linear: an axial force does not soften its bending, as it does in truth (P-delta). The share of the
+buckling load is what that is off by, in a link's stiffness against bending. The body itself knows both: its static
+answer to a force and moment between two interfaces is exact.
+
+S. P. Timoshenko, J. M. Gere, Theory of Elastic Stability, 1961, sections 1.11 and 2.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ..support.arrays import Array
+from .body import ReducedBody
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """Two interfaces of a body and what is between them.
+
+    Parameters
+    ----------
+    ends : (str, str)
+        Their names.
+    force : (n_dofs,) array
+        Tension between them, statically, by the body's coordinates without rigid motion [N].
+    buckling_load : float
+        Euler's, of a column whose ends are hinged [N].
+    period : float
+        Of its lowest bending vibration, hinged at both ends [s].
+    """
+
+    ends: tuple[str, str]
+    force: Array
+    buckling_load: float
+    period: float
+
+
+def links(body: ReducedBody) -> list[Link]:
+    """Links between all pairs of a body's interfaces."""
+    found = []
+    interfaces = body.partition.interfaces
+    if len(interfaces) < 2:
+        return []
+    rows = {interface.name: body.interface_rows(interface.name) for interface in interfaces}
+    answer = _static_answers(body, np.vstack([*rows.values()]).T)
+    for i, j in combinations(range(len(interfaces)), 2):
+        first, second = interfaces[i], interfaces[j]
+        way = second.position - first.position
+        length = float(np.linalg.norm(way))
+        if length == 0:
+            continue
+        # Motion of the second as the first's axes see it, and the balanced loads that do work on it.
+        moved = np.eye(6)
+        moved[:3, 3:] = -np.cross(np.eye(3), way)
+        relative = rows[second.name] - moved @ rows[first.name]
+        flexibility = relative @ (answer[:, 6 * j : 6 * j + 6] - answer[:, 6 * i : 6 * i + 6] @ moved.T)
+        axis = way / length
+        across = np.linalg.svd(axis[None])[2][1:]
+        bending = np.linalg.eigvalsh(across @ flexibility[3:, 3:] @ across.T)[-1]  # [rad/(N m)], length / (E I)
+        load = np.pi**2 / (length * bending)
+        found.append(
+            Link(
+                (first.name, second.name),
+                np.linalg.solve(flexibility, relative).T[:, :3] @ axis,
+                load,
+                2 * np.sqrt(length * body.total_mass / load),
+            )
+        )
+    return found
+
+
+def compression(link: Link, t: Array, elastic: Array) -> Array:
+    """Mean compression over a period of bending, (n,) [N]: a shorter pulse is over before the link bends.
+
+    Parameters
+    ----------
+    link : Link
+    t : (n,) array
+        [s]
+    elastic : (n, n_dofs) array
+        Coordinates of the motion within the frame.
+    """
+    impulse = np.r_[0.0, np.cumsum(np.diff(t) * _middles(-(elastic @ link.force)))]
+    # Before the start it was at rest: a run shorter than a period has less than its mean.
+    return (impulse - np.interp(t - link.period, t, impulse)) / link.period
+
+
+def _middles(x: Array) -> Array:
+    return (x[1:] + x[:-1]) / 2
+
+
+def _static_answers(body: ReducedBody, loads: Array) -> Array:
+    """Elastic coordinates by loads on the coordinates, both (n_dofs, k); inertia takes what is not balanced."""
+    border = body.mass @ sp.csr_matrix(body.rigid)
+    scale = body.stiffness.diagonal().max() / abs(border).max()
+    system = sp.bmat([[body.stiffness, scale * border], [scale * border.T, None]], format="csc")
+    balanced = loads - border @ np.linalg.solve(body.rigid.T @ border, body.rigid.T @ loads)
+    right = np.vstack([balanced, np.zeros((6, loads.shape[1]))])
+    return np.asarray(scipy.sparse.linalg.splu(system).solve(right)[: body.n_dofs])

@@ -1,0 +1,352 @@
+"""A-posteriori estimate of what a truncation costs: the impact itself, with the basis and with a richer one.
+
+Reduced bodies are so small that their impact takes a fraction of a second. So the error of a truncation at f need not
+be bounded by norms; it is measured on the scene's own impact, against the same bodies truncated at a higher f_top:
+
+    e(f) = ||F_f - F_top|| / ||F_top|| / (1 - (f / f_top)^2)
+
+F_f is the contact force over the whole duration, with modes up to f, the static answer of all others (residual
+flexibility), and 25 time steps a period of f; F_top likewise, so that the estimate holds truncation and time step
+together. `solve_dynamic` takes these steps by default, or shorter ones where the impact asks for them; then the error
+is smaller. What modes above f contribute beyond their static answer is their inertia, of
+relative size (w / w_k)^2 for motion at w: summed over the cut modes it falls as f^-2 (Rubin 1975; method.md,
+section 2). So ||F_f - F_top|| lacks the share (f / f_top)^2 of the error, which the denominator gives back
+(Richardson). The error of velocities is the same with the kinetic-energy norm of the difference of the two motions,
+integrated over the duration, relative to that of the velocity's change since the start.
+
+It is an estimate, no bound: it needs f_top high enough that the two differ less and less (saturation assumption; Bank
+and Weiser 1985), and knows nothing of the error of the mesh.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from ..algebra.complementarity import Complementarity
+from ..errors import InputError, ToleranceWarning
+from ..fe.model import FEModel, node_dofs
+from ..fe.partition import Partition
+from ..support.arrays import Array
+from ..support.checks import validate_number, validate_positive, validate_text
+from ..support.progress import Progress
+from ..surfaces.rows import pair_surfaces
+from ..surfaces.surface import Surface
+from .basis import residual_flexibility
+from .free_body import DROP_ABOVE, AdaptedSpace
+from .loads import patch_slice
+
+STEPS_A_PERIOD = 25  # default step of the truncation frequency, whose period is then 0.3 % off at most
+SAFETY = 0.9  # default explicit step: at most this share of the stability limit
+
+PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
+
+_AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
+_SETTLED = 3  # of the tolerance: how far the mobilities of the richer bodies settle
+_CROSSINGS = 30  # default duration: of a longitudinal wave through the larger body
+_SHORTEST, _LONGEST = 0.01, 1e4  # durations in such crossings: of the smaller body, of the larger one
+_FIRST = 8  # first f_top: times the inverse of a longitudinal wave's way through the smaller body and back
+_SAMPLES = 5000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated errors of a truncation, over the duration of an impact, relative L2; see the module's derivation.
+
+    Parameters
+    ----------
+    force : float
+        Of the total contact force.
+    velocity : float
+        Of the bodies' velocity fields in the kinetic-energy norm, relative to their change since the start.
+    f_cut : float
+        The truncation that they hold for [Hz].
+    f_top : float
+        Truncation of the richer bodies that it was compared with [Hz].
+    speed : float
+        Approach speed of the impact [m/s].
+    duration : float
+        [s]
+    against : str
+        What was hit, the worst of it: "a rigid plane", "a rigid sphere" or "the other body".
+    tolerance : float
+        What was asked for.
+    limit : str
+        What kept the estimate above the tolerance, and what to do; empty if nothing did.
+    """
+
+    force: float
+    velocity: float
+    f_cut: float
+    f_top: float
+    speed: float
+    duration: float
+    against: str
+    tolerance: float
+    limit: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("force", "velocity", "tolerance"):
+            if validate_number(name, getattr(self, name)) < 0:
+                raise InputError(f"{name}: expected an error that is not negative, got {getattr(self, name)}")
+        for name in ("f_cut", "f_top", "speed", "duration"):
+            validate_positive(name, getattr(self, name))
+        for name in ("against", "limit"):
+            validate_text(name, getattr(self, name))
+
+    @property
+    def error(self) -> float:
+        """The larger of both."""
+        return max(self.force, self.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """An impact in modal coordinates: h = gap + H q, lambda >= 0, h + F lambda >= 0, complementary.
+
+    Parameters
+    ----------
+    gap : (nc,) array
+        Initial gaps, the smallest zero [m].
+    H : (nc, n) array
+        Modal gap rows.
+    F : (nc, nc) array
+        Residual flexibility at the rows [m/N].
+    omega : (n,) array
+        [rad/s], zero for rigid motion.
+    velocity : (n,) array
+        Initial velocities of the coordinates.
+    """
+
+    gap: Array
+    H: Array
+    F: Array
+    omega: Array
+    velocity: Array
+
+    def truncated(self, omega_top: float) -> tuple[Impact, Array]:
+        """Without the dynamics of modes above `omega_top`, their static answer in F; and which coordinates it keeps."""
+        keep = self.omega < omega_top
+        cut = self.H[:, ~keep] / self.omega[~keep]
+        return Impact(self.gap, self.H[:, keep], self.F + cut @ cut.T, self.omega[keep], self.velocity[keep]), keep
+
+    def run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
+        """Integrate by velocity Verlet: times (m,), forces (m,) [N] and velocities (m, n)."""
+        problem = Complementarity(self.F)
+        stiffness = self.H.T @ np.linalg.solve(problem.F, self.H) + np.diag(self.omega**2)
+        limit = 2 / np.sqrt(scipy.linalg.eigvalsh(stiffness)[-1])
+        steps = int(np.ceil(duration / min(largest_step, SAFETY * limit)))
+        step, stride = duration / steps, max(1, steps // _SAMPLES)
+        squares = self.omega**2
+        q, v = np.zeros(len(squares)), self.velocity.copy()
+
+        def forces(q: Array) -> tuple[Array, float]:
+            lam = problem.solve(self.gap + self.H @ q)
+            index = problem.index
+            return (lam[index] @ self.H[index] if index.size else 0.0) - squares * q, float(lam.sum())
+
+        a, force = forces(q)
+        samples: list[tuple[float, float, Array]] = [(0.0, force, v.copy())]
+        for n in range(1, steps + 1):
+            v += 0.5 * step * a
+            q += step * v
+            a, force = forces(q)
+            v += 0.5 * step * a
+            if n % stride == 0 or n == steps:
+                samples.append((n * step, force, v.copy()))
+        t, force_at, v_at = zip(*samples, strict=True)
+        return np.array(t), np.array(force_at), np.array(v_at)
+
+
+def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> dict[str, Impact]:
+    """Impacts of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`, by the other.
+
+    Two bodies are moved along their line of contact until they touch; only their relative velocity matters. A body
+    alone hits a rigid plane. Of a flat patch, which meets a plane everywhere at once, the first impact is on a rigid
+    sphere whose Hertz contact just fills the patch: radius (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a
+    (eq. 30 and `hertz.impact`).
+    """
+    pairs = [space.pairs(f_top) for space in spaces]
+    surfaces = [
+        Surface.of(space.fem.points, space.partition.patches[i], np.zeros(3))
+        for space, i in zip(spaces, patches, strict=True)
+    ]
+    if len(spaces) == 1:
+        (surface,) = surfaces
+        line = surface.direction
+        gaps = _gaps_to_rigid(surface, spaces[0].fem, speed)
+        n = len(surface.points)
+        rows = [-sp.kron(sp.identity(n), line[None], format="csr")]
+        weights = [sp.identity(n, format="csr")]
+    else:
+        slave, master = surfaces
+        contact = pair_surfaces(slave, master, placed_by="the points of its mesh, which are taken as they are")
+        sizes = [len(surface.points) for surface in surfaces]
+        gaps, line, n = {"the other body": contact.gap}, contact.approach, len(contact.gap)
+        rows = list(contact.matrices(*sizes))
+        weights = list(contact.interpolation(*sizes))
+    H, omega = [], []
+    F = np.zeros((n, n))
+    for space, pair, i, G, w in zip(spaces, pairs, patches, rows, weights, strict=True):
+        patch, own = space.partition.patches[i], patch_slice(space.partition, i)
+        shapes = np.hstack([space.rigid, pair.vectors])
+        H.append(G @ (space.model.expand[node_dofs(patch.nodes)] @ shapes))
+        at_nodes = G if patch.axes == "xyz" else w
+        F += at_nodes @ residual_flexibility(space, pair, space.static)[own, own] @ at_nodes.T
+        omega.append(np.r_[np.zeros(6), pair.omega])
+    first = spaces[0]
+    velocity = np.zeros(sum(map(len, omega)))
+    translation = first.model.rigid_modes[:, :3] @ (speed * line)
+    velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
+    same = np.hstack(H), F, np.concatenate(omega), velocity
+    return {other: Impact(gap - gap.min(), *same) for other, gap in gaps.items()}
+
+
+def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Array]:
+    """Gaps, (np,) [m], to a rigid plane, and before those, of a flat patch, to a rigid sphere."""
+    height = surface.points @ surface.direction
+    foot = surface.points - surface.points.mean(axis=0)
+    across_squared = np.sum(foot**2, axis=1) - (foot @ surface.direction) ** 2
+    a_squared = across_squared.max()
+    stiffness = fem.material.plane_strain_modulus
+    radius = np.sqrt(16 * stiffness * a_squared**2.5 / (15 * fem.total_mass * speed**2))
+    sphere = across_squared / (2 * radius)
+    plane = height.max() - height
+    if plane.max() > sphere.max():
+        return {PLANE: plane}
+    return {SPHERE: plane + sphere, PLANE: plane}
+
+
+def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
+    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]."""
+    t, force, velocity = impact.run(duration, 1 / (STEPS_A_PERIOD * f_top))
+    scale = np.linalg.norm(force), np.linalg.norm(velocity - velocity[0])
+    result = []
+    for f in ladder:
+        coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
+        at, coarse_force, coarse_velocity = coarse.run(duration, 1 / (STEPS_A_PERIOD * f))
+        force_off = np.interp(t, at, coarse_force) - force
+        velocity_off = -velocity
+        velocity_off[:, keep] += np.stack([np.interp(t, at, v) for v in coarse_velocity.T], axis=1)
+        off = np.linalg.norm(force_off), np.linalg.norm(velocity_off)
+        result.append(np.divide(off, scale) / (1 - (f / f_top) ** 2))
+    return np.array(result)
+
+
+def grow_to_tolerance(
+    models: Sequence[tuple[FEModel, Partition]],
+    patches: Sequence[Sequence[int]],
+    *,
+    tolerance: float,
+    speed: float,
+    duration: float | None,
+    progress: Progress | None = None,
+) -> tuple[list[AdaptedSpace], Estimate]:
+    """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
+
+    The spaces grow to f_top, on them truncations down to f_top / 32 are tried; if none will do, f_top is raised. A flat
+    patch of a body alone is judged against a sphere and a plane; where the plane's errors do not fall, as a force that
+    rings does not let them, the sphere decides on the truncation, and the estimate says what the plane costs.
+
+    Parameters
+    ----------
+    models : sequence of (FEModel, Partition)
+    patches : sequence of sequence of int
+        The impacts to judge, each with the number of the patch of every body; the worst counts.
+    tolerance, speed : float
+        Tolerance relative; speed [m/s].
+    duration : float, optional
+        [s]; default: 30 crossings of a longitudinal wave through the larger body.
+
+    Returns
+    -------
+    list of AdaptedSpace, Estimate
+    """
+    crossing = [np.ptp(fem.points, axis=0).max() / fem.material.bar_wave_speed for fem, _ in models]
+    f_limit = min(fem.resolved_frequency for fem, _ in models)
+    f_top = min(_FIRST / (2 * min(crossing)), 2 * f_limit)
+    duration = _CROSSINGS * max(crossing) if duration is None else duration
+    shortest, longest = _SHORTEST * min(crossing), _LONGEST * max(crossing)
+    if not shortest <= duration <= longest:
+        raise InputError(
+            f"duration: expected {shortest:.3g} to {longest:.3g} s, {_SHORTEST:g} to {_LONGEST:g} crossings of a "
+            f"longitudinal wave, got {duration!r}"
+        )
+    spaces: list[AdaptedSpace] = []
+    while True:
+        for i, model in enumerate(models):
+            if i < len(spaces):
+                spaces[i].shift_to(f_top)
+            else:
+                spaces.append(AdaptedSpace(*model, f_top))
+            spaces[i].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
+        ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
+        impacts = {
+            (i, other): impact
+            for i, numbers in enumerate(patches)
+            for other, impact in impacts_of(spaces, f_top, numbers, speed).items()
+        }
+        flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
+        found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])
+        good = found.max(axis=2) <= tolerance / _AIM
+        at_end = f_top >= 2 * f_limit * (1 - 1e-9)
+        # A plane on a flat patch may make the force ring at any f_top: it is waited for while its errors fall, as the
+        # first power of the frequency at least.
+        hopeless = found[flat].max(axis=(0, 2), initial=0.0)
+        if good[:, -1].all() or at_end or (good[~flat, -1].all() and hopeless[-1] > hopeless[-3] / 2):
+            break
+        # Errors fall as f^-2.
+        f_top = min(f_top * np.clip(np.sqrt(found[:, -1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
+    kept = good.all(axis=0) if good[:, -1].all() else good[~flat].all(axis=0)
+    # The lowest from which on all do. If none does the richest: where errors do not fall, the least is so by chance.
+    n_good = int(np.argmin(np.r_[kept[::-1], False]))
+    chosen = len(ladder) - max(1, n_good)
+    worst = found[:, chosen].max(axis=1)
+    estimate = Estimate(
+        force=float(found[:, chosen, 0].max()),
+        velocity=float(found[:, chosen, 1].max()),
+        f_cut=float(ladder[chosen]),
+        f_top=float(f_top),
+        speed=speed,
+        duration=float(duration),
+        against=list(impacts)[int(worst.argmax())][1],
+        tolerance=tolerance,
+        limit=_limit(bool(good[:, -1].all()), bool(kept[-1]), worst[~flat].max(), f_limit, bool(flat.any())),
+    )
+    return spaces, estimate
+
+
+def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: float, flat: bool) -> str:
+    """What kept an estimate above its tolerance, and what to do."""
+    if reached:
+        return ""
+    if but_for_planes:
+        return (
+            "that a flat patch meets a plane everywhere at once: the force then rings about its mean at any f_cut (on "
+            f"a rigid sphere the estimated error is {on_spheres:.3g}). Read means and impulses there; if the other "
+            "body is known, take reduce_pair"
+        )
+    rings = "; a flat patch may ring on a plane at any f_cut" * flat
+    return f"the mesh, which resolves motion up to {f_limit:.4g} Hz. Refine it, or accept that estimate{rings}"
+
+
+def warn_if_missed(estimate: Estimate) -> None:
+    """Warn (`ToleranceWarning`) if something kept an estimate above its tolerance: of a body from the cache, too."""
+    if estimate.limit:
+        warnings.warn(
+            f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
+            f"{estimate.error:.3g}, to a factor of {_AIM}, against {estimate.against} at f_cut = "
+            f"{estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}",
+            ToleranceWarning,
+            stacklevel=3,
+        )
+
+
+def _share(progress: Progress | None, i: int, n: int) -> Progress | None:
+    """Progress of the i-th of n equal parts."""
+    return None if progress is None else lambda x: progress((i + x) / (n + 1))

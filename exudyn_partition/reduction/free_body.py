@@ -1,0 +1,159 @@
+"""The free body under its scene's loads: static answers, and the Krylov space that the contact-adapted basis is of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..algebra.factorisation import Factorisation
+from ..algebra.krylov import BlockKrylov, FreeBodyFlexibility, RitzPairs, mass_normalised, orthonormal_complement
+from ..errors import InputError
+from ..fe.model import FEModel
+from ..fe.partition import Partition
+from ..support.arrays import Array
+from ..support.progress import Progress
+from .loads import interface_loads, patch_rows, resultants, unit_loads
+from .tied import tie
+
+DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
+_GROWTH = 10  # Krylov vectors between two looks at the mobility
+_SETTLED = 0.1  # relative change of each load's mobility over the band by the last growth, at most
+_MEMORY = 0.02  # of a frequency: decay rate at which the mobility is taken, so that no lone resonance decides
+# Of 2 pi f_cut, where the mobility is judged: the whole band, and each octave below, however little of the band it is.
+_BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
+_OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
+
+
+COLUMNS = 96  # unit loads answered at a time: of all of them, only what is read is kept
+
+
+@dataclass(frozen=True, eq=False)
+class StaticAnswers:
+    """Elastic answers of a free body to `unit_loads`, as far as they are read.
+
+    Parameters
+    ----------
+    at_patches : (r, r) array
+        Displacements at the patches' rows by unit forces there, G F_e G' [m/N].
+    of_interfaces : (nz, 6 i) array
+        Displacements of all coordinates by the interfaces' unit resultants [m/N].
+    """
+
+    at_patches: Array
+    of_interfaces: Array
+
+
+class FreeBody:
+    """An FE model with its rigid interfaces tied and its rigid motion mass-normalised: where all bases start.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+    mass : {"consistent", "lumped"}
+
+    Raises
+    ------
+    InputError
+        If a rigid interface holds all nodes.
+    """
+
+    def __init__(self, fem: FEModel, partition: Partition, mass: str = "consistent") -> None:
+        self.fem, self.partition = fem, partition
+        self.model = tie(fem, partition, mass)
+        if self.model.n == 6:
+            raise InputError(
+                "partition: a rigid interface holds all nodes, so that nothing deforms; take fewer nodes, "
+                "kind='averaged', or a rigid body of Exudyn"
+            )
+        self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
+
+    def flexibility(self) -> FreeBodyFlexibility:
+        """Its elastic flexibility, which costs a factorisation."""
+        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
+
+    def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> StaticAnswers:
+        """Elastic answers of the free body to the loads of its patches and interfaces."""
+        flexibility = flexibility or self.flexibility()
+        rows = (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
+        at_patches = np.empty((rows.shape[0],) * 2)
+        for first in range(0, len(at_patches), COLUMNS):
+            block = slice(first, first + COLUMNS)
+            at_patches[:, block] = rows @ flexibility(rows[block].T.toarray())
+        of_interfaces = interface_loads(self.fem, self.partition.interfaces) @ self.model.expand
+        return StaticAnswers(at_patches, flexibility(of_interfaces.T.toarray()))
+
+
+class AdaptedSpace(FreeBody):
+    """The Krylov space of a body's contact and interface loads, and their static answers.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+    f_shift : float
+        The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
+
+    Raises
+    ------
+    InputError
+        If there is neither a contact patch nor an interface.
+    """
+
+    def __init__(self, fem: FEModel, partition: Partition, f_shift: float) -> None:
+        if not partition.patches and not partition.interfaces:
+            raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
+        super().__init__(fem, partition)
+        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition))
+        flexibility = self.flexibility()
+        self._lead = flexibility(self.loads)
+        self.static = self.static_answers(flexibility)
+        del flexibility  # its factors, before there are others
+        self.shift_to(f_shift)
+
+    def shift_to(self, f_shift: float) -> None:
+        """Begin the Krylov space anew, about half of `f_shift` [Hz]."""
+        self.__dict__.pop("krylov", None)  # its factors, before there are others
+        M, shift = self.model.mass, (np.pi * f_shift) ** 2
+        solve = Factorisation(self.model.stiffness + shift * M).solve
+        lead = orthonormal_complement(self._lead, M, self.rigid)
+        self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
+        self.krylov.grow(2 * _GROWTH)
+
+    def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
+        """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
+
+        That is the relative L2 change over the band, and the rms of the relative changes over all octaves: waves of low
+        frequency last longest, and the band's norm, in which its upper end is all that counts, lets them be wrong.
+        """
+        krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
+        s = omega_cut * np.vstack([_BAND, _OCTAVES])
+        static = np.einsum("ij,ij->j", self.loads, self._lead)
+        rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
+        mobility = np.zeros(rest.shape, dtype=complex)
+        while True:
+            omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
+            keep = omega < DROP_ABOVE * omega_cut
+            participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
+            # What modes answer beyond their static answer, at Laplace variables s.
+            previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
+            changes, whole = abs(mobility - previous), abs(mobility + rest)
+            band, octaves = slice(len(_BAND)), slice(len(_BAND), None)
+            change = np.maximum(
+                np.linalg.norm(changes[band], axis=0) / np.linalg.norm(whole[band], axis=0),
+                np.sqrt(np.mean((changes[octaves] / whole[octaves]) ** 2, axis=0)),
+            )
+            if progress:
+                progress(min(1.0, settled / change.max()) if change.any() else 1.0)
+            size = krylov.size
+            if change.max() <= settled:
+                return
+            if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:
+                return  # there is no more to find
+
+    def pairs(self, f_cut: float) -> RitzPairs:
+        """Ritz pairs below 1.5 times `f_cut`."""
+        omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
+        keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
+        return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])

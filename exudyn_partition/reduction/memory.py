@@ -1,0 +1,76 @@
+"""Memory that a reduction will need, told before it is asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from collections.abc import Iterator, Sequence
+
+from ..errors import MemoryLimitError, MemoryWarning
+from ..fe.model import FEModel
+from ..fe.partition import Partition
+from ..support.machine import available_memory
+from .free_body import COLUMNS
+
+_GB = 1e9
+# Entries of the factors in the order of nested dissection, over n^(4/3): 45 for a cube of 61 000 dofs, 17 for a plate.
+_FILL = 25
+_ENTRY = 12  # bytes of an entry and its index
+_DENSE_BLOCKS = 5  # of COLUMNS right-hand sides, at once
+_KRYLOV = 150  # vectors of a large Krylov space, with M times each and the room to grow
+_SQUARES = 6  # of the order of all patch rows, at once
+_MATRICES = 4  # sparse ones with the pattern of the stiffness, at once
+
+
+def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
+    """Estimated peak of memory beyond what is in use, to a factor of some two [bytes]."""
+    total, rows = 0.0, 0
+    for fem, partition in models:
+        n, nodes = fem.n_dofs, len(partition.patch_nodes)
+        total += _ENTRY * (_FILL * n ** (4 / 3) + _MATRICES * fem.stiffness.nnz)
+        columns = _DENSE_BLOCKS * COLUMNS + _KRYLOV
+        if basis == "craig-bampton":  # the answer to every displacement of the boundary is a shape
+            columns += 4 * 3 * nodes
+        total += 8.0 * n * columns
+        rows += sum(len(patch.nodes) * len(patch.directions) for patch in partition.patches)
+    return total + 8.0 * _SQUARES * rows**2
+
+
+@contextlib.contextmanager
+def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator[None]:
+    """Warn of, or refuse, a reduction that memory is too small for, and name a MemoryError that comes all the same.
+
+    Raises
+    ------
+    MemoryLimitError
+        If the estimate is above all that this process may have, or memory runs out.
+
+    Warns
+    -----
+    MemoryWarning
+        If it is above what is free.
+    """
+    need, (free, most) = needed(models, basis), available_memory()
+    sizes = ", ".join(f"{fem.n_dofs} dofs with {len(partition.patch_nodes)} patch nodes" for fem, partition in models)
+    remedy = (
+        "Coarsen the mesh: three elements per contact radius are enough, and only near the patch (refine= of "
+        "fe_model); or make the patch smaller (contact_radius= of the partition)"
+    )
+    if need > most:
+        raise MemoryLimitError(
+            f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory, of {most / _GB:.3g} GB that there are. "
+            f"{remedy}"
+        )
+    if need > free:
+        warnings.warn(
+            f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory, of {free / _GB:.3g} GB that are free. "
+            f"{remedy}",
+            MemoryWarning,
+            stacklevel=7,  # the caller of reduce or reduce_pair
+        )
+    try:
+        yield
+    except MemoryError as error:
+        raise MemoryLimitError(
+            f"fem: memory ran out while reducing {sizes}, which was estimated to need {need / _GB:.3g} GB. {remedy}"
+        ) from error

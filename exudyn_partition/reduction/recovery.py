@@ -1,0 +1,460 @@
+"""Recovery of strain and stress, on request: at points, along strain gauges, and as nodal fields.
+
+Whatever is linear in the nodal displacements is a sparse matrix of rows on them, xyz interleaved as in `FEModel`. The
+same rows serve the full model, `rows @ u`, and a reduced one, `ReducedBody.reduced_rows` and `PartitionBody.recover`.
+
+Six components stand in Voigt order xx, yy, zz, yz, xz, xy; shear strains are engineering ones, gamma_xy = 2 eps_xy.
+
+With the residual and contact-adapted bases the recovered field is that of the kept shapes. What all others add to the
+static answer is at the contact alone, as its residual flexibility, and is missing here. That is much: it fades only
+beyond a wavelength at f_cut. `static_correction` gives it back (mode acceleration). The other bases have no such part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from ..algebra.factorisation import one_blas_thread
+from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
+from ..errors import InputError, MeshError
+from ..fe.material import Material
+from ..fe.model import TET_EDGES, FEModel
+from ..support.arrays import Array
+from ..support.checks import (
+    read_only,
+    validate_array,
+    validate_items,
+    validate_positive,
+    validate_text,
+    validate_type,
+    validate_vector,
+)
+from ..surfaces.surface import closest_points
+from .body import ReducedBody
+from .loads import pressure
+from .tied import tie
+
+# Nodes of a tetrahedron in local coordinates.
+_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
+_LOCAL_NODES = np.vstack([_CORNERS, _CORNERS[TET_EDGES].mean(axis=1)])
+_CORNER_GRADIENT = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+
+# eps_v = sum_ab _VOIGT[v, a, b] du_a/dx_b
+_VOIGT = np.zeros((6, 3, 3))
+_VOIGT[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
+_VOIGT[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = 1.0
+_VOIGT[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 1.0
+
+# How far outside a point may lie, as a share of an element's height: points on a curved surface and its facets.
+_OVERSHOOT = 0.05
+_NEWTON_STEPS = 20
+_CONVERGED = 1e-9  # local coordinates
+
+
+@dataclass(frozen=True, eq=False)
+class StrainGauge:
+    """A strain gauge bonded to a body: it measures the mean normal strain along its length.
+
+    Nothing is projected: on a surface `direction` has to lie in it, so that both ends of the gauge are in the body.
+
+    Parameters
+    ----------
+    position : (3,) array
+        Its middle, in the body's own coordinates [m].
+    direction : (3,) array
+        Its axis, of any length but zero; stored as a unit vector.
+    length : float
+        Gauge length [m].
+    name : str
+        For messages and legends.
+
+    Raises
+    ------
+    InputError
+    """
+
+    position: Array
+    direction: Array
+    length: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", validate_vector("position", self.position))
+        direction = validate_vector("direction", self.direction)
+        size = np.linalg.norm(direction)
+        if not 0 < size < np.inf:
+            raise InputError(
+                f"direction: expected the gauge's axis, a vector that has a length, got {self.direction!r}"
+            )
+        direction = direction / size
+        read_only(direction)
+        object.__setattr__(self, "direction", direction)
+        object.__setattr__(self, "length", validate_positive("length", self.length, "m"))
+        validate_text("name", self.name)
+
+    @property
+    def ends(self) -> Array:
+        """(2, 3) array: its two ends [m]."""
+        return self.position + np.outer([-0.5, 0.5], self.length * self.direction)
+
+
+def gauge_rows(fem: FEModel, gauges: Sequence[StrainGauge]) -> sp.csr_matrix:
+    """Strain of gauges, (u(x + d L / 2) - u(x - d L / 2)) . d / L: the exact mean of d . eps d along each.
+
+    Parameters
+    ----------
+    fem : FEModel
+    gauges : sequence of k StrainGauge
+
+    Returns
+    -------
+    (k, 3n) csr matrix
+        [1/m]; times nodal displacements [m] it gives strains.
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, or an end of a gauge lies outside the body, beyond 5 % of an element's height.
+    MeshError
+        If the elements are no tetrahedra.
+    """
+    gauges = validate_items("gauges", gauges, StrainGauge, "StrainGauge()")
+    if not gauges:
+        raise InputError("gauges: expected at least one StrainGauge, got none")
+    k = len(gauges)
+    ends = np.array([gauge.ends for gauge in gauges]).reshape(-1, 3)
+    weights = np.array([np.outer([-1, 1], gauge.direction / gauge.length) for gauge in gauges])
+    difference = sp.csr_matrix((weights.ravel(), np.arange(6 * k), 6 * np.arange(k + 1)), shape=(k, 6 * k))
+    return difference @ _interpolation(fem, *_locate(fem, ends, lambda i: f"gauges[{i // 2}] {gauges[i // 2].name!r}"))
+
+
+def displacement_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
+    """Displacement of points, interpolated by the shape functions.
+
+    Parameters
+    ----------
+    fem : FEModel
+    points : (k, 3) array
+        In the body's own coordinates [m].
+
+    Returns
+    -------
+    (3k, 3n) csr matrix
+        x, y, z of each point.
+
+    Raises
+    ------
+    InputError, MeshError
+        See `gauge_rows`.
+    """
+    return _interpolation(fem, *_locate(fem, validate_array("points", points, (None, 3))))
+
+
+def strain_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
+    """Strain at points, from the gradients of the shape functions.
+
+    Strain jumps between elements; at a point between some it is that of one of them.
+
+    Parameters
+    ----------
+    fem : FEModel
+    points : (k, 3) array
+        In the body's own coordinates [m].
+
+    Returns
+    -------
+    (6k, 3n) csr matrix
+        xx, yy, zz, yz, xz, xy of each point [1/m], engineering shear strains.
+
+    Raises
+    ------
+    InputError, MeshError
+        See `gauge_rows`.
+    """
+    cell, local = _locate(fem, validate_array("points", points, (None, 3)))
+    gradient = _gradients(fem.points[fem.cells[cell]], local)
+    return _rows(fem, cell, np.einsum("vab,mkb->mvka", _VOIGT, gradient))
+
+
+def stress_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
+    """Stress at points by Hooke's law, as `strain_rows`.
+
+    Parameters
+    ----------
+    fem : FEModel
+    points : (k, 3) array
+        In the body's own coordinates [m].
+
+    Returns
+    -------
+    (6k, 3n) csr matrix
+        xx, yy, zz, yz, xz, xy of each point [Pa/m].
+
+    Raises
+    ------
+    InputError, MeshError
+        See `gauge_rows`.
+    """
+    strain = strain_rows(fem, points)
+    return sp.kron(sp.identity(strain.shape[0] // 6), _elasticity(fem.material), format="csr") @ strain
+
+
+def nodal_strain(fem: FEModel, displacement: Array) -> Array:
+    """Strain field: at each node the mean of its elements' strains there, weighted by their volumes.
+
+    Parameters
+    ----------
+    fem : FEModel
+    displacement : (n, 3) array
+        Nodal displacements [m], as `ReducedBody.displacement` gives them.
+
+    Returns
+    -------
+    (n, 6) array
+        xx, yy, zz, yz, xz, xy, engineering shear strains.
+
+    Raises
+    ------
+    InputError, MeshError
+    """
+    _validate_tetrahedra(fem)
+    u = validate_array("displacement", displacement, (fem.n_nodes, 3))[fem.cells]
+    x = fem.points[fem.cells]
+    cells = np.arange(len(x))
+    total, weight = np.zeros((fem.n_nodes, 6)), np.zeros((fem.n_nodes, 1))
+    for local, nodes in zip(_LOCAL_NODES, fem.cells.T, strict=False):  # 4 or 10 of them; corners come first
+        gradient = _gradients(x, np.broadcast_to(local, (len(x), 3)))
+        strain = np.einsum("vab,mab->mv", _VOIGT, np.einsum("mka,mkb->mab", u, gradient))
+        gather = sp.csr_matrix((fem.cell_mass, (nodes, cells)), shape=(fem.n_nodes, len(x)))
+        total += gather @ strain
+        weight += gather.sum(axis=1)
+    return total / weight
+
+
+def nodal_stress(fem: FEModel, displacement: Array) -> Array:
+    """Stress field by Hooke's law, averaged as `nodal_strain`.
+
+    Parameters
+    ----------
+    fem : FEModel
+    displacement : (n, 3) array
+        Nodal displacements [m].
+
+    Returns
+    -------
+    (n, 6) array
+        xx, yy, zz, yz, xz, xy [Pa].
+
+    Raises
+    ------
+    InputError, MeshError
+    """
+    return nodal_strain(fem, displacement) @ _elasticity(fem.material)
+
+
+def von_mises(stress: Array) -> Array:
+    """Von Mises stress, (...) [Pa], of stresses (..., 6) [Pa] in the order xx, yy, zz, yz, xz, xy.
+
+    Raises
+    ------
+    InputError
+        If the last axis is not of length six, or they are no finite numbers.
+    """
+    shape = np.shape(stress) if isinstance(stress, np.ndarray | list | tuple) else ()
+    if shape[-1:] != (6,):
+        raise InputError(f"stress: expected six components on the last axis, got shape {shape}")
+    stress = validate_array("stress", stress, (*[None] * (len(shape) - 1), 6))
+    normal, shear = stress[..., :3], stress[..., 3:]
+    differences = normal - np.roll(normal, 1, axis=-1)
+    return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
+
+
+def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None = None) -> Array:
+    """Static displacement by a unit contact force that the kept shapes lack: the mode-acceleration correction.
+
+    The force presses on the contact patch with uniform pressure, so that it holds where the patch's size does not
+    matter. It completes a history, as `force` is positive in compression::
+
+        item.recover(result, rows) + np.outer(contact.force(result), rows @ static_correction(fem, body).ravel())
+
+    What is left is the inertia of the cut modes, as in the contact itself: of the order of (f / f_cut)^2.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+        Of `fem`, with the residual or contact-adapted basis.
+    patch : int or str, optional
+        Which contact patch, if there are several.
+
+    Returns
+    -------
+    (n, 3) array
+        [m/N]
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, the basis has no residual flexibility, or the body is of another mesh.
+
+    References
+    ----------
+    R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, section 11.4.
+    """
+    answer = StaticAnswer(fem, body)
+    return answer(-pressure(fem, body.partition.patches[body.partition.patch(patch)]).reshape(-1, 3))
+
+
+class StaticAnswer:
+    """What the kept shapes of a body lack of the static answer to nodal forces; see `static_correction`.
+
+    The body's stiffness is factorised once; each answer is one solution with it.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+        Of `fem`, with the residual or contact-adapted basis.
+
+    Raises
+    ------
+    InputError
+        If the basis has no residual flexibility, or the body is of another mesh.
+    """
+
+    def __init__(self, fem: FEModel, body: ReducedBody) -> None:
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_type("body", body, ReducedBody, "reduce() or load_body()")
+        if body.basis.flexibility is None:
+            raise InputError(
+                f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
+            )
+        body.partition.check_mesh(fem, "fem: expected the body's own mesh")
+        self._basis = body.basis
+        with one_blas_thread():
+            self._model = tie(fem, body.partition)
+            rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
+            self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
+
+    def check(self, body: ReducedBody) -> None:
+        """Raise unless the answers are those of `body`.
+
+        Raises
+        ------
+        InputError
+        """
+        validate_type("body", body, ReducedBody, "reduce() or load_body()")
+        if body.basis is not self._basis:
+            raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
+
+    def __call__(self, forces: Array) -> Array:
+        """Displacements, (n, 3) [m], by forces on the nodes in the body's axes, (n, 3) [N]."""
+        basis, load = self._basis, forces.ravel()
+        elastic = basis.omega > 0
+        amplitude = np.zeros(len(elastic))
+        amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
+        with one_blas_thread():
+            expand = self._model.expand
+            answer = expand @ self._flexibility((expand.T @ load)[:, None])[:, 0]
+        return (answer - basis.shapes @ amplitude).reshape(-1, 3)
+
+
+def _elasticity(material: Material) -> Array:
+    """(6, 6) matrix of Hooke's law on engineering strains [Pa]."""
+    D = material.shear_modulus * np.diag([2.0, 2, 2, 1, 1, 1])
+    D[:3, :3] += material.lame
+    return D
+
+
+def _rows(fem: FEModel, cell: Array, coefficients: Array) -> sp.csr_matrix:
+    """Rows with `coefficients`, (m, r, nodes of a cell, 3), on the displacements of m cells: (m r, 3n)."""
+    m, r, k, _ = coefficients.shape
+    columns = np.broadcast_to((3 * fem.cells[cell][:, :, None] + np.arange(3))[:, None], coefficients.shape)
+    starts = 3 * k * np.arange(m * r + 1)
+    matrix = sp.csr_matrix((coefficients.ravel(), columns.ravel(), starts), shape=(m * r, fem.n_dofs))
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def _interpolation(fem: FEModel, cell: Array, local: Array) -> sp.csr_matrix:
+    values, _ = _shape_functions(local, fem.cells.shape[1])
+    return _rows(fem, cell, values[:, None, :, None] * np.eye(3)[:, None])
+
+
+def _shape_functions(local: Array, n_nodes: int) -> tuple[Array, Array]:
+    """Shape functions of tetrahedra, (m, n_nodes), and their local derivatives, (m, n_nodes, 3), at `local`, (m, 3)."""
+    corner = np.column_stack([1 - local.sum(axis=1), local])
+    if n_nodes == 4:
+        return corner, np.broadcast_to(_CORNER_GRADIENT, (len(local), 4, 3))
+    a, b = TET_EDGES.T
+    values = np.hstack([corner * (2 * corner - 1), 4 * corner[:, a] * corner[:, b]])
+    at_corners = (4 * corner - 1)[:, :, None] * _CORNER_GRADIENT
+    at_edges = 4 * (corner[:, a, None] * _CORNER_GRADIENT[b] + corner[:, b, None] * _CORNER_GRADIENT[a])
+    return values, np.concatenate([at_corners, at_edges], axis=1)
+
+
+def _gradients(nodes: Array, local: Array) -> Array:
+    """Derivatives of the shape functions in space [1/m], of cells with `nodes`; both (m, nodes of a cell, 3)."""
+    _, derivatives = _shape_functions(local, nodes.shape[1])
+    return derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
+
+
+def _validate_tetrahedra(fem: FEModel) -> None:
+    validate_type("fem", fem, FEModel, "fe_model()")
+    if fem.cells.shape[1] not in (4, 10):
+        raise MeshError(f"cells: recovery expects tetrahedra with 4 or 10 nodes, got {fem.cells.shape[1]} nodes")
+
+
+def _locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]".format) -> tuple[Array, Array]:
+    """Cell of each point and its local coordinates there, (m,) and (m, 3).
+
+    A point slightly outside keeps its coordinates outside the cell: so extrapolated, linear fields remain exact.
+    """
+    _validate_tetrahedra(fem)
+    nodes = fem.points[fem.cells]
+    # Spheres around the cells, not the nearest centroids: in a graded mesh those of many small cells can be nearer.
+    centre = nodes.mean(axis=1)
+    radius = 1.1 * np.linalg.norm(nodes - centre[:, None], axis=2).max(axis=1)
+    near = cKDTree(points).query_ball_point(centre, radius)
+    cell = np.repeat(np.arange(len(nodes)), [len(found) for found in near])
+    point = np.fromiter(chain.from_iterable(near), dtype=np.int64, count=len(cell))
+    local = _local_coordinates(nodes[cell], points[point])
+    depth = np.minimum(local.min(axis=1), 1 - local.sum(axis=1))
+    order = np.argsort(depth)
+    order = order[depth[order] >= -_OVERSHOOT]
+    pair = np.full(len(points), -1)
+    pair[point[order]] = order  # the last one stays: the cell in which the point lies deepest
+    outside = np.flatnonzero(pair < 0)
+    if len(outside):
+        i = int(outside[0])
+        facets = fem.points[fem.facets]
+        surface = closest_points(points[[i]], facets)
+        nearest = surface.weights[0] @ facets[surface.facet[0]]
+        raise InputError(
+            f"{name(i)}: {points[i]} m lies outside the body, {np.linalg.norm(points[i] - nearest):.4g} m from the "
+            f"nearest point of its surface, {nearest} m"
+        )
+    return cell[pair], local[pair]
+
+
+def _local_coordinates(nodes: Array, targets: Array) -> Array:
+    """Local coordinates of `targets`, (m, 3), in cells with `nodes`, by Newton; nan where it does not converge."""
+    local = np.full((len(nodes), 3), 0.25)
+    for _ in range(_NEWTON_STEPS):
+        values, derivatives = _shape_functions(local, nodes.shape[1])
+        miss = targets - np.einsum("mk,mka->ma", values, nodes)
+        jacobian = np.einsum("mka,mkj->maj", nodes, derivatives)
+        before = local
+        # Far outside a curved cell the map folds; what leaves this box is not in the cell.
+        local = np.clip(local + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0], -1, 2)
+        moving = abs(local - before).max(axis=1, initial=0) > _CONVERGED
+        if not moving.any():
+            break
+    local[moving] = np.nan
+    return local

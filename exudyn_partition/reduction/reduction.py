@@ -1,0 +1,317 @@
+"""From an FE model to a reduced body: at a truncation frequency, or to a tolerance of its impact."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.factorisation import one_blas_thread
+from ..errors import FrequencyRangeError, InputError
+from ..fe.model import FEModel, node_dofs
+from ..fe.partition import Partition
+from ..support.cache import cached
+from ..support.checks import validate_callable, validate_choice, validate_positive, validate_type
+from ..support.progress import Progress, shown
+from . import basis as bases
+from .basis import ReducedBasis
+from .body import FILE, ReducedBody
+from .estimate import Estimate, grow_to_tolerance, warn_if_missed
+from .inertia import InertiaIntegrals
+from .memory import watched
+
+_SPEED = 1.0  # m/s
+_FASTEST = 1e30  # m/s: errors do not depend on the speed of impact, but numbers have an end
+_OVERSIZE = 2  # times maxh is what Netgen's largest elements come out as
+
+BASES = {
+    "free": bases.free,
+    "craig-bampton": bases.craig_bampton,
+    "residual": bases.residual,
+    "contact-adapted": bases.contact_adapted,
+}
+
+
+def reduce(
+    fem: FEModel,
+    partition: Partition,
+    *,
+    f_cut: float | None = None,
+    tolerance: float | None = None,
+    basis: str = "contact-adapted",
+    speed: float | None = None,
+    duration: float | None = None,
+    progress: Progress | None = None,
+    cache: bool | str | Path = False,
+) -> ReducedBody:
+    """Reduce a free body, to a truncation frequency or to a tolerance.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+        Impact region, contact patches and interfaces.
+    f_cut : float, optional
+        Truncation frequency [Hz]: motion below it is kept. The paper's principle: twice the highest frequency of the
+        response (section 5.2), `truncation_frequency`. A body whose modes all lie above is rigid but for its contact.
+    tolerance : float, optional
+        Instead of `f_cut`: the contact-adapted basis grows until the estimated errors of force and velocity are below
+        it when the body hits a rigid plane, and a rigid sphere too if the patch is flat; see `body.estimate` and module
+        `estimate`. For two bodies that hit each other `reduce_pair` knows better.
+    basis : {"contact-adapted", "residual", "craig-bampton", "free"}
+        "free" is the paper's, "craig-bampton" keeps the patch's nodes as boundary with their static answer, "residual"
+        all modes below `f_cut` with the residual flexibility of the contact, "contact-adapted" only what contacts and
+        interfaces excite, with the same residual flexibility.
+    speed, duration : float, optional
+        Of that impact [m/s], [s], with `tolerance`; see `reduce_pair`. Default of the speed: 1 m/s.
+    progress : callable, optional
+        Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes more than two seconds.
+    cache : bool or path
+        Whether to keep the body for the next run that reduces the same FE model in the same way, `reduce_s` included.
+        True: in the folder that the environment variable EXUDYN_PARTITION_CACHE names, or in the user's folder for
+        caches; a path: in that folder. Nothing there is ever deleted; it may be, at any time.
+
+    Returns
+    -------
+    ReducedBody
+
+    Raises
+    ------
+    FrequencyRangeError
+        If the mesh does not resolve `f_cut`; or no elastic mode lies below it, with basis "free" or "craig-bampton".
+    InputError
+        If another argument is out of range, both or none of `f_cut` and `tolerance` are given, or the impact region
+        holds every node and the basis is not "free".
+    MemoryLimitError
+        If memory is too small, by an estimate before the work, or runs out.
+
+    Warns
+    -----
+    ToleranceWarning
+        If the mesh does not let the basis reach the tolerance, the best body is returned; or if a flat patch would ring
+        on a plane whatever is kept, the body is one for curved partners.
+    UnitsWarning
+        If `f_cut` is so far below all modes that it may be in kHz.
+    CacheWarning
+        If a kept file is damaged, or the folder cannot be written; the body is computed.
+    MemoryWarning
+        If the reduction needs more memory than is free, by an estimate.
+    """
+    _validate_partition(fem, partition)
+    validate_choice("basis", basis, BASES)
+    _validate_progress(progress)
+    if len(partition.nodes) == fem.n_nodes and basis != "free":
+        raise InputError(
+            f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
+            "Take a smaller radius, or basis='free', which is the full FE model then"
+        )
+    if (f_cut is None) == (tolerance is None):
+        raise InputError(
+            f"f_cut, tolerance: expected one of them, got f_cut={f_cut!r} and tolerance={tolerance!r}. f_cut [Hz] "
+            "truncates, tolerance=1e-2 grows the basis until its estimated error is below 1 %"
+        )
+    # Whatever changes the body belongs into `inputs`.
+    inputs: dict[str, Any] = {"fem": fem, "partition": partition, "basis": basis}
+    if f_cut is not None:
+        for name, value in (("speed", speed), ("duration", duration)):
+            if value is not None:
+                raise InputError(f"{name}: {value!r} has no effect beside f_cut; it is of the impact of a tolerance")
+        f_cut = _resolved(fem, f_cut)
+        inputs |= {"f_cut": f_cut}
+        with shown(progress, "reduce") as report:
+            body = cached(cache, inputs, FILE, lambda: _reduce(fem, partition, f_cut, basis, report))
+        if body.n_dofs == body.rigid.shape[1]:
+            bases.warn_if_far_below(fem, f_cut)
+    else:
+        if basis != "contact-adapted":
+            raise InputError(f"tolerance: only basis 'contact-adapted' grows to a tolerance, got {basis!r}; give f_cut")
+        options = _impact_options(tolerance, _SPEED if speed is None else speed, duration)
+        models, patches = [(fem, partition)], [[i] for i in range(len(partition.patches))]
+        if not patches:
+            raise InputError("tolerance: the partition has no contact patch whose force could be judged; give f_cut")
+        inputs |= options
+        with shown(progress, "reduce to a tolerance") as report:
+            (body,) = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, patches, options, report))
+        warn_if_missed(body.estimate)
+    return body
+
+
+def reduce_pair(
+    slave: tuple[FEModel, Partition],
+    master: tuple[FEModel, Partition],
+    *,
+    tolerance: float,
+    speed: float,
+    duration: float | None = None,
+    patches: tuple[int | str | None, int | str | None] = (None, None),
+    progress: Progress | None = None,
+    cache: bool | str | Path = False,
+) -> tuple[ReducedBody, ReducedBody]:
+    """Reduce two bodies so far that the error of their impact on each other is below a tolerance.
+
+    How fine a body has to be depends on what it hits: a plate yields within microseconds where a wall would not. Both
+    bodies' spaces grow together, and their impact decides on a truncation common to both; see module `estimate`.
+
+    Parameters
+    ----------
+    slave, master : (FEModel, Partition)
+        Placed where they touch, or apart along their line of contact.
+    tolerance : float
+        Of contact force and velocities, relative L2 over `duration`.
+    speed : float
+        Approach speed along the line of contact [m/s].
+    duration : float, optional
+        How long the impact is followed [s]. Default: 30 crossings of a longitudinal wave through the larger body.
+    patches : (int or str, int or str), optional
+        Which patches meet, if a body has several.
+    progress, cache :
+        As for `reduce`.
+
+    Returns
+    -------
+    (ReducedBody, ReducedBody)
+        Both with the same `estimate`.
+
+    Raises
+    ------
+    InputError, EmptyRegionError, PenetrationError, MemoryLimitError
+
+    Warns
+    -----
+    ToleranceWarning, CacheWarning, MemoryWarning
+        As `reduce`.
+    """
+    for name, model in (("slave", slave), ("master", master)):
+        if not isinstance(model, tuple | list) or len(model) != 2:
+            raise InputError(
+                f"{name}: expected (FEModel, Partition), got {type(model).__name__}; call "
+                "reduce_pair((fem, partition), (fem, partition), ...)"
+            )
+        _validate_partition(*model)
+    _validate_progress(progress)
+    if not isinstance(patches, tuple | list) or len(patches) != 2:
+        raise InputError(f"patches: expected the slave's and the master's, two names or numbers, got {patches!r}")
+    numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
+    options = _impact_options(tolerance, speed, duration)
+    models = [slave, master]
+    inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
+    with shown(progress, "reduce a pair") as report:
+        pair = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
+    warn_if_missed(pair[0].estimate)
+    return pair
+
+
+def _validate_progress(progress: Progress | None) -> None:
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
+
+
+def _validate_partition(fem: FEModel, partition: Partition) -> None:
+    validate_type("fem", fem, FEModel, "fe_model()")
+    validate_type("partition", partition, Partition, "Partition.ball()")
+    partition.check_mesh(fem)
+
+
+def _resolved(fem: FEModel, f_cut: float) -> float:
+    f_cut = validate_positive("f_cut", f_cut, "Hz")
+    if f_cut > fem.resolved_frequency:
+        wall, resolved = fem.weakest_wall, fem.resolved_frequency
+        wanted = min(wall.element_for(f_cut), fem.max_size * fem.resolved_shear_frequency / f_cut)
+        if wall.frequency <= resolved:
+            what = f"bending waves of a wall of {wall.thickness:.3g} m in elements {wall.element:.3g} m long"
+        else:
+            what = f"four node spacings a shear wave in its largest element, of size {fem.max_size:.4g} m"
+        raise FrequencyRangeError(
+            f"f_cut: the mesh resolves {resolved:.4g} Hz ({what}), got {f_cut:.6g} Hz. Refine it to elements of "
+            f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut"
+        )
+    return f_cut
+
+
+def _impact_options(tolerance: float | None, speed: float, duration: float | None) -> dict[str, float | None]:
+    tolerance = validate_positive("tolerance", tolerance)
+    if tolerance >= 1:
+        raise InputError(f"tolerance: expected a relative error below 1, such as 0.01, got {tolerance!r}")
+    speed = validate_positive("speed", speed, "m/s")
+    if not 1 / _FASTEST < speed < _FASTEST:
+        raise InputError(f"speed: expected {1 / _FASTEST:g} to {_FASTEST:g} m/s, got {speed!r}")
+    return {
+        "tolerance": tolerance,
+        "speed": speed,
+        "duration": None if duration is None else validate_positive("duration", duration, "s"),
+    }
+
+
+def _reduce(fem: FEModel, partition: Partition, f_cut: float, basis: str, progress: Progress | None) -> ReducedBody:
+    begin = time.perf_counter()
+    with watched([(fem, partition)], basis), one_blas_thread():
+        reduced = BASES[basis](fem, partition, f_cut, progress)
+        return _body(fem, partition, reduced, f_cut, begin)
+
+
+def _reduce_to_tolerance(
+    models: list[tuple[FEModel, Partition]],
+    patches: list[list[int]],
+    options: dict[str, Any],
+    progress: Progress | None,
+) -> tuple[ReducedBody, ...]:
+    begin = time.perf_counter()
+    with watched(models, "contact-adapted"), one_blas_thread():
+        spaces, estimate = grow_to_tolerance(models, patches, **options, progress=progress)
+        reduced = [bases.adapted_basis(space, estimate.f_cut, "a smaller tolerance keeps more") for space in spaces]
+        bodies = [_body(*model, r, estimate.f_cut, begin, estimate) for model, r in zip(models, reduced, strict=True)]
+    share = (time.perf_counter() - begin) / len(bodies)
+    return tuple(replace(body, reduce_s=share) for body in bodies)
+
+
+def _body(
+    fem: FEModel,
+    partition: Partition,
+    reduced: ReducedBasis,
+    f_cut: float,
+    begin: float,
+    estimate: Estimate | None = None,
+) -> ReducedBody:
+    mass, stiffness = _reduced_matrices(fem, reduced)
+    wall = fem.weakest_wall
+    if f_cut > wall.accurate_frequency:
+        said = (
+            f"bending waves above {wall.accurate_frequency:.3g} Hz, in part: elements {wall.element:.3g} m long in a "
+            f"wall of {wall.thickness:.3g} m make them more than 8 % too fast (a finer mesh, maxh)"
+        )
+        reduced = replace(reduced, left_out=(*reduced.left_out, said))
+    # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
+    shapes = reduced.shapes if len(reduced.nodal) else reduced.shapes[:, 6:]
+    inertia = InertiaIntegrals.of(fem, shapes, reduced.mass, reduced.nodal)
+    return ReducedBody(
+        basis=reduced,
+        partition=partition,
+        points=fem.points,
+        facets=fem.facets,
+        mass=mass,
+        stiffness=stiffness,
+        total_mass=fem.total_mass,
+        centre_of_mass=fem.centre_of_mass,
+        f_cut=f_cut,
+        reduce_s=time.perf_counter() - begin,
+        estimate=estimate,
+        inertia=inertia,
+    )
+
+
+def _reduced_matrices(fem: FEModel, basis: ReducedBasis) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """T' M T and T' K T; the shapes are mass-normalised and, with lumped mass, apart from the nodal columns."""
+    mass = sp.identity(basis.shapes.shape[1], format="csr")
+    stiffness = sp.diags(basis.omega**2, format="csr")
+    if not len(basis.nodal):
+        return mass, stiffness
+    dofs = node_dofs(basis.nodal)
+    columns = fem.stiffness[:, dofs]
+    coupling = sp.csr_matrix(columns.T @ basis.shapes)
+    mass = sp.block_diag([mass, sp.diags(np.repeat(fem.lumped_mass[basis.nodal], 3))], format="csr")
+    stiffness = sp.bmat([[stiffness, coupling.T], [coupling, columns[dofs]]], format="csr")
+    return mass, stiffness

@@ -1,0 +1,1 @@
+"""Histories of force and velocity, and their comparison."""

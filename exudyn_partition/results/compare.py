@@ -1,0 +1,166 @@
+"""Comparison of a run with its reference: relative errors beside run times."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.checks import validate_choice, validate_number, validate_type
+from .history import History
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Errors of a run against a reference.
+
+    Parameters
+    ----------
+    error : dict of str to float
+        ||x - x_ref|| / ||x_ref|| over the common time, for "force" and each point's velocity; a velocity is taken from
+        its initial value.
+    time_s, reference_time_s : float
+        Run times of both [s].
+    end_time : float
+        End of the common time [s].
+
+    Raises
+    ------
+    InputError
+        If an error is no number of at least zero, or a time is none; a run time that is not known is nan.
+    """
+
+    error: dict[str, float]
+    time_s: float
+    reference_time_s: float
+    end_time: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.error, Mapping):
+            raise InputError(f"error: expected a dict of names and numbers, got {type(self.error).__name__}")
+        for name, value in self.error.items():
+            if validate_number(f"error[{name!r}]", value) < 0:
+                raise InputError(f"error[{name!r}]: expected at least zero, got {value!r}")
+        for name, value in (("time_s", self.time_s), ("reference_time_s", self.reference_time_s)):
+            object.__setattr__(self, name, _run_time(name, value))
+        validate_number("end_time", self.end_time, "a time in s")
+
+    @property
+    def speedup(self) -> float:
+        """The reference's run time over the run's; nan where one is not known."""
+        return self.reference_time_s / self.time_s if self.time_s else math.nan
+
+
+def compare(run: History, reference: History) -> Comparison:
+    """Relative L2 errors of a run over the time that both cover, on the reference's samples there.
+
+    Parameters
+    ----------
+    run, reference : History
+        With the same named points.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If a named point is missing, the runs have no time in common, or the reference has no force or a point of it
+        keeps its velocity then: a relative error of nothing is no number.
+    """
+    for name, history in (("run", run), ("reference", reference)):
+        validate_type(name, history, History, "Result.history(), reference.simulate() or History.load()")
+    missing = set(reference.velocity) - set(run.velocity)
+    if missing:
+        said = ", ".join(sorted(missing))
+        raise InputError(f"run: has no velocity of {said}, which the reference has; name all its points in history()")
+    begin, end = max(run.t[0], reference.t[0]), min(run.t[-1], reference.t[-1])
+    slack = 1e-9 * abs(end)
+    common = (reference.t >= begin - slack) & (reference.t <= end + slack)
+    if not begin < end or common.sum() < 2:
+        raise InputError(
+            f"run, reference: expected a time in common, with samples of the reference. The run goes from "
+            f"{run.t[0]:.6g} to {run.t[-1]:.6g} s, the reference from {reference.t[0]:.6g} to {reference.t[-1]:.6g} s"
+        )
+    t = reference.t[common]
+    error = {"force": _relative("contact force", _resample(run.force, run.t, t), reference.force[common])}
+    for name, velocity in reference.velocity.items():
+        got, expected = _resample(run.velocity[name], run.t, t), velocity[common]
+        error[name] = _relative(f"change of the velocity of {name}", got - got[0], expected - expected[0])
+    run_s, reference_s = (_run_time("info['time_s']", h.info.get("time_s", math.nan)) for h in (run, reference))
+    return Comparison(error, run_s, reference_s * len(t) / len(reference.t), float(end))
+
+
+def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
+    """Names of the runs that no other beats in both run time and error (Pareto's front), the quickest first.
+
+    Parameters
+    ----------
+    runs : mapping of str to Comparison
+    quantity : str
+        Whose error: "force" or the name of a point.
+
+    Raises
+    ------
+    InputError
+        If a run is no Comparison, or has no such error or run time.
+    """
+    validate_runs(runs, quantity)
+    best, names = math.inf, []
+    for name, run in sorted(runs.items(), key=lambda item: (item[1].time_s, item[1].error[quantity])):
+        if run.error[quantity] < best:
+            best = run.error[quantity]
+            names.append(name)
+    return names
+
+
+def validate_runs(runs: Mapping[str, Comparison], quantity: str) -> None:
+    """Raise `InputError` unless all runs have an error of that quantity, and a run time."""
+    if not isinstance(runs, Mapping):
+        raise InputError(f"runs: expected a dict of labels and comparisons, got {type(runs).__name__}")
+    for label, run in runs.items():
+        validate_type("runs", run, Comparison, "compare()")
+        validate_choice("quantity", quantity, run.error)
+        if not run.time_s > 0:
+            raise InputError(f"runs: the run time of {label!r} is not known; give the run's info['time_s'], in s")
+
+
+def _relative(name: str, x: Array, x_ref: Array) -> float:
+    size = np.linalg.norm(x_ref)
+    if not size:
+        raise InputError(f"reference: has no {name} in the common time; expected some, for an error relative to it")
+    return float(np.linalg.norm(x - x_ref) / size)
+
+
+def _run_time(name: str, value: Any) -> float:
+    """Run time [s], nan where it is not known."""
+    seconds = (
+        math.nan if isinstance(value, float) and math.isnan(value) else validate_number(name, value, "a time in s")
+    )
+    if seconds < 0:
+        raise InputError(f"{name}: expected a time in s of at least zero, got {seconds!r}")
+    return seconds
+
+
+def _resample(x: Array, t: Array, t_new: Array) -> Array:
+    columns = x.reshape(len(t), -1).T
+    return np.stack([np.interp(t_new, t, column) for column in columns], axis=-1).reshape(-1, *x.shape[1:])
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results depend on."""
+    found: dict[str, Any] = {"python": platform.python_version()}
+    for package in ("exudyn-partition", "exudyn", "ngsolve", "numpy", "scipy"):
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

@@ -1,0 +1,169 @@
+"""Histories of one run: what is compared, plotted and stored."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.checks import validate_array, validate_file, validate_number, validate_path, validate_text
+from ..support.files import replacing
+
+_FORMAT = 1
+# What NumPy and zipfile raise on bytes that are no history.
+_DAMAGE = (OSError, EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
+
+
+def at_times(t: Array, means: Array) -> Array:
+    """Values at times from means over the intervals before them.
+
+    Parameters
+    ----------
+    t : (n,) array
+        [s]
+    means : (n, ...) array
+        Entry i is the mean from t[i - 1] to t[i]; entry 0 counts for nothing.
+
+    Returns
+    -------
+    (n, ...) array
+        Mean over the intervals on both sides, at the ends over the one there is: the trapezoidal rule over it gives
+        the integral of the means.
+    """
+    if len(t) < 2:
+        return means
+    dt = np.diff(t).reshape(-1, *[1] * (means.ndim - 1))
+    integral = means[1:] * dt
+    return np.concatenate([means[1:2], (integral[:-1] + integral[1:]) / (dt[:-1] + dt[1:]), means[-1:]])
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """Contact force and velocities of one run.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Time [s], ascending; at least one sample.
+    force : (n,) array
+        Total normal contact force [N], >= 0.
+    velocity : dict of str to (n, 3) array
+        Velocities of named points [m/s].
+    info : dict
+        What is worth knowing of the run: `time_s`, `dofs`, `step_s`, versions; JSON types.
+
+    Raises
+    ------
+    InputError
+        If there is no sample, a number is not finite, times descend, or lengths differ.
+    """
+
+    t: Array
+    force: Array
+    velocity: Mapping[str, Array]
+    info: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        t = validate_array("t", self.t, (None,))
+        if not len(t):
+            raise InputError("t: expected at least one sample, got none; the run kept nothing")
+        if (np.diff(t) < 0).any():
+            i = int((np.diff(t) < 0).argmax())
+            raise InputError(f"t: expected times that ascend, got {t[i + 1]:.6g} s after {t[i]:.6g} s")
+        if not isinstance(self.velocity, Mapping):
+            raise InputError(
+                f"velocity: expected a dict of names and (n, 3) arrays, got {type(self.velocity).__name__}"
+            )
+        if not isinstance(self.info, dict):
+            raise InputError(f"info: expected a dict, got {type(self.info).__name__}")
+        velocity = {
+            validate_text("velocity", name): validate_array(name, v, (len(t), 3)) for name, v in self.velocity.items()
+        }
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "force", validate_array("force", self.force, (len(t),)))
+        object.__setattr__(self, "velocity", velocity)
+
+    @property
+    def impulse(self) -> float:
+        """Impulse of the contact force [N s], trapezoidal."""
+        return float(np.trapezoid(self.force, self.t))
+
+    @property
+    def peak_force(self) -> float:
+        """Largest contact force [N]."""
+        return float(self.force.max())
+
+    @property
+    def contact_duration(self) -> float:
+        """Time with a contact force, sub-impacts added [s]."""
+        in_contact = self.force > 1e-6 * max(self.peak_force, 1e-300)
+        if len(self.t) < 2:
+            return 0.0
+        return float(np.gradient(self.t, np.arange(len(self.t)))[in_contact].sum())  # half the steps on both sides
+
+    def until(self, end_time: float) -> History:
+        """Return the part up to `end_time` [s].
+
+        Raises
+        ------
+        InputError
+            If there is no sample until then.
+        """
+        end_time = validate_number("end_time", end_time, "a time in s")
+        keep = self.t <= end_time + 1e-9 * abs(end_time)
+        if not keep.any():
+            begin = f"{self.t[0]:.6g} s, where the history begins"
+            raise InputError(f"end_time: expected at least {begin}, got {end_time:.6g} s")
+        return History(self.t[keep], self.force[keep], {k: v[keep] for k, v in self.velocity.items()}, self.info)
+
+    def save(self, path: str | Path) -> None:
+        """Write to an npz file at `path`, a name that is taken as it is, in single precision but for the times.
+
+        Raises
+        ------
+        InputError
+            If no file can stand there, or `info` holds what JSON has no word for.
+        OutputError
+            If the disk is full or protected; the file that was there is kept.
+        """
+        try:
+            info = json.dumps(self.info)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"info: expected text, numbers, lists and dicts, which JSON can hold: {error}") from error
+        arrays: dict[str, Any] = {f"velocity_{k}": v.astype(np.float32) for k, v in self.velocity.items()}
+        with replacing(path) as file:
+            np.savez_compressed(
+                file, format=_FORMAT, t=self.t, force=self.force.astype(np.float32), info=info, **arrays
+            )
+
+    @classmethod
+    def load(cls, path: str | Path) -> History:
+        """Read what `save` wrote to `path`.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or of another format.
+        """
+        path = validate_path("path", path)
+        validate_file("path", path)
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                if isinstance(data, np.lib.npyio.NpzFile) and int(data.get("format", -1)) == _FORMAT:
+                    named = {k.removeprefix("velocity_"): data[k] for k in data if k.startswith("velocity_")}
+                    velocity = {name: array.astype(float) for name, array in named.items()}
+                    return cls(data["t"], data["force"].astype(float), velocity, json.loads(str(data["info"])))
+        except _DAMAGE as error:
+            # NumPy takes what it does not know for pickled objects, and advises to load those, which runs their code.
+            raise InputError(
+                f"path: {path} is no history, or a damaged one. Restore it from a copy, or compute and save it anew"
+            ) from error
+        raise InputError(f"path: {path} is no history of format {_FORMAT}; compute and save it anew")

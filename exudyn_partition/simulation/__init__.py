@@ -1,0 +1,1 @@
+"""Runs by Exudyn's solvers: steps, checks before, reviews after, and the result."""

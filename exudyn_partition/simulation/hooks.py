@@ -1,0 +1,155 @@
+"""Exudyn's user functions around the steps of a run, chained with the model's own, which are put back after it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from ..exudyn_bodies.joints import Joints
+from ..exudyn_bodies.model import partition_items, start_of_step
+from ..exudyn_contacts.central_differences import MultiplierStep
+from ..support.interrupt import Interrupt, interruptible
+from ..support.optional import require
+from ..support.progress import Progress
+from .step_control import StepControl
+
+
+class Watch:
+    """What the hook before each step knows: how many there were, and whether the user asked to stop."""
+
+    def __init__(self, interrupt: Interrupt) -> None:
+        self.steps = 0
+        self._interrupt = interrupt
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user asked to stop."""
+        return self._interrupt.asked
+
+
+@contextlib.contextmanager
+def multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
+    """Multipliers to apply before steps: of contacts, in explicit runs together with those of the model's joints.
+
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected for joints
+    through its PostStep function, in front of the model's own, which is put back after.
+    """
+    exu = require("exudyn")
+    contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
+    own_steppers = [contact.stepper for contact in contacts]
+    if method == "implicit" or not mbs.systemData.AEsize():
+        yield own_steppers
+        return
+    stepper = MultiplierStep(contacts, Joints(mbs))
+    own_function = _function(mbs.GetPostStepUserFunction())
+
+    def after_step(mbs: Any, t: float) -> bool:
+        stepper.after_step(mbs, t)
+        return own_function is None or own_function(mbs, t)
+
+    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
+    mbs.SetPostStepUserFunction(after_step)
+    for contact in contacts:
+        contact.stepper = stepper
+    try:
+        yield [stepper]
+    finally:
+        exu.config.suppressWarnings = warnings_off
+        mbs.SetPostStepUserFunction(own_function or 0)
+        for contact, own in zip(contacts, own_steppers, strict=True):
+            contact.stepper = own
+
+
+@contextlib.contextmanager
+def without_stabilised(mbs: Any, method: str) -> Iterator[None]:
+    """Switch off the force elements that multipliers have for implicit runs: explicit ones only pay for their calls."""
+    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if contact.multipliers]
+    if method == "implicit":
+        elements = []
+    functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
+    for element in elements:
+        mbs.SetObjectParameter(element, "forceUserFunction", 0)
+    try:
+        yield
+    finally:
+        for element, function in zip(elements, functions, strict=True):
+            mbs.SetObjectParameter(element, "forceUserFunction", function)
+
+
+@contextlib.contextmanager
+def watched(
+    mbs: Any, start_time: float, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
+) -> Iterator[Watch]:
+    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
+    last_start = None
+    own_function = _function(mbs.GetPreStepUserFunction())
+    contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
+    with_joints = [stepper for stepper in steppers if stepper.joints is not None]
+    next_report = start_time
+
+    def before_step(mbs: Any, t: float) -> bool:
+        nonlocal next_report, last_start
+        if t >= next_report:
+            next_report = t + (end_time - start_time) / 100
+            progress(min((t - start_time) / (end_time - start_time), 1.0))
+        start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
+        if start > end_time - 1e-6 * step:
+            return False
+        for stepper in contacts_alone:  # also where the model's own function was set after them
+            stepper.before_step(mbs, t)
+        go_on = own_function is None or own_function(mbs, t)
+        for stepper in with_joints:  # which the function may have moved
+            stepper.before_step(mbs, t)
+        watch.steps += start != previous  # not those that are taken again, shorter
+        last_start = start
+        return go_on and not stop  # Exudyn still takes this step, so that all that belongs to one was done above
+
+    with interruptible() as interrupt:
+        watch = Watch(interrupt)
+        mbs.SetPreStepUserFunction(before_step)
+        try:
+            yield watch
+        finally:
+            mbs.SetPreStepUserFunction(own_function or 0)
+
+
+@contextlib.contextmanager
+def controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator[None]:
+    """Steps as the control wants them, through Exudyn's PostStep and PostNewton functions, behind the model's own.
+
+    PostStep runs at the start and when a step is done, and the solver takes its next step from what stands in its
+    `it.currentStepSize` then. PostNewton can ask to repeat the step with a shorter one.
+    """
+    if control is None:
+        yield
+        return
+    own_after_step, own_after_newton = map(_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction()))
+    refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
+
+    def after_step(mbs: Any, t: float) -> bool:
+        it = mbs.sys["dynamicSolver"].it
+        step = control.next_step(it.currentStepSize)
+        if step != it.currentStepSize:
+            it.currentStepSize = step
+            mbs.solverSignalJacobianUpdate = True
+        return own_after_step is None or own_after_step(mbs, t)
+
+    def after_newton(mbs: Any, t: float) -> list[float]:
+        shorter = control.shorter_step(mbs.sys["dynamicSolver"].it.currentStepSize)
+        if shorter is not None:
+            return [refused, shorter]
+        return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
+
+    mbs.SetPostStepUserFunction(after_step)
+    mbs.SetPostNewtonUserFunction(after_newton)
+    try:
+        yield
+    finally:
+        mbs.SetPostStepUserFunction(own_after_step or 0)
+        mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+
+
+def _function(entry: Any) -> Callable[..., Any] | None:
+    """User function that Exudyn's Get...UserFunction returns, if there is one."""
+    return entry["function"] if isinstance(entry, dict) else None

@@ -1,0 +1,244 @@
+"""Exudyn adapter: what joints are at the start of a run, open or violated, and what that does to it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ..errors import InputError, ModelLimitWarning
+from ..exudyn_bodies.joints import mass_and_rows
+from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.partition_body import RIGID, PartitionBody
+from ..frames.floating import FloatingKinematics
+from ..support.arrays import Array
+from ..support.optional import require
+
+if TYPE_CHECKING:
+    from .result import Result
+
+_APART = 0.05  # of the smallest body: how far a joint may be open at the start
+_VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
+_CLOSED = 1e-12  # of the smallest body, or rad: joints are closed to round-off
+_SHARE = 1e-2  # of the bodies' largest energy: what closing a joint may bring
+_FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest, and what its force may be of all later ones
+_REGULAR = 1e-8, 1e-12  # share of a gap that stays open, and least mass, so that redundant rows have one answer
+_OVERSHOOT = 2.0  # velocity after the first implicit step, in gaps a step: gamma / beta of Newmark's method
+
+
+@dataclass(frozen=True)
+class OpenJoint:
+    """A joint that is open at the start: a run closes it within its first step.
+
+    Parameters
+    ----------
+    number : int
+        Exudyn's, of the object.
+    label : str
+        For messages.
+    gap : float
+        Largest of its rows [m or rad].
+    rows : (k,) int array
+        Its equations among the model's.
+    sensors : tuple of (str, int)
+        Names and numbers of the sensors that tell its reactions.
+    """
+
+    number: int
+    label: str
+    gap: float
+    rows: Array
+    sensors: tuple[tuple[str, int], ...]
+
+
+class OpenJoints:
+    """Joints that are open at the start, by little, and what closing them in one step does.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        At its initial coordinates.
+    joints : sequence of OpenJoint
+    gaps : (nAE,) array
+        Of all constraints.
+    bodies : sequence of PartitionBody
+    """
+
+    def __init__(self, mbs: Any, joints: Sequence[OpenJoint], gaps: Array, bodies: Sequence[PartitionBody]) -> None:
+        self.joints, self._gaps, self._bodies = joints, gaps, bodies
+        if not joints:
+            return
+        self._mass, self._rows = mass_and_rows(mbs)
+        self._stiffness = _placed_stiffness(mbs, bodies, self._mass.shape[0])
+
+    def energy(self, joint: OpenJoint, step: float, method: str) -> float:
+        """Energy of the first step that closes one of them [J]: masses move by its gap within a step.
+
+        Generalized-alpha makes each stiffness work against that, and keeps the velocity, for some steps at least.
+        Explicit steps then bring velocities back to those of the joints (RATTLE), so that deformation is left.
+        """
+        gaps = np.zeros(len(self._gaps))
+        gaps[joint.rows] = self._gaps[joint.rows]
+        implicit = method == "implicit"
+        way = self._way(gaps, self._mass + self._stiffness * (step / 2) ** 2 * implicit)
+        strain, kinetic = (0.5 * float(way @ (matrix @ way)) for matrix in (self._stiffness, self._mass))
+        return strain + implicit * kinetic * (_OVERSHOOT / step) ** 2
+
+    def _way(self, gaps: Array, inertia: sp.csr_matrix) -> Array:
+        """Change of the coordinates that closes gaps against the least inertia, (n,)."""
+        open_share, least = _REGULAR
+        diagonal, rows = inertia.diagonal(), self._rows
+        diagonal = np.maximum(diagonal, least * diagonal.max())
+        yields = rows.multiply(rows) @ (1 / diagonal)
+        stiff = np.where(yields > 0, 1 / (open_share * np.where(yields > 0, yields, 1.0)), 0.0)
+        matrix = inertia + sp.diags(least * diagonal) + rows.T @ sp.diags(stiff) @ rows
+        return np.asarray(scipy.sparse.linalg.splu(sp.csc_matrix(matrix)).solve(-(rows.T @ (stiff * gaps))))
+
+    def warn(self, result: Result) -> None:
+        """Warn of those that change a run by so much that it shows."""
+        if not self.joints or len(result.t) < 2:
+            return
+        largest = float(np.sum([item.energy(result) for item in self._bodies], axis=0).max(initial=0.0))
+        for joint in self.joints:
+            said = []
+            energy = self.energy(joint, result.step, result.method)
+            if energy > _SHARE * largest:
+                said.append(f"brings {energy:.3g} J, {energy / largest:.2g} of the bodies' largest energy")
+            for name, first, later in _spikes(joint, result):
+                said.append(f"takes {first:.3g} N or N m in its sensor {name!r}, where later it has {later:.3g}")
+            if said:
+                warnings.warn(
+                    f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start: closing it within the first "
+                    f"step of {result.step:.3g} s {' and '.join(said)}. {REMEDY}",
+                    ModelLimitWarning,
+                    stacklevel=3,
+                )
+
+    def __str__(self) -> str:
+        """What may have stopped a run."""
+        named = "; ".join(f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start" for joint in self.joints)
+        return f". {named}: {REMEDY}" if self.joints else ""
+
+
+REMEDY = (
+    "Put its markers where they meet: take the place of one from mbs.GetMarkerOutput, correct referencePosition, or "
+    "give the interface's point by Partition.interface(..., position=...)"
+)
+
+
+def _spikes(joint: OpenJoint, result: Result) -> list[tuple[str, float, float]]:
+    """Sensors of a joint's forces whose first samples stand far above all later ones: name, first, later."""
+    found = []
+    first = result.t <= result.t[0] + (_FIRST + 0.5) * result.step
+    for name, number in joint.sensors:
+        size = np.linalg.norm(result.sensors.get(number, np.zeros((len(first), 1))), axis=1)
+        if first.any() and not first.all() and size[first].max() > _SPIKE * size[~first].max():
+            found.append((name, float(size[first].max()), float(size[~first].max())))
+    return found
+
+
+def _placed_stiffness(mbs: Any, bodies: Sequence[PartitionBody], n: int) -> sp.csr_matrix:
+    """Stiffness of the bodies on the model's n coordinates."""
+    result = sp.csr_matrix((n, n))
+    for item in bodies:
+        places = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+        K = item.body.stiffness
+        if isinstance(item.kinematics, FloatingKinematics):
+            K = sp.block_diag([sp.csr_matrix((RIGID, RIGID)), item.kinematics.elastic_stiffness], format="csr")
+        put = sp.csr_matrix((np.ones(len(places)), (places, np.arange(len(places)))), shape=(n, len(places)))
+        result = result + put @ K @ put.T
+    return result
+
+
+def check_joints(mbs: Any, bodies: Sequence[PartitionBody]) -> OpenJoints:
+    """Refuse joints on nodes that were reduced away, and starts that violate a constraint.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        Assembled.
+    bodies : sequence of PartitionBody
+        The model's.
+
+    Returns
+    -------
+    OpenJoints
+        Those that are open by more than round-off.
+
+    Raises
+    ------
+    InputError
+    """
+    if mbs.systemData.AEsize() == 0:
+        return OpenJoints(mbs, [], np.zeros(0), bodies)
+    exu = require("exudyn")
+    point_markers = {marker: point for item in bodies for marker, point in item.point_markers.items()}
+    size = min((float(np.ptp(item.body.points, axis=0).max()) for item in bodies), default=np.inf)
+    constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
+    for number in constraints:
+        for marker in mbs.GetObject(number).get("markerNumbers", []):
+            if int(marker) in point_markers:
+                raise InputError(
+                    f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
+                    "reduced away: the body lacks its static answer to forces there and would be too stiff. Join "
+                    "Partition.interface(fem, name, nodes) to the partition before reduce(), and take "
+                    "CreateInterfaceMarker"
+                )
+    solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
+    settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    solver.InitializeSolver(mbs, settings)
+    gaps, rates = (_violations(mbs, solver, velocity_level) for velocity_level in (False, True))
+    apart, residual = abs(gaps), abs(rates)
+    largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
+    for number in constraints:
+        rows = list(mbs.systemData.GetObjectLTGAE(number))
+        if apart[rows].max() > _APART * size:
+            raise InputError(
+                f"{_object(mbs, number)} is open by {apart[rows].max():.4g} (m or rad) at the start, where bodies are "
+                f"{size:.3g} m long: its markers do not meet. Check referencePosition and referenceRotation of the "
+                "bodies and the markers' places"
+            )
+        own = residual[rows].max()
+        if own > max(_VIOLATION * largest, _ROUND_OFF):
+            raise InputError(
+                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
+                "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "
+                "mass, and initialAngularVelocity that fit the joints and drives"
+            )
+    found = []
+    for number in constraints:
+        equations = np.array(mbs.systemData.GetObjectLTGAE(number))
+        if apart[equations].max() > _CLOSED * min(size, 1.0):
+            label, gap = _object(mbs, number).rstrip(","), float(apart[equations].max())
+            found.append(OpenJoint(number, label, gap, equations, _force_sensors(mbs, number)))
+    return OpenJoints(mbs, found, gaps, bodies)
+
+
+def _force_sensors(mbs: Any, number: int) -> tuple[tuple[str, int], ...]:
+    """Names and numbers of the sensors that tell the reactions of an object."""
+    kind = require("exudyn").OutputVariableType
+    forces = (kind.Force, kind.ForceLocal, kind.Torque, kind.TorqueLocal)
+    found = []
+    for sensor in range(mbs.systemData.NumberOfSensors()):
+        about = mbs.GetSensor(sensor)
+        if about["sensorType"] == "Object" and int(about["objectNumber"]) == number:
+            if about["outputVariableType"] in forces:
+                found.append((about["name"], sensor))
+    return tuple(found)
+
+
+def _violations(mbs: Any, solver: Any, velocity_level: bool) -> Array:
+    """Values of the constraints, (number of them,), or of their rates, at the start."""
+    solver.ComputeAlgebraicEquations(mbs, velocityLevel=velocity_level)
+    return np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :]
+
+
+def _object(mbs: Any, number: int) -> str:
+    about = mbs.GetObject(number)
+    return f"mbs: {about['objectType']} {about['name']!r}, object {number},"

@@ -1,0 +1,337 @@
+"""What a run leaves: samples of the model's sensors and of what contacts kept themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, RunError
+from ..exudyn_bodies.model import partition_items
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.contact_results import ContactResults
+from ..exudyn_contacts.run_record import run_record
+from ..present.report_page import write_report
+from ..results.history import History
+from ..support.arrays import Array
+from ..support.checks import validate_array, validate_integer, validate_type
+from .stored_run import FILE, StoredRun, check_items, described
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a run leaves.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times of the samples [s].
+    status : {"finished", "interrupted", "unstable"}
+    message : str
+        Why and where the run ended.
+    step : float
+        Time step [s]; of an adaptive run, that in contact.
+    steps : int
+        Steps taken.
+    method : str
+    time_s : float
+        Run time of Exudyn's solver [s].
+    sensors : dict of int to (n, k) array
+        Samples of the model's internally stored sensors, by sensor number.
+    bodies : tuple of PartitionBody
+        The model's.
+    contacts : tuple of PartitionContact
+        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
+    runs : tuple of object
+        `run` of each contact when the result was made.
+    seldom : set of int
+        Sensors that Exudyn read less often than the result has times.
+    """
+
+    t: Array
+    status: str
+    message: str
+    step: float
+    steps: int
+    method: str
+    time_s: float
+    sensors: Mapping[int, Array] = field(repr=False)
+    bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
+    contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
+    runs: tuple[object, ...] = field(default=(), repr=False)
+    seldom: frozenset[int] = field(default=frozenset(), repr=False)
+
+    def __repr__(self) -> str:
+        step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
+        return f"Result({self.status}: {self.message}; {step}{len(self.t)} samples)"
+
+    def sensor(self, number: Any) -> Array:
+        """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
+
+        Raises
+        ------
+        InputError
+            If the run has no such sensor, or Exudyn read it too seldom.
+        """
+        if isinstance(number, str | bytes | float | bool | np.ndarray) or not hasattr(number, "__int__"):
+            raise InputError(f"number: expected that of a sensor, as mbs.AddSensor returns it, got {number!r}")
+        if int(number) in self.seldom:
+            raise InputError(
+                f"number: Exudyn read sensor {int(number)} less often than this result has times, which are those of "
+                f"all steps; read its own by mbs.GetSensorStoredData({int(number)}), or set "
+                "settings.solution.sensors.writePeriod to the step before mbs.SolveDynamic"
+            )
+        if int(number) not in self.sensors:
+            raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
+        return self.sensors[int(number)]
+
+    def sensor_of(self, item: PartitionBody | ContactResults, number: Any) -> Array:
+        """Samples of the sensor `number` of `item`, (n, k); another model has the same numbers for other things.
+
+        Raises
+        ------
+        InputError
+            If the item was not in the model that was run.
+        """
+        if not isinstance(item, PartitionBody | ContactResults):
+            raise InputError(
+                "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
+                f"{type(item).__name__}"
+            )
+        if not any(item is known for known in (*self.bodies, *self.contacts)):
+            raise InputError(
+                f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
+                "a run before it was added; take what solve_dynamic or collect returns for its own"
+            )
+        return self.sensor(number)
+
+    def check_last_run(self, contact: ContactResults) -> None:
+        """Raise unless what `contact` keeps itself, beside its sensors, is of this run.
+
+        Raises
+        ------
+        InputError
+            If the contact is of another model, or this one has been run again.
+        """
+        validate_type("contact", contact, ContactResults, "CreatePartitionContact()")
+        self.sensor_of(contact, contact["sForce"])
+        runs = [run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact]
+        if runs[0] is not contact.run:
+            raise InputError(
+                "result: forces of rows, pressures and contact areas are kept of the last run only; the model of "
+                f"{called(contact)} has been run again since this one. Ask for them before, or repeat this run"
+            )
+
+    def at(self, times: Sequence[float] | Array | int) -> Result:
+        """Return the samples nearest to some times, each once: for frames of a film.
+
+        Parameters
+        ----------
+        times : (k,) [s] or int
+            Times, or how many of them, equally spaced over the run.
+
+        Raises
+        ------
+        InputError
+            If a time is not within the run, or the run kept nothing.
+        """
+        if not len(self.t):
+            raise InputError(f"result: the run kept no samples ({self.message})")
+        if isinstance(times, int | np.integer):
+            wanted = np.linspace(self.t[0], self.t[-1], validate_integer("times", times, least=1))
+        else:
+            wanted = validate_array("times", times, (None,))
+            slack = 1e-9 * (self.t[-1] - self.t[0])
+            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
+            if outside.any():
+                raise InputError(
+                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
+                    f"{wanted[outside.argmax()]:.6g}"
+                )
+        middles = (self.t[1:] + self.t[:-1]) / 2
+        nearest = np.unique(np.searchsorted(middles, wanted))
+        return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
+
+    def save(self, path: str | Path) -> None:
+        """Write the result to a file, to go on with it in another process; `load` reads it.
+
+        Forces of rows, pressures and contact areas are not in it.
+
+        Parameters
+        ----------
+        path : str or Path
+            Taken as it is.
+
+        Raises
+        ------
+        InputError
+            If no file can stand there.
+        OutputError
+            If the disk is full or protected; the file that was there is kept.
+        """
+        stored = StoredRun(
+            t=self.t.copy(),
+            status=self.status,
+            message=self.message,
+            step=float(self.step),
+            steps=int(self.steps),
+            method=self.method,
+            time_s=float(self.time_s),
+            numbers=np.array([*self.sensors], dtype=np.int64),
+            seldom=np.array(sorted(self.seldom), dtype=np.int64),
+            samples=tuple(np.array(data) for data in self.sensors.values()),
+            items=described(self.bodies, self.contacts),
+        )
+        FILE.save(path, stored)
+
+    @classmethod
+    def load(cls, path: str | Path, mbs: Any) -> Result:
+        """Read what `save` wrote, as a result of a model that was built as the one that was run.
+
+        Parameters
+        ----------
+        path : str or Path
+        mbs : exudyn.MainSystem
+            It need not have been run.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged or of another kind, or the model is another one.
+        """
+        bodies, contacts = partition_items(mbs)
+        stored: StoredRun = FILE.load(path)
+        check_items(stored.items, described(bodies, contacts))
+        return cls(
+            t=stored.t,
+            status=stored.status,
+            message=stored.message,
+            step=stored.step,
+            steps=stored.steps,
+            method=stored.method,
+            time_s=stored.time_s,
+            sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
+            bodies=tuple(bodies),
+            contacts=tuple(contacts),
+            runs=tuple(object() for _ in contacts),
+            seldom=frozenset(map(int, stored.seldom)),
+        )
+
+    def report(self, path: str | Path, *, title: str = "") -> Path:
+        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the page, which needs no other file.
+        title : str
+            Default: the file's name.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or the run kept nothing.
+        """
+        return write_report(path, self, title=title)
+
+    def history(self, contact: PartitionContact, points: Mapping[str, tuple[Any, ...]] | None = None) -> History:
+        """Force of a contact and velocities of named points, to compare, plot and save.
+
+        Parameters
+        ----------
+        contact : PartitionContact
+        points : dict of str to (PartitionBody, point) or (PartitionBody, point, fem), optional
+            With the FE model of the body velocities near a contact are better, see `PartitionBody.velocity`.
+
+        Raises
+        ------
+        InputError
+            If an argument is no such thing, or the contact is of another model.
+        """
+        validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
+        expected = "points: expected a dict of name: (body, point) or (body, point, fem)"
+        if points is not None and not isinstance(points, Mapping):
+            raise InputError(f"{expected}, got {type(points).__name__}")
+        velocity = {}
+        for name, entry in (points or {}).items():
+            if not isinstance(entry, tuple | list) or len(entry) not in (2, 3):
+                raise InputError(f"{expected}, got {entry!r} for {name!r}")
+            body, point, *fem = entry
+            validate_type("points", body, PartitionBody, "CreatePartitionBody()")
+            velocity[name] = body.velocity(self, point, fem=fem[0] if fem else None)
+        bodies = [item.body for item, _ in contact.sides]
+        info = {
+            "label": f"{bodies[0].basis.name}, {self.method}",
+            "dofs": sum(body.n_dofs for body in bodies),
+            "contact_nodes": contact.n_rows,
+            "step_s": self.step,
+            "steps": self.steps,
+            "time_s": self.time_s,
+            "status": self.status,
+        }
+        return History(self.t, contact.force(self), velocity, info)
+
+
+def samples(mbs: Any) -> Result:
+    """What the sensors stored, with what contacts kept themselves where Exudyn read its sensors seldom."""
+    sensors = {}
+    for number in range(mbs.systemData.NumberOfSensors()):
+        if mbs.GetSensorParameter(number, "storeInternal"):
+            data = np.atleast_2d(mbs.GetSensorStoredData(number))
+            if data.size:
+                sensors[number] = data
+    if not sensors:
+        raise RunError("mbs: no sensor stored anything; run the model first")
+    count = min(len(data) for data in sensors.values())
+    t = next(iter(sensors.values()))[:count, 0].copy()
+    bodies, contacts = partition_items(mbs)
+    result = Result(
+        t=t,
+        status="finished",
+        message="samples of the model's last run",
+        step=float("nan"),
+        steps=0,
+        method="",
+        time_s=float("nan"),
+        sensors={number: data[:count, 1:] for number, data in sensors.items()},
+        bodies=tuple(bodies),
+        contacts=tuple(contacts),
+        runs=tuple(contact.run for contact in contacts),
+    )
+    record = run_record(mbs)
+    times = record.times(mbs)
+    return _joined(result, times, record.sensors(mbs)) if len(times) else result
+
+
+def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:
+    """Result at its own times and at t, (n,), with what was kept there, (n, k) by sensor number."""
+    own = ~np.isin(t, result.t)
+    times = np.r_[result.t, t[own]]
+    order = np.argsort(times)
+    joined = {
+        number: np.concatenate([data, kept[number][own]])[order]
+        for number, data in result.sensors.items()
+        if number in kept
+    }
+    seldom = frozenset(number for number in result.sensors if number not in kept)
+    return replace(result, t=times[order], sensors=joined, seldom=seldom)
+
+
+def cut(result: Result, count: int) -> Result:
+    """Keep the first samples of a result."""
+    sensors = {number: data[:count] for number, data in result.sensors.items()}
+    return replace(result, t=result.t[:count], sensors=sensors)
+
+
+def called(item: PartitionBody | ContactResults) -> str:
+    """Return what messages call a body or contact."""
+    kind = "body" if isinstance(item, PartitionBody) else "contact"
+    return f"{kind} {item.name!r}" if item.name else f"the {kind}"

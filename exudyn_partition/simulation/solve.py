@@ -1,0 +1,477 @@
+"""Explicit and implicit runs by Exudyn's own solvers, with checks before, progress during, and results kept after."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ..algebra.factorisation import one_blas_thread
+from ..errors import (
+    InputError,
+    ModelLimitWarning,
+    RunError,
+    StepSizeError,
+)
+from ..exudyn_bodies.model import coordinate_slices, partition_items, validate_model
+from ..exudyn_bodies.partition_body import PartitionBody, check_model
+from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.run_record import Solver, run_record
+from ..reduction.estimate import SAFETY, STEPS_A_PERIOD
+from ..support.arrays import Array
+from ..support.checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
+from ..support.interrupt import interruptible
+from ..support.optional import require
+from ..support.progress import LONG, Progress
+from ..support.progress import progress as progress_bar
+from .hooks import controlled, multipliers, watched, without_stabilised
+from .joint_checks import OpenJoints, check_joints
+from .result import Result, cut, samples
+from .review import reviewed, warn_of_turns
+from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
+
+_CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
+_RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
+_EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
+_MOST_STEPS = 2**31 - 1  # that Exudyn counts
+_MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
+_SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
+
+
+def stability_limit(mbs: Any) -> float:
+    """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
+
+    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start; damping of the bodies
+    lowers it, by a bound that is exact where the highest mode is damped most. Other items of the
+    model are not included, nor is the mass of what carries a rigid surface; multipliers of the lagrange formulation do
+    not lower the limit.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+
+    Returns
+    -------
+    float
+        `math.inf` for a model without partition bodies, or of such as neither vibrate nor touch.
+    """
+    return _stability_limit(*partition_items(mbs))
+
+
+def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> float:
+    if not bodies:
+        return float("inf")
+    ends = np.cumsum([0] + [item.body.n_dofs for item in bodies])
+    place = {id(item): np.arange(a, b) for item, a, b in zip(bodies, ends[:-1], ends[1:], strict=True)}
+    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
+    if not contacts and not K.data.any():
+        return math.inf  # bodies without elastic coordinates that touch nothing
+    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
+    closed = []
+    for contact in contacts:
+        if not contact.multipliers:
+            contact.law.reset()  # to the pairs at the start, which are all that can close
+            items = [item for item, _ in contact.sides]
+            to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
+            dofs = np.concatenate([place[id(item)] for item in items])
+            closed.append((dofs, to_coordinates, contact.law.closed_stiffness()))
+
+    def apply(x: Array) -> Array:
+        x = scale * x.ravel()
+        y = K @ x
+        for dofs, to_coordinates, stiffness in closed:
+            y[dofs] += to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
+        return scale * y
+
+    n = K.shape[0]
+    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
+    start = np.ones(n)
+    largest = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
+    omega = float(np.sqrt(largest))
+    rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
+    # VelocityVerlet takes damping forces from the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
+    return 4 / (rate + math.hypot(rate, 2 * omega))
+
+
+def solve_dynamic(
+    mbs: Any,
+    *,
+    end_time: float,
+    step: float | None = None,
+    method: str = "explicit",
+    sample_period: float | None = None,
+    spectral_radius: float = 0.9,
+    adaptive: bool = False,
+    free_step: float | None = None,
+    gap_tolerance: float | None = None,
+    unresolved: float | None = None,
+    settings: Any = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Run an assembled model in Exudyn's own solver.
+
+    The same model can be run by `mbs.SolveDynamic` directly, with `collect` for its results; this adds the check of the
+    step, progress, Ctrl-C that keeps what was computed, and warnings about the contact.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        Assembled.
+    end_time : float
+        When the run ends [s]. It begins at `settings.timeIntegration.startTime`, from the model's initial values; to go
+        on from where the last run ended, make its state the initial one:
+        `mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)`.
+    step : float, optional
+        [s]. Default: 25 steps a period of the highest `f_cut`, and 32 in the first impact as bodies fly at the start
+        (`step_control.impact_step`), where patches are flat more; explicit at most 0.9 of `stability_limit`.
+    method : {"explicit", "implicit"}
+        Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
+        motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
+        that are means over the step before. Exudyn's rigid bodies that turn in space are of first order there.
+    sample_period : float, optional
+        Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
+        are at most that long, and samples stand where they end.
+    spectral_radius : float
+        Of generalized-alpha at infinity; 1 does not damp.
+    adaptive : bool
+        Take `step` in contact and longer ones in free flight, as far as the bodies' vibration lets them, see
+        `step_control.StepControl`. The times of the result are then not equally spaced.
+    free_step : float, optional
+        Longest step of an adaptive run [s]. Default: 100 steps in contact; explicit at most 0.9 of the stability limit
+        with all contact rows open.
+    gap_tolerance : float, optional
+        Depth to which a step of an adaptive run may close a gap that was open before [m]; it is halved until it does.
+        Default: what the approach covers in one step in contact.
+    unresolved : float, optional
+        Share of the bodies' energy that vibration may have in free flight without an adaptive run resolving it; steps
+        then are longer, and damp it. Default: 1e-4.
+    settings : exudyn.SimulationSettings, optional
+        Everything else; end time, number of steps, spectral radius and the period of samples are set in it, and those
+        of adaptive steps.
+    progress : callable, optional
+        Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    StepSizeError
+        If an explicit step is above the stability limit.
+    InputError
+        If an option is out of range, or would have no effect; if a joint is attached to a node that was reduced away,
+        or the initial velocities violate a joint or drive; if the model has constraints that explicit steps cannot
+        take: of velocities, or of Euler parameters.
+    RunError
+        If the model is not assembled, or Exudyn cannot run its first step.
+
+    Warns
+    -----
+    StoppedRunWarning
+        If the run ended early; the result holds what was computed.
+    ModelLimitWarning
+        If a body rotated further than its frame allows, or turned by more than a radian in a step; if bodies overlapped
+        at the start by so much that it drives them apart, or a joint was open by so much that closing it shows.
+    ContactPatchWarning
+        If a contact reached the edge of its patch.
+    """
+    with interruptible():  # from before the first step until after the last look at the results
+        result, open_joints = _run(
+            mbs,
+            end_time=end_time,
+            step=step,
+            method=method,
+            sample_period=sample_period,
+            spectral_radius=spectral_radius,
+            adaptive=adaptive,
+            free_step=free_step,
+            gap_tolerance=gap_tolerance,
+            unresolved=unresolved,
+            settings=settings,
+            progress=progress,
+        )
+        result = reviewed(mbs, result)
+        open_joints.warn(result)
+        if not adaptive:
+            warn_of_turns(result)
+        return result
+
+
+def _run(
+    mbs: Any,
+    *,
+    end_time: float,
+    step: float | None,
+    method: str,
+    sample_period: float | None,
+    spectral_radius: float,
+    adaptive: bool,
+    free_step: float | None,
+    gap_tolerance: float | None,
+    unresolved: float | None,
+    settings: Any,
+    progress: Progress | None,
+) -> tuple[Result, OpenJoints]:
+    """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start."""
+    exu = require("exudyn")
+    validate_choice("method", method, ("explicit", "implicit"))
+    validate_flag("adaptive", adaptive)
+    if not 0 <= validate_number("spectral_radius", spectral_radius) <= 1:
+        raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
+    if settings is not None and not isinstance(settings, exu.SimulationSettings):
+        raise InputError(f"settings: expected an exudyn.SimulationSettings, got {type(settings).__name__}")
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
+    end_time = validate_positive("end_time", end_time, "s")
+    validate_model(mbs)
+    if mbs.systemData.ODE2Size() == 0:
+        raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
+    check_model(mbs)
+    open_joints = check_joints(mbs, partition_items(mbs)[0])
+    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
+        if value is not None and not adaptive:
+            raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
+    start = 0.0 if settings is None else float(settings.timeIntegration.startTime)
+    if not start < end_time:
+        raise InputError(f"end_time: expected more than timeIntegration.startTime, {start:.6g} s, got {end_time:.6g} s")
+    step = _checked_step(mbs, step, method)
+    if not (end_time - start) / step < _MOST_STEPS:
+        raise InputError(
+            f"step: {end_time - start:.4g} s in steps of {step:.4g} s are {(end_time - start) / step:.3g} steps; "
+            f"Exudyn counts to {_MOST_STEPS:.3g}. Take longer steps or a shorter end_time"
+        )
+    steps = math.ceil((end_time - start) / step * (1 - 1e-9))
+    step = (end_time - start) / steps
+    if settings is None:
+        settings = exu.SimulationSettings()
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+        settings.solution.file.write = False
+        settings.timeIntegration.verboseMode = 0
+        # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
+        settings.timeIntegration.newton.absoluteTolerance = _RESIDUAL
+        # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
+        settings.timeIntegration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
+        # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
+        settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
+    integration = settings.timeIntegration
+    # Steps that are so short need more of them to get there; the hook before each step ends the run.
+    beyond = math.ceil(_EARLY / step) if step < _EARLY else 0
+    if steps + beyond > _MOST_STEPS:
+        raise InputError(
+            f"end_time: a run of {end_time - start:.4g} s is too short for Exudyn, whose solvers stop 1e-10 s before "
+            f"the end; expected at least {_EARLY / _MOST_STEPS:.2g} s"
+        )
+    integration.endTime, integration.numberOfSteps = end_time + beyond * step, steps + beyond
+    integration.generalizedAlpha.spectralRadius = spectral_radius
+    integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
+    if sample_period is not None:
+        sample_period = validate_positive("sample_period", sample_period, "s")
+    settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
+    control = None
+    if adaptive:
+        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance, unresolved)
+        _warn_of_many_steps(end_time - start, control.longest, method)
+        settings.solution.sensors.writePeriod = sample_period or 0.0
+        integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
+        # The control lengthens steps; Exudyn only shortens those that fail.
+        integration.adaptiveStepRecoverySteps = steps
+    solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
+
+    status, message = "finished", f"reached {end_time:.6g} s"
+    for contact in partition_items(mbs)[1]:
+        contact.restart(start)
+    bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
+    with (
+        one_blas_thread(),
+        bar as report,
+        run_record(mbs).sensors_alone(),
+        without_stabilised(mbs, method),
+        multipliers(mbs, method) as steppers,
+        watched(mbs, start, end_time, step, report, steppers) as watch,
+        controlled(mbs, control, settings),
+    ):
+        begin = time.perf_counter()
+        try:
+            mbs.SolveDynamic(settings, solverType=solver)
+        except Exception as error:  # Exudyn wraps errors of user functions in its own types
+            if not watch.steps:
+                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}{open_joints}") from error
+            status, message = "unstable", f"the solver stopped: {_root(error)}"
+        time_s = time.perf_counter() - begin
+    result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
+    if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
+        result = cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
+    if status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
+        user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
+        status, message = "interrupted", "interrupted by the user" if watch.interrupted else user
+    elif status == "finished" and progress is not None:
+        progress(1.0)
+    return replace(result, status=status, message=message), open_joints
+
+
+def collect(mbs: Any) -> Result:
+    """Results of the last run of a model, also of one by `mbs.SolveDynamic` directly.
+
+    Exudyn reads its sensors each hundredth of a second unless `settings.solution.sensors.writePeriod` says otherwise.
+    Contacts keep the ends of all steps themselves then, with the coordinates of all partition bodies, and the result
+    has those times.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+
+    Returns
+    -------
+    Result
+        Cut where coordinates stop to be finite, or deformations to be small.
+
+    Raises
+    ------
+    InputError
+        If `mbs` is no model of Exudyn.
+    RunError
+        If no sensor stored anything.
+
+    Warns
+    -----
+    StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
+        As `solve_dynamic`; also if explicit steps were above the stability limit, or so many that contacts did not keep
+        them.
+    """
+    validate_model(mbs)
+    check_model(mbs)
+    result, solver = samples(mbs), Solver.last(mbs)
+    if run_record(mbs).overflowed:
+        warnings.warn(
+            "the run took more steps than contacts keep beside Exudyn's sensors, so that the result has the times of "
+            "these alone: impacts between them are missing. Set settings.solution.sensors.writePeriod to the period "
+            "that you need, or take solve_dynamic(mbs, ..., sample_period=...)",
+            ModelLimitWarning,
+            stacklevel=2,
+        )
+    if solver is not None:
+        result = replace(result, method=solver.method, step=solver.step, steps=solver.steps)
+        if not solver.finished:
+            message = f"the solver stopped at t = {solver.time:.6g} s, before the end of the run"
+            result = replace(result, status="interrupted", message=message)
+        _warn_of_stability(mbs, solver)
+    result = reviewed(mbs, result)
+    if solver is not None and solver.equal:
+        warn_of_turns(result)
+    return result
+
+
+def _warn_of_stability(mbs: Any, solver: Solver) -> None:
+    if solver.verlet and solver.step > (limit := stability_limit(mbs)):
+        warnings.warn(
+            f"the explicit steps of {solver.step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
+            f"closed): the bodies may gain energy without bound. Take at most {limit:.3g} s, or an implicit solver",
+            ModelLimitWarning,
+            stacklevel=3,
+        )
+
+
+def _checked_step(mbs: Any, step: float | None, method: str) -> float:
+    bodies, _ = partition_items(mbs)
+    limit = stability_limit(mbs) if method == "explicit" else float("inf")
+    if step is None:
+        if not bodies:
+            raise InputError("step: the model has no partition body to choose it from; give it [s]")
+        by_modes = 1 / (STEPS_A_PERIOD * max(item.body.f_cut for item in bodies))
+        return min(SAFETY * limit, by_modes, *_impact_steps(mbs, limit))
+    step = validate_positive("step", step, "s")
+    if step > limit:
+        raise StepSizeError(
+            f"step: {step:.4g} s is above the stability limit of explicit integration, {limit:.4g} s (all contact rows "
+            f"closed). Take at most {limit:.3g} s, a lower f_cut, a region with larger elements, or method='implicit'"
+        )
+    return step
+
+
+def _warn_of_many_steps(duration: float, longest: float, method: str) -> None:
+    if duration / longest > _MANY_STEPS:
+        remedy = "method='implicit', whose steps stability does not limit" if method == "explicit" else "free_step="
+        warnings.warn(
+            f"adaptive: {duration:.4g} s take at least {duration / longest:.2g} steps, for those in free flight are at "
+            f"most {longest:.4g} s, even if the bodies never touch. Take {remedy}, or a shorter end_time",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
+
+
+def _impact_steps(mbs: Any, limit: float) -> Iterator[float]:
+    """Steps that resolve each contact's next impact, as the model starts [s]."""
+    exu, data = require("exudyn"), mbs.systemData
+    initial = exu.ConfigurationType.Initial
+    q, q_t = data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial)
+    q_tt = np.zeros_like(q)
+    bodies, contacts = partition_items(mbs)
+    for item in bodies:
+        weight = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))
+        if weight.any():
+            dofs = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+            q_tt[dofs] = weight / item.kinematics.mass
+
+    def finite_limit() -> float:
+        return limit if math.isfinite(limit) else stability_limit(mbs)
+
+    for contact in contacts:
+        at, rate, acceleration = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (q, q_t, q_tt))
+        yield impact_step(contact, at, rate, acceleration, finite_limit)
+
+
+def _step_control(
+    mbs: Any,
+    step: float,
+    method: str,
+    free_step: float | None,
+    sample_period: float | None,
+    gap_tolerance: float | None,
+    unresolved: float | None,
+) -> StepControl:
+    bodies, contacts = partition_items(mbs)
+    longest = LONGEST * step if free_step is None else validate_positive("free_step", free_step, "s")
+    if longest < step * (1 - 1e-9):
+        raise InputError(f"free_step: expected at least the step in contact, {step:.4g} s, got {longest:.4g} s")
+    if gap_tolerance is not None:
+        gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
+    unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
+    if method == "explicit":
+        longest = min(longest, SAFETY * _stability_limit(bodies, []))
+    longest = max(step, min(longest, sample_period or math.inf))
+
+    def state(item: PartitionBody) -> tuple[Array, Array, Array]:
+        data, slices = mbs.systemData, coordinate_slices(mbs, item)
+        views = (
+            get(copy=False) for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
+        )
+        q, q_t, q_tt = (np.concatenate([view[s] for s in slices]) for view in views)
+        return q, q_t, q_tt
+
+    return StepControl(
+        contacts,
+        bodies,
+        state,
+        step=step,
+        longest=longest,
+        gap_tolerance=gap_tolerance,
+        unresolved=unresolved,
+    )
+
+
+def _root(error: BaseException) -> str:
+    """Return the message of the library's own error at the bottom of Exudyn's report, if there is one."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)

@@ -1,0 +1,276 @@
+"""When bodies will touch next, and the step to take until then: long in free flight, the contact's own in contact."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..contact.formulations.law import ElasticContact
+from ..contact.formulations.two_pass import TwoPass
+from ..contact.gaps import dense
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_items import PartitionContact
+from ..frames.floating import FloatingKinematics
+from ..reduction.estimate import STEPS_A_PERIOD
+from ..support.arrays import Array
+from ..support.checks import validate_array, validate_type
+
+State = Callable[[PartitionBody], tuple[Array, Array, Array]]
+
+LONGEST = 100  # contact steps: default of the longest step, as nothing is known of a model's other items
+GROWTH = 1.25  # of the step, from one to the next: twice as fast, generalized-alpha amplifies modes far above its step
+_WORTHWHILE = 1.1  # growth below which a step is kept, and the factors of its Jacobian with it
+UNRESOLVED = 1e-4  # of the bodies' largest energy so far: what steps need not resolve, 1 % of a velocity
+_CAUTION = 0.9  # of the time to contact: what is left out grows with the square of the step
+_STEPS_AN_IMPACT = 32  # of Hertz, ten of which are in the rise of its force: default steps
+_LASTS = 2.94  # times the largest depth over the speed of approach: an impact by Hertz; by a linear spring pi
+_FIRM = 10.0  # facets' sizes: a depth at which all rows are closed
+_SEARCHES, _FOUND = 40, 1.05  # halvings of the depth at most, and the ratio of its bounds in the end
+_AT_ONCE = 0.5  # of the rows of the largest depth, closed at a tenth of it: of flat patches all are, by Hertz a tenth
+_SHARE = 0.15  # of the stability limit: steps in which flat patches gain no more than a few thousandths of energy
+_LANDING = 0.5  # of the touching step: how long before contact the last long step ends
+
+
+def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
+    """First times at which gap + rate t + acceleration t^2 / 2 falls through zero, (k,) [s]; infinite if never.
+
+    Only accelerations that close a gap count: those that open it are of a force that may end.
+
+    Parameters
+    ----------
+    gap, rate, acceleration : (k,) arrays
+        [m], [m/s], [m/s2]; gaps below zero count as zero.
+    """
+    gap, a = np.maximum(gap, 0.0), np.minimum(acceleration, 0.0)
+    root = np.sqrt(rate**2 - 2 * a * gap)
+    # Of the two forms of the solution the one without cancellation.
+    above = np.where(rate >= 0, rate + root, 2 * gap)
+    below = np.where(rate >= 0, -a, root - rate)
+    return np.divide(above, below, out=np.full(len(gap), np.inf), where=below > 0)
+
+
+def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array | None = None) -> float:
+    """Time until the first row of a contact closes [s], as gaps and rates are now; infinite if all open.
+
+    Exact for rigid bodies in free flight that do not rotate, onto a plane. Points that are too far away to be rows of a
+    moving contact count as if they flew straight at each other: a lower bound.
+
+    Parameters
+    ----------
+    contact : PartitionContact
+    q, q_t : (n,) arrays
+        Coordinates of slave and master, one after the other, and their velocities.
+    q_tt : (n,) array, optional
+        Their accelerations, those of the rigid motion; default: none.
+
+    Returns
+    -------
+    float
+        Zero if the contact is closed.
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, or of another length.
+    """
+    validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
+    n = sum(item.body.n_dofs for item, _ in contact.sides)
+    q, q_t = validate_array("q", q, (n,)), validate_array("q_t", q_t, (n,))
+    q_tt = None if q_tt is None else validate_array("q_tt", q_tt, (n,))
+    return _first_touch(contact, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
+
+
+def _first_touch(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
+    """Time to contact [s] and speed of approach then [m/s]."""
+    if contact.law.index.size:
+        return 0.0, 0.0
+    gap, rate, acceleration = contact.law.closing(q, q_t, q_tt)
+    times = first_root(gap, rate, acceleration)
+    first = int(times.argmin()) if len(times) else 0
+    if not len(times) or not math.isfinite(times[first]):
+        return math.inf, 0.0
+    return float(times[first]), float(-rate[first] - min(acceleration[first], 0.0) * times[first])
+
+
+def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, limit: Callable[[], float]) -> float:
+    """Step that resolves the next impact [s], as the bodies fly now; infinite where none is in sight.
+
+    The bodies' rigid masses against the contact's own flexibility, a spring that is the stiffer the deeper: what energy
+    it takes at a depth is known, so the largest depth and how long the impact lasts, of which a step is a 32nd. Modes
+    and what carries a rigid surface yield too; f_cut, which resolves them, is for another rule.
+
+    On a flat patch all rows close at once, in the middle of a step, so that energy changes by the square of the step
+    over the contact's shortest period, and modes yield more than the contact does. There it is 0.15 of the stability
+    limit.
+
+    Parameters
+    ----------
+    contact : PartitionContact
+        Its law is left in another state; a run begins with a restart.
+    q, q_t, q_tt : (n,) arrays
+        Coordinates of slave and master, their velocities and accelerations.
+    limit : callable
+        Returns the stability limit [s].
+    """
+    law = contact.law.passes[0] if isinstance(contact.law, TwoPass) else contact.law
+    if not isinstance(law, ElasticContact):
+        return math.inf  # multipliers have no flexibility of their own
+    time, speed = _first_touch(contact, q, q_t, q_tt)
+    gap = law.gaps.at(q)
+    if not math.isfinite(time) or speed <= 0 or not len(gap):
+        return math.inf
+    H = dense(law.gaps.jacobian(np.arange(len(gap))))
+    rate = H @ (q_t + time * q_tt)
+    touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)
+    first = int(touching.argmin())
+    mobility = _mobility(contact, H[first])
+    if rate[first] >= 0 or mobility <= 0:
+        return math.inf
+    way = rate / -rate[first]
+    touching = touching - touching[first]
+
+    def pressed(depth: float) -> tuple[float, int]:
+        law.answer(touching + depth * way)
+        return law.stored(), len(law.index)
+
+    wanted = rate[first] ** 2 / (2 * mobility)
+    firm = _FIRM * law.gaps.size
+    deepest = firm * math.sqrt(wanted / max(pressed(firm)[0], 1e-300))  # or deeper: there all rows push
+    above = deepest
+    for _ in range(_SEARCHES):
+        if pressed(above)[0] >= wanted:
+            break
+        deepest, above = above, 2 * above
+    while above > _FOUND * deepest:
+        middle = math.sqrt(above * deepest)
+        deepest, above = (deepest, middle) if pressed(middle)[0] >= wanted else (middle, above)
+    step = _LASTS * above / -rate[first] / _STEPS_AN_IMPACT
+    closed, soon = pressed(above)[1], pressed(0.1 * above)[1]
+    flat = closed > 3 and soon > _AT_ONCE * closed
+    return _SHARE * limit() if flat else float(step)
+
+
+def _mobility(contact: PartitionContact, row: Array) -> float:
+    """Acceleration along a row, (n,), by a unit force on it, of the bodies' rigid motion [1/kg]."""
+    ends = np.cumsum([0] + [item.body.n_dofs for item, _ in contact.sides])
+    total = 0.0
+    for (item, _), start in zip(contact.sides, ends[:-1], strict=True):
+        body = item.body
+        of_rigid = row[start : start + body.n_dofs] @ (item.kinematics.from_basis @ body.rigid)
+        total += float(of_rigid @ np.linalg.solve(body.rigid.T @ (body.mass @ body.rigid), of_rigid))
+    return total
+
+
+class StepControl:
+    """Step sizes of a run, asked for at the end of each step.
+
+    In contact it is the contact's own step. In free flight it grows, as far as `longest` and the bodies' vibration let
+    it: 25 steps a period of the highest mode above which more than `unresolved` of the energy is found, and of the
+    fastest rotation. It ends before the next impact, so that a row closes within a step that is short enough.
+
+    Parameters
+    ----------
+    contacts : sequence of PartitionContact
+    bodies : sequence of PartitionBody
+    state : callable
+        Body -> its coordinates now, their velocities and accelerations, (n_dofs,) each.
+    step : float
+        In contact [s].
+    longest : float
+        In free flight [s].
+    gap_tolerance : float, optional
+        Depth to which a step may close a gap that was open before [m]. Default: what a contact's own step covers.
+    unresolved : float
+        Share of the bodies' largest kinetic energy so far that vibration may have and not be resolved.
+    """
+
+    def __init__(
+        self,
+        contacts: Sequence[PartitionContact],
+        bodies: Sequence[PartitionBody],
+        state: State,
+        *,
+        step: float,
+        longest: float,
+        gap_tolerance: float | None = None,
+        unresolved: float = UNRESOLVED,
+    ) -> None:
+        self.contacts, self.bodies, self._state = contacts, bodies, state
+        self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
+        self.unresolved = unresolved
+        self._was_open = [False] * len(contacts)
+        self._largest_energy = 0.0
+
+    def next_step(self, last: float) -> float:
+        """Return the step to take after one of `last`, both in s, from the state that it ended in."""
+        limit = self.longest
+        for i, contact in enumerate(self.contacts):
+            self._was_open[i] = not contact.law.index.size
+            limit = min(limit, self._until_contact(contact) if self._was_open[i] else self.step)
+        if limit > self.step:
+            limit = max(self.step, min(limit, self._resolving_step()))
+        if last < limit <= _WORTHWHILE * last and limit != self.step:
+            return last
+        return min(limit, GROWTH * last)
+
+    def shorter_step(self, taken: float) -> float | None:
+        """Return the step to take instead of one that overshot a gap [s], None if the one taken will do.
+
+        Explicit multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
+        """
+        for was_open, contact in zip(self._was_open, self.contacts, strict=True):
+            if was_open and contact.law.index.size and not contact.ahead:
+                depth, tolerance = -contact.law.least_gap, self.gap_tolerance
+                if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
+                    return 0.5 * taken
+        return None
+
+    def _until_contact(self, contact: PartitionContact) -> float:
+        q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
+        time, speed = _first_touch(contact, q, q_t, q_tt)
+        touching = self.step
+        if self.gap_tolerance is not None and speed > 0:
+            touching = min(touching, self.gap_tolerance / speed)
+        return max(touching, min(_CAUTION * time, time - _LANDING * touching))
+
+    def _rigid(self, side: tuple[PartitionBody, int]) -> tuple[Array, Array, Array]:
+        """State of a body with the accelerations of its rigid motion alone: vibration turns before they tell."""
+        item = side[0]
+        q, q_t, q_tt = self._state(item)
+        if isinstance(item.kinematics, FloatingKinematics):
+            return q, q_t, np.concatenate([q_tt[:6], np.zeros(len(q) - 6)])
+        return q, q_t, item.body.rigid @ item.kinematics.rigid_motion(q_tt)
+
+    def _resolving_step(self) -> float:
+        """Step that resolves what vibrates and rotates [s]."""
+        frequencies, energies, total, fastest = [np.empty(0)], [np.empty(0)], 0.0, 0.0
+        for item in self.bodies:
+            q, q_t, _ = self._state(item)
+            f, energy = vibration(item, q, q_t)
+            frequencies.append(f)
+            energies.append(energy)
+            total += float(item.kinematics.kinetic_energy(q, q_t))
+            if isinstance(item.kinematics, FloatingKinematics):
+                fastest = max(fastest, float(np.linalg.norm(q_t[3:6])) / (2 * np.pi))
+        f, energy = np.concatenate(frequencies), np.concatenate(energies)
+        self._largest_energy = max(self._largest_energy, total)
+        order = np.argsort(f)[::-1]
+        resolved = np.flatnonzero(np.cumsum(energy[order]) > self.unresolved * self._largest_energy)
+        if resolved.size:
+            fastest = max(fastest, f[order][resolved[0]])
+        return 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf
+
+
+def vibration(item: PartitionBody, q: Array, q_t: Array) -> tuple[Array, Array]:
+    """Frequencies of a body's modes, (k,) [Hz], and the energy in each of them, (k,) [J].
+
+    A basis with nodal columns has no modes: all that vibrates counts as if at `f_cut`.
+    """
+    body = item.body
+    if body.n_shapes == body.n_dofs:
+        omega = body.basis.omega[6:]
+        return omega / (2 * np.pi), (q_t[6:] ** 2 + (omega * q[6:]) ** 2) / 2
+    q, q_t = item.kinematics.deformed(q), item.kinematics.deformed(q_t)
+    return np.array([body.f_cut]), np.array([q_t @ (body.mass @ q_t) + q @ (body.stiffness @ q)]) / 2

@@ -1,0 +1,102 @@
+"""Results of runs as files: what the sensors told, and of which model, so that another process can go on with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from ..support.archive import Format, digest
+from ..support.arrays import Array
+from ..support.checks import read_only
+
+if TYPE_CHECKING:
+    from ..exudyn_bodies.partition_body import PartitionBody
+    from ..exudyn_contacts.contact_results import ContactResults
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRun:
+    """Fields of a `Result` that are no items of a model.
+
+    Parameters
+    ----------
+    t : (n,) array
+        [s]
+    status, message : str
+    step : float
+        [s]
+    steps : int
+    method : str
+    time_s : float
+        [s]
+    numbers, seldom : (k,) int arrays
+        Of the sensors.
+    samples : tuple of (n, m) arrays
+        Of each sensor in `numbers`.
+    items : tuple of str
+        What each body and contact of the model was, see `described`.
+
+    Raises
+    ------
+    InputError
+        If the samples do not fit the times or the sensors.
+    """
+
+    t: Array
+    status: str
+    message: str
+    step: float
+    steps: int
+    method: str
+    time_s: float
+    numbers: Array
+    seldom: Array
+    samples: tuple[Array, ...]
+    items: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        read_only(self.t, self.numbers, self.seldom, *self.samples)
+        if len(self.numbers) != len(self.samples) or any(len(data) != len(self.t) for data in self.samples):
+            raise InputError(f"samples: expected {len(self.numbers)} sensors with {len(self.t)} times each")
+
+
+FILE = Format(
+    name="result",
+    version=1,
+    units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
+    classes=(StoredRun,),
+)
+
+
+def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults]) -> tuple[str, ...]:
+    """What the items of a model are: names, frames, contents of the reduced bodies, laws, and numbers of sensors."""
+    said = [
+        f"body {item.name!r}, {item.frame} frame at {item.position.tolist()}, sensors "
+        f"{[*map(int, item['sCoordinates']), *map(int, item['sCoordinates_t'])]}, content {digest(item.body)}"
+        for item in bodies
+    ]
+    said += [
+        f"contact {contact.name!r} of {[(item.name, patch) for item, patch in contact.sides]}, "
+        f"{[*contact.laws] or type(contact.law).__name__}, sensor {int(contact['sForce'])}"
+        for contact in contacts
+    ]
+    return tuple(said)
+
+
+def check_items(stored: Sequence[str], found: Sequence[str]) -> None:
+    """Refuse a model that is not the one of a stored run.
+
+    Raises
+    ------
+    InputError
+        Naming the first item that differs.
+    """
+    for i in range(max(len(stored), len(found))):
+        was, is_now = (items[i] if i < len(items) else "nothing" for items in (stored, found))
+        if was != is_now:
+            raise InputError(
+                f"mbs: expected the model that was run, built by the same calls in the same order, with {was}; this "
+                f"one has {is_now}"
+            )

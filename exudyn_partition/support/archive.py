@@ -1,0 +1,241 @@
+"""Values of the library as npz files: dataclasses of arrays, sparse matrices, numbers and text, without pickle.
+
+A file holds every array as a member of its own, and a member `about`: JSON that names format, version and units and
+describes the value field by field. So NumPy alone is enough to look into it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import math
+import stat
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._version import __version__
+from ..errors import InputError
+from .arrays import Array
+from .checks import validate_path
+from .files import replacing
+
+_CSR = {"csr_matrix": sp.csr_matrix, "csr_array": sp.csr_array}
+_CSR_PARTS = ("data", "indices", "indptr")
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+_ZIP_START = b"PK\x03\x04"
+# What zipfile, NumPy and JSON raise on bytes that are not what they were.
+_DAMAGE = (
+    OSError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Parameters
+    ----------
+    name : str
+        What the files hold, for messages.
+    version : int
+        Raised whenever the meaning of a field changes; only files of this version are read.
+    units : str
+        Note for people who look into a file.
+    classes : tuple of type
+        Dataclasses that may occur in it: first the value's own, or that of each value of a tuple, then nested ones. All
+        their fields are stored. What they check when they are made is checked when they are read.
+    """
+
+    name: str
+    version: int
+    units: str
+    classes: tuple[type, ...]
+
+    @property
+    def _title(self) -> str:
+        return f"exudyn_partition {self.name}"
+
+    def save(self, path: str | Path, value: Any) -> None:
+        """Write `value`; `path` holds it whole or as it was before, whenever the process ends.
+
+        Raises
+        ------
+        InputError
+            If no file can stand at `path`: there is no such folder, or it is a folder, a device or a pipe.
+        OutputError
+            If the system cannot write; the old file is kept.
+        """
+        arrays: dict[str, Any] = {}
+        about = {
+            "format": self._title,
+            "version": self.version,
+            "library": __version__,
+            "units": self.units,
+            "content": _describe(value, "", arrays),
+        }
+        with replacing(path) as file:
+            np.savez(file, about=np.array(json.dumps(about)), **arrays)
+
+    def load(self, path: str | Path) -> Any:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, of another kind or of another version.
+        """
+        path = validate_path("path", path)
+        try:
+            self._check_file(path)
+            with path.open("rb") as file:
+                if file.read(len(_ZIP_START)) != _ZIP_START:
+                    raise InputError(f"path: {path} is not an npz file; expected a saved {self.name}")
+                with zipfile.ZipFile(file) as archive:
+                    content = self._content(path, archive)
+                    try:
+                        return self._checked(_restore(content, archive, {c.__name__: c for c in self.classes}))
+                    except InputError as error:  # of a class that refuses what it is given
+                        raise ValueError(str(error)) from error
+        except InputError:
+            raise
+        except FileNotFoundError as error:
+            raise InputError(
+                f"path: expected a saved {self.name}, but there is no file {path} (working directory {Path.cwd()})"
+            ) from error
+        except _DAMAGE as error:
+            raise InputError(
+                f"path: {path} is damaged or cannot be read: {error or type(error).__name__}. "
+                f"Restore it from a copy, or compute and save the {self.name} anew"
+            ) from error
+
+    def _check_file(self, path: Path) -> None:
+        """Refuse a pipe, which would wait for a writer, and a device, which may never end; a folder says so itself."""
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
+            raise InputError(f"path: expected a saved {self.name}, got {path}, a device or a pipe")
+
+    def _checked(self, value: Any) -> Any:
+        """Return `value` if it is of the first class, or a tuple of such."""
+        kind = self.classes[0]
+        for item in value if isinstance(value, tuple) else (value,):
+            if not isinstance(item, kind):
+                raise ValueError(f"expected a {kind.__name__} in it, got a {type(item).__name__}")
+        return value
+
+    def _content(self, path: Path, archive: zipfile.ZipFile) -> Any:
+        """Description of the value, if the file is of this kind and version."""
+        members = archive.namelist()
+        about = json.loads(str(_member("about", archive))) if "about.npy" in members else {}
+        if not isinstance(about, dict) or about.get("format") != self._title:
+            held = ", ".join(name.removesuffix(".npy") for name in members[:5])
+            raise InputError(f"path: {path} is an npz file of another kind, with {held}; expected a saved {self.name}")
+        version = about["version"]
+        if version != self.version:
+            remedy = "update the library, or " if version > self.version else ""
+            raise InputError(
+                f"path: {path} is of version {version}, from exudyn_partition {about['library']}; this one, "
+                f"{__version__}, reads version {self.version}: {remedy}compute and save the {self.name} anew"
+            )
+        return about["content"]
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of a value: of its structure, field by field, and of every array's type, shape and numbers."""
+    arrays: dict[str, Array] = {}
+    sha = hashlib.sha256(json.dumps(_describe(value, "", arrays)).encode())
+    for array in arrays.values():
+        sha.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+    return sha.hexdigest()
+
+
+def _describe(value: Any, name: str, arrays: dict[str, Array]) -> Any:
+    """Description of `value` in JSON types; its arrays are put into `arrays` by their dotted names."""
+
+    def each(children: dict[str, Any]) -> dict[str, Any]:
+        return {key: _describe(x, f"{name}.{key}" if name else key, arrays) for key, x in children.items()}
+
+    match value:
+        case None | bool() | int() | float() | str():
+            return value
+        case np.ndarray() if not value.dtype.hasobject:
+            arrays[name] = value
+            return {"array": name, "dtype": value.dtype.str, "shape": list(value.shape)}
+        case sp.csr_matrix() | sp.csr_array():
+            parts = each({part: getattr(value, part) for part in _CSR_PARTS})
+            return {"sparse": type(value).__name__, "parts": parts, "shape": list(value.shape)}
+        case tuple():
+            return {"tuple": list(each({str(i): x for i, x in enumerate(value)}).values())}
+        case dict():
+            return {"dict": each(value)}
+        case _ if dataclasses.is_dataclass(value):
+            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            return {"class": type(value).__name__, "fields": each(fields)}
+    raise TypeError(f"{name}: a {type(value).__name__} cannot be stored")
+
+
+def _restore(node: Any, archive: zipfile.ZipFile, classes: dict[str, type]) -> Any:
+    """Value that `_describe` described as `node`."""
+
+    def each(nodes: dict[str, Any]) -> dict[str, Any]:
+        return {key: _restore(x, archive, classes) for key, x in nodes.items()}
+
+    match node:
+        case {"array": name, "dtype": dtype, "shape": shape}:
+            array = _member(name, archive)
+            if (array.dtype.str, list(array.shape)) != (dtype, shape):
+                raise ValueError(
+                    f"{name}: expected {dtype} of shape {tuple(shape)}, got {array.dtype.str} of shape {array.shape}"
+                )
+            return array
+        case {"sparse": kind, "parts": parts, "shape": shape}:
+            found = each(parts)
+            matrix = _CSR[kind](tuple(found[part] for part in _CSR_PARTS), shape=tuple(shape))
+            matrix.check_format(full_check=True)  # every index is in range
+            return matrix
+        case {"tuple": items}:
+            return tuple(_restore(x, archive, classes) for x in items)
+        case {"dict": items}:
+            return each(items)
+        case {"class": name, "fields": fields}:
+            differing = fields.keys() ^ {field.name for field in dataclasses.fields(classes[name])}
+            if differing:
+                raise ValueError(f"fields of {name} that only the file or only the library has: {sorted(differing)}")
+            return classes[name](**each(fields))
+    return node
+
+
+def _member(name: str, archive: zipfile.ZipFile) -> Array:
+    """One array of a file, whose sizes are those of the file before memory is asked for them.
+
+    `read` checks the member's CRC before NumPy looks at it.
+    """
+    info = archive.getinfo(f"{name}.npy")
+    if info.compress_type != zipfile.ZIP_STORED or info.file_size != info.compress_size:
+        raise ValueError(f"{name}: expected a member that is not compressed")
+    data = io.BytesIO(archive.read(info))
+    version = np.lib.format.read_magic(data)
+    if version not in _HEADERS:
+        raise ValueError(f"{name}: expected an array in NumPy's format 1.0 or 2.0, got {version}")
+    shape, _, dtype = _HEADERS[version](data)
+    claimed, held = math.prod(shape) * dtype.itemsize, info.file_size - data.tell()
+    if dtype.hasobject or min(shape, default=0) < 0 or claimed != held:
+        raise ValueError(f"{name}: its header claims {claimed} bytes of {dtype} in shape {shape}, the file has {held}")
+    data.seek(0)
+    return np.lib.format.read_array(data, allow_pickle=False)

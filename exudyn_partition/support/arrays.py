@@ -1,0 +1,18 @@
+"""Types of arrays, and the layout of vectors that lie one behind the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]  # docstrings say shapes, and where it is not floats
+
+
+def consecutive(sizes: Sequence[int]) -> list[slice]:
+    """Slices of parts with these sizes that lie one behind the other."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]

@@ -1,0 +1,94 @@
+"""Results that are kept from one run to the next, in files named by what they were made from."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..errors import CacheWarning, InputError
+from .archive import Format, digest
+from .checks import validate_path
+
+VARIABLE = "EXUDYN_PARTITION_CACHE"  # environment variable that names the cache folder
+
+
+def cached(cache: bool | str | Path, inputs: Any, file: Format, make: Callable[[], Any]) -> Any:
+    """Return what `make` returned for the same inputs before, or call it and keep the result.
+
+    Two processes may make the same at once: both write the whole file, one after the other under its final name. What
+    goes wrong with the files warns and costs the time to compute anew, nothing else.
+
+    Parameters
+    ----------
+    cache : bool or path
+        Whether to keep results, in `user_folder()`; or the folder to keep them in.
+    inputs : dict, dataclass, array, ...
+        All that the result depends on beside the library's own code.
+    file : Format
+    make : callable
+
+    Warns
+    -----
+    CacheWarning
+        If a file is damaged, or cannot be written.
+    """
+    if not isinstance(cache, bool | str | Path):
+        raise InputError(f"cache: expected True, False or a folder, got {cache!r}")
+    if cache is False:
+        return make()
+    folder = user_folder() if cache is True else validate_path("cache", cache)
+    key = digest({"inputs": inputs, "format": file.version, "library": __version__, "code": _code()})
+    try:
+        path = folder / f"{key}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        kept = path.exists()
+    except (OSError, RuntimeError) as error:
+        _warn(f"the cache cannot be used: {error}. Name a folder that can be written, by cache= or by {VARIABLE}")
+        return make()
+    if kept:
+        try:
+            return file.load(path)
+        except InputError as error:
+            _warn(f"{error}. It is computed anew")
+    result = make()
+    try:
+        file.save(path, result)
+    except (OSError, InputError) as error:
+        _warn(f"the result is not kept: {error}. Name a folder that can be written, by cache= or by {VARIABLE}")
+    return result
+
+
+def user_folder() -> Path:
+    """Folder of `cache=True`: what EXUDYN_PARTITION_CACHE names, else one in the platform's folder for caches.
+
+    Any file in it may be deleted at any time.
+    """
+    if os.environ.get(VARIABLE):
+        return Path(os.environ[VARIABLE])
+    if sys.platform == "win32":
+        variable, default = "LOCALAPPDATA", ("AppData", "Local")
+    elif sys.platform == "darwin":
+        variable, default = "", ("Library", "Caches")
+    else:
+        variable, default = "XDG_CACHE_HOME", (".cache",)
+    named = os.environ.get(variable, "")
+    # The XDG specification has relative paths ignored.
+    return (Path(named) if Path(named).is_absolute() else Path.home().joinpath(*default)) / "exudyn_partition"
+
+
+def _code() -> str:
+    """SHA-256 of the library's own source: between two releases its version stays, its results may not."""
+    sha = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        sha.update(path.read_bytes())
+    return sha.hexdigest()
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, CacheWarning, stacklevel=4)  # the caller of the function that keeps its results

@@ -1,0 +1,47 @@
+"""Ctrl-C as a question that a loop asks between its steps: what was computed until then is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+
+class Interrupt:
+    """Handler of Ctrl-C that only remembers it.
+
+    Attributes
+    ----------
+    asked : bool
+        Whether the user has asked to stop.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Take the signal: remember that the user asked to stop."""
+        self.asked = True
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[Interrupt]:
+    """Take Ctrl-C until the end of the block; within another such block, that one's answer counts.
+
+    Python lets only the main thread do that. Elsewhere nothing changes, and nobody ever asks.
+    """
+    previous = signal.getsignal(signal.SIGINT)
+    if isinstance(previous, Interrupt):
+        yield previous
+        return
+    interrupt = Interrupt()
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupt
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield interrupt
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if previous is None else previous)

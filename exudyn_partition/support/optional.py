@@ -1,0 +1,19 @@
+"""Optional imports: what is missing is named together with the pip line that installs it."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from ..errors import MissingPackageError
+
+
+def require(package: str) -> ModuleType:
+    """Import `package`, or raise `MissingPackageError` with the pip line."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        name = package.split(".")[0]
+        raise MissingPackageError(
+            f"{name} is needed for this and could not be imported ({error}): pip install {name}"
+        ) from error

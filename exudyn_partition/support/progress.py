@@ -1,0 +1,104 @@
+"""Progress on the terminal, quiet where there is none."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ..errors import InputError
+from .checks import validate_number, validate_text
+from .optional import require
+
+Progress = Callable[[float], None]  # takes the share done, 0 to 1
+
+LONG = 2.0  # what takes longer shows its progress [s]
+
+
+@contextlib.contextmanager
+def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
+    """Show a bar while something runs; yields the function to call with the share done, 0 to 1.
+
+    Parameters
+    ----------
+    title : str
+    after : float
+        How long it has to run before a bar appears [s].
+
+    Raises
+    ------
+    InputError
+        If an argument, or the share, is no such thing.
+
+    Examples
+    --------
+    >>> from exudyn_partition import progress
+    >>> with progress("stepping") as report:
+    ...     report(0.5)
+    """
+    validate_text("title", title)
+    if validate_number("after", after, "a time in s") < 0:
+        raise InputError(f"after: expected a time of at least zero, got {after!r}")
+    bar = _bar()
+    task, begin = bar.add_task(_plain(title), total=1.0), time.perf_counter()
+
+    def report(share: float) -> None:
+        if not bar.live.is_started and time.perf_counter() - begin >= after:
+            bar.start()
+        bar.update(task, completed=validate_number("share", share))
+
+    try:
+        if not after:
+            bar.start()
+        yield report
+        bar.update(task, completed=1.0)
+    finally:
+        _stop(bar)
+
+
+@contextlib.contextmanager
+def pulsing(title: str) -> Iterator[None]:
+    """Show a bar that only moves while something runs whose share done nobody knows, once it takes long."""
+    bar = _bar()
+    bar.add_task(title, total=None)
+    timer = threading.Timer(LONG, bar.start)
+    timer.daemon = True
+    if not bar.disable:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        if timer.ident is not None:
+            timer.join()  # or it might start the bar after it was stopped
+        _stop(bar)
+
+
+def _plain(title: str) -> str:
+    """Text that rich shows as it is: brackets are its markup."""
+    return str(require("rich.markup").escape(title))
+
+
+def _bar() -> Any:
+    rich = require("rich.progress")
+    console = require("rich.console").Console(stderr=True)
+    columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())
+    return rich.Progress(*columns, console=console, disable=not console.is_terminal)
+
+
+def _stop(bar: Any) -> None:
+    if bar.live.is_started:  # rich 13 prints an empty line for a bar that is stopped without having been shown
+        bar.stop()
+
+
+@contextlib.contextmanager
+def shown(given: Callable[[float], None] | None, title: str) -> Iterator[Callable[[float], None]]:
+    """Yield the caller's own function to report to, or that of a bar that appears where it takes long."""
+    if given is not None:
+        yield given
+        given(1.0)
+    else:
+        with progress(title, after=LONG) as report:
+            yield report

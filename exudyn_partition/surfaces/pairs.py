@@ -1,0 +1,164 @@
+"""Pairs of points and facets that move: closest points found again from where they were."""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import numpy as np
+
+from ..fe.shapes import corners_of, shape_functions
+from ..support.arrays import Array
+from .rows import EDGE_TOLERANCE
+from .surface import Projection, Surface, closest_points, cross, newton_step
+
+_STEPS = 6
+_FOLLOWED = 1e-4  # of a facet: last step of Newton's iteration, by which normals lag, and way past a facet's edge
+_ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
+
+
+class MovingPairs:
+    """Points of one patch on the facets of another, which both move.
+
+    Newton's iteration starts as far from the last closest point as that moved last: in steady motion one step does.
+    A point that leaves its facet goes on in the neighbour, and is searched on all facets if that does not hold it
+    either. Points that look past the edge of the patch are left alone.
+
+    Parameters
+    ----------
+    master : Surface
+        Where facets start; their order and size are used.
+    facet : (p,) int array
+        Which facet each point is on.
+    local : (p, 2) array
+        Closest points in the facets' coordinates.
+    """
+
+    def __init__(self, master: Surface, facet: Array, local: Array) -> None:
+        self.facets, self.size = master.facets, master.facet_size
+        self._neighbours = master.neighbours
+        self._turns = _turns(master)
+        self.facet, self.local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
+        self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
+
+    def rest(self) -> None:
+        """Forget how points moved last."""
+        self._last[:] = 0.0
+
+    def follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
+        """Project some points again, and tell which of them are past the edge.
+
+        Parameters
+        ----------
+        index : (k,) int array
+            Their numbers.
+        x : (k, 3) array
+            Where they are [m].
+        x_m : (np, 3) array
+            Where the master's nodes are [m].
+
+        Returns
+        -------
+        Projection, (k,) bool array
+        """
+        facet, last = self.facet.take(index), self._last.take(index, axis=0)
+        local = self.local.take(index, axis=0) + last
+        left = self._on_patch(index, _outside(local, self.facets.shape[1]))
+        if len(left):
+            facet[left], local[left], last[left] = self._cross(facet[left], local[left], last[left])
+        pairs = follow(x, x_m.take(self.facets.take(facet, axis=0), axis=0), facet, local)
+        last += pairs.local - local
+        left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], _FOLLOWED))
+        if len(left):
+            last[left] = 0.0
+            self._find(pairs, left, x[left], x_m)
+            offset = np.where(self._at_rim(pairs.facet[left], pairs.local[left]), pairs.offset[left], 0.0)
+            self._past[index[left]] = offset > _ON_EDGE * self.size
+            self._gone[index[left]] = offset > EDGE_TOLERANCE * self.size
+        self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
+        return pairs, self._gone.take(index)
+
+    def _on_patch(self, index: Array, left: Array) -> Array:
+        """Those of some points, `left` of `index`, that are not past the edge of the patch."""
+        return left[~self._past[index[left]]] if len(left) else left
+
+    def _cross(self, facet: Array, local: Array, last: Array) -> tuple[Array, Array, Array]:
+        """Facets over the edge that points have crossed, their coordinates and motion there; at rims as they were."""
+        edge = np.argmin(_depths(local, self.facets.shape[1]), axis=0)
+        neighbour, its_edge = (of[facet, edge] for of in self._neighbours)
+        middle, turn = _middles(self.facets), self._turns[facet, edge]
+        there = middle[its_edge] + np.einsum("kij,kj->ki", turn, local - middle[edge])
+        over = (neighbour >= 0)[:, None]
+        turned = np.einsum("kij,kj->ki", turn, last)
+        return np.where(over[:, 0], neighbour, facet), np.where(over, there, local), np.where(over, turned, last)
+
+    def _at_rim(self, facet: Array, local: Array) -> Array:
+        """Which closest points lie on edges beyond which there is no facet, (k,) bool."""
+        on = np.stack(_depths(local, self.facets.shape[1]), axis=1) < _ON_EDGE
+        return np.asarray((on & (self._neighbours[0][facet] < 0)).any(axis=1))
+
+    def _find(self, pairs: Projection, left: Array, x: Array, x_m: Array) -> None:
+        """Project points, x (k, 3), that have left their facets: in the neighbours, else anywhere."""
+        before = pairs.facet[left]
+        facet, local, _ = self._cross(before, pairs.local[left], np.zeros((len(left), 2)))
+        pairs.put(left, follow(x, x_m[self.facets[facet]], facet, local))
+        lost = facet == before
+        lost[_outside(pairs.local[left], self.facets.shape[1], _FOLLOWED)] = True
+        if lost.any():
+            pairs.put(left[lost], closest_points(x[lost], x_m[self.facets]))
+
+
+def _middles(facets: Array) -> Array:
+    """Coordinates of the middles of a facet's edges, (number of edges, 2)."""
+    corners = corners_of(facets)
+    return (corners + np.roll(corners, -1, axis=0)) / 2
+
+
+def _turns(surface: Surface) -> Array:
+    """(nf, number of edges, 2, 2) array: how a step's coordinates change from each facet to that over each edge."""
+    middles, n_nodes = _middles(surface.facets), surface.facets.shape[1]
+    tangents = np.einsum("ein,fnd->fedi", shape_functions(middles, n_nodes)[:, 1:], surface.points[surface.facets])
+    return np.linalg.pinv(tangents[surface.neighbours]) @ tangents
+
+
+def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int = _STEPS) -> Projection:
+    """Project points that have moved a little on the facets where they were, which go on past their edges.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        [m]
+    nodes : (k, n, 3) array
+        Positions of the nodes of each point's facet [m].
+    facet : (k,) int array
+        Their numbers, which the projection keeps.
+    local : (k, 2) array
+        First guess of the closest points in the facets' coordinates.
+    steps : int
+        Newton's, at most.
+    """
+    shape = shape_functions(local, nodes.shape[1])
+    frame = shape @ nodes
+    miss = points - frame[:, 0]
+    step, _, squared = newton_step(frame, miss)
+    # What is left of the step changes the weights to first order, and the gap not at all.
+    weights = shape[:, 0] + step[:, :1] * shape[:, 1] + step[:, 1:] * shape[:, 2]
+    normal = cross(frame[:, 1], frame[:, 2]) / np.sqrt(squared)[:, None]
+    gap = np.einsum("kd,kd->k", miss, normal)
+    found = Projection(facet, local + step, weights, normal, gap, np.zeros(len(gap)))
+    if steps > 1:
+        far = np.flatnonzero(np.maximum(abs(step[:, 0]), abs(step[:, 1])) > _FOLLOWED)
+        if len(far):
+            start = local[far] + np.clip(step[far], -1.0, 1.0)
+            found.put(far, follow(points[far], nodes[far], facet[far], start, steps - 1))
+    return found
+
+
+def _depths(local: Array, n_nodes: int) -> list[Array]:
+    """How far points are inside of each edge of their facet, (k,) each, in its coordinates."""
+    r, s = local[:, 0], local[:, 1]
+    return [s, 1 - r, 1 - s, r] if n_nodes == 4 else [s, 1 - r - s, r]
+
+
+def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:
+    """Which points are outside of their facets, (k,) int array."""
+    return np.flatnonzero(reduce(np.minimum, _depths(local, n_nodes)) < -by)

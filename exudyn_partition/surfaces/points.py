@@ -1,0 +1,183 @@
+"""Points of a slave's patch that are kept out of the master, and the rows that they make.
+
+Node-to-segment (paper, section 3) takes the patch's nodes, a row each. On quadratic facets that is poor: a vertex
+carries no share of a uniform pressure, so nodal forces are ragged.
+Integrated rows take the gap's mean over the patch, weighted by a hat function for each node, and its Kuhn-Tucker
+conditions hold for each hat: piecewise linear multipliers on linear or quadratic displacements, integrated on the
+slave's facets. Quadratic triangles are split into the four between their nodes, so that all hats are positive (Puso,
+Laursen and Solberg 2008).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import MeshError
+from ..fe.facets import facet_corners
+from ..fe.quadrature import RULES, facet_integration
+from ..support.arrays import Array
+from ..support.checks import validate_choice
+from .surface import Surface
+
+ROWS = ("integrated", "node-to-segment")
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoints:
+    """Points of a patch, p of them, and nr rows, each the mean of some points' gaps.
+
+    Parameters
+    ----------
+    nodes : (p, k) int array
+        Patch nodes that carry each point.
+    weights : (p, k) array
+        Their shape functions.
+    mean : (nr, p) csr matrix
+        Weights of the points in each row; their sum is one.
+    row_nodes : (nr,) int array
+        Patch node that each row belongs to.
+    area : (nr,) array
+        Area that each row stands for [m2]; their sum is the patch's.
+    pressures : (np, np) csr matrix
+        Pressure around the patch's nodes, by the forces of the rows of all of them [1/m2]. Integrated rows: the mean
+        over each node's hat function. Node-to-segment: that over the hats of the facets' corners, for single nodal
+        forces of quadratic facets are ragged.
+    facets : (nf, p) csr matrix
+        Which points belong to which facet.
+    """
+
+    nodes: Array
+    weights: Array
+    mean: sp.csr_matrix
+    row_nodes: Array
+    area: Array
+    pressures: sp.csr_matrix
+    facets: sp.csr_matrix
+
+    @property
+    def nodal(self) -> bool:
+        """Whether each row is one point."""
+        return self.nodes.shape[1] == 1
+
+    @property
+    def dense_mean(self) -> Array | None:
+        """`mean` as an array, (nr, p); None if each row is one point."""
+        return None if self.nodal else self.mean.toarray()
+
+    def at(self, points: Array) -> Array:
+        """Positions, (p, 3), by those of the patch's nodes, (np, 3) [m]."""
+        if self.nodes.shape[1] == 1:
+            return points[self.nodes[:, 0]]
+        return (self.weights[:, None] @ points.take(self.nodes, axis=0))[:, 0]
+
+    def restricted(self, points: Array) -> ContactPoints:
+        """Take a mask of points; rows are the means of those, and end where none is left."""
+        mean = sp.csr_matrix(self.mean[:, points])
+        share = np.asarray(mean.sum(axis=1)).ravel()
+        kept = np.flatnonzero(share > _LEAST_SHARE)
+        scale = sp.diags(1 / share[kept])
+        return replace(
+            self,
+            nodes=self.nodes[points],
+            weights=self.weights[points],
+            mean=sp.csr_matrix(scale @ mean[kept]),
+            row_nodes=self.row_nodes[kept],
+            area=self.area[kept] * share[kept],
+            facets=self.facets[:, points],
+        )
+
+    def of_rows(self, rows: Array) -> tuple[ContactPoints, Array]:
+        """Take some rows, an index, with their points, whose numbers come second."""
+        mean = self.mean[rows]
+        points = np.unique(mean.indices)
+        kept = replace(
+            self,
+            nodes=self.nodes[points],
+            weights=self.weights[points],
+            mean=mean[:, points],
+            row_nodes=self.row_nodes[rows],
+            area=self.area[rows],
+            facets=self.facets[:, points],
+        )
+        return kept, points
+
+
+_NO_AREA = 1e-9  # of a mean edge's square
+_LEAST_SHARE = 1e-3  # of a row's area: what a row needs at least
+
+
+def contact_points(surface: Surface, rows: str) -> ContactPoints:
+    """Contact points of a slave's patch.
+
+    Parameters
+    ----------
+    surface : Surface
+    rows : {"integrated", "node-to-segment"}
+
+    Raises
+    ------
+    MeshError
+        If a facet has no area.
+    """
+    validate_choice("rows", rows, ROWS)
+    facets, n = surface.facets, len(surface.points)
+    nf, k = facets.shape
+    _, weight, hats = RULES[k]
+    shape, area = facet_integration(surface.points, facets)
+    flat = np.flatnonzero(area.sum(axis=1) <= _NO_AREA * surface.facet_size**2)
+    if len(flat):
+        where = surface.points[facet_corners(facets[flat[:1]])].mean(axis=(0, 1))
+        raise MeshError(
+            f"{len(flat)} of {nf} facets of the contact patch have no area, such as the one at {where} m: their nodes "
+            "lie on a line or in a point. Repair or refine the mesh there"
+        )
+    share = area[:, :, None] * hats  # (nf, nq, k)
+    hat_area = np.bincount(facets.ravel(), share.sum(axis=1).ravel(), minlength=n)
+    if rows == "integrated":
+        points = np.arange(area.size).reshape(area.shape)
+        where = np.broadcast_arrays(facets[:, None, :], points[:, :, None])
+        weighted = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(n, area.size))
+        weighted.eliminate_zeros()
+        # Forces make a pressure at the points, whose mean over each hat is asked for.
+        inverse = sp.diags(1 / hat_area, format="csr")
+        pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
+        return ContactPoints(
+            nodes=np.repeat(facets, len(weight), axis=0),
+            weights=np.tile(shape, (nf, 1)),
+            mean=sp.csr_matrix(inverse @ weighted),
+            row_nodes=np.arange(n),
+            area=hat_area,
+            pressures=sp.csr_matrix(pressures),
+            facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csr"),
+        )
+    of_corners = corner_hats(surface)
+    corner_area = of_corners @ hat_area
+    inverse = sp.diags(np.divide(1.0, corner_area, out=np.zeros(n), where=corner_area > 0))
+    return ContactPoints(
+        nodes=np.arange(n)[:, None],
+        weights=np.ones((n, 1)),
+        mean=sp.identity(n, format="csr"),
+        row_nodes=np.arange(n),
+        area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), _NODAL_SHARES[k]).ravel(), minlength=n),
+        pressures=sp.csr_matrix(inverse @ of_corners),
+        facets=sp.csr_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
+    )
+
+
+def corner_hats(surface: Surface) -> sp.csr_matrix:
+    """Values of the corners' hat functions at all nodes, (np, np): one at the corner, a half at its mid-side nodes."""
+    n, facets = len(surface.points), surface.facets
+    hats = sp.lil_matrix((n, n))
+    corners = np.unique(facet_corners(facets))
+    hats[corners, corners] = 1.0
+    for ends, middle in zip(((0, 1), (1, 2), (2, 0)), facets[:, 3:].T if facets.shape[1] == 6 else (), strict=False):
+        for end in ends:
+            hats[facets[:, end], middle] = 0.5
+    return sp.csr_matrix(hats)
+
+
+# Share of each node in a uniform pressure on a facet: on a quadratic one, corners have none.
+_NODAL_SHARES = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: np.r_[np.zeros(3), np.full(3, 1 / 3)]}

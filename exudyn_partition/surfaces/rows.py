@@ -1,0 +1,192 @@
+"""Gap rows of a contact pair: g = g0 + G_s u_s + G_m u_m (paper, eq. 19-27)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import EmptyRegionError, PenetrationError
+from ..support.arrays import Array
+from ..support.checks import read_only
+from .points import ContactPoints, contact_points
+from .surface import Projection, Surface, closest_points
+
+EDGE_TOLERANCE = 0.02  # of a facet's size: how far a point may look past the patch's edge and still be paired
+_FACING = 0.9  # cosine between the slave's line of contact and the master's normal, below which points do not meet
+_TOUCHING = 1e-3  # of a facet's size: as close as patches are brought before pairing
+_APPROACHES = 10  # projections at most to get there
+PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRows:
+    """Pairs of the slave's contact points with points of the master's patch, and the rows that they make.
+
+    Parameters
+    ----------
+    points : ContactPoints
+        Those that are paired, p of them, and nr rows.
+    facet : (p,) int array
+        The master's facet that each point faces.
+    local : (p, 2) array
+        Closest point in the facet's coordinates.
+    master : (p, k) int array
+        Patch nodes of that facet.
+    weights : (p, k) array
+        Shape functions of that facet at the closest point.
+    normals : (p, 3) array
+        Outward unit normals of the master there.
+    gap : (nr,) array
+        Gaps of the rows in the configuration of the pairing [m].
+    at_edge : (nr,) bool array
+        Rows at the edge of what can touch: contact that reaches them leaves its patch.
+    facet_size : float
+        Mean edge length of the master's facets [m].
+    unpaired : int
+        Points of the slave that face no master facet.
+    approach : (3,) array
+        Unit vector along which the slave was brought to the master.
+    """
+
+    points: ContactPoints
+    facet: Array
+    local: Array
+    master: Array
+    weights: Array
+    normals: Array
+    gap: Array
+    at_edge: Array
+    facet_size: float
+    unpaired: int
+    approach: Array
+
+    def __post_init__(self) -> None:
+        read_only(self.facet, self.local, self.master, self.weights, self.normals, self.gap, self.at_edge)
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+    @property
+    def normal(self) -> Array:
+        """(nr, 3) array: mean normal of each row."""
+        return self.points.mean @ self.normals
+
+    def interpolation(self, n_slave: int, n_master: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """Weights of the patches' nodes in each row, (nr, n_slave) and (nr, n_master), whatever their direction."""
+        at_slave = point_matrix(self.points.nodes, self.points.weights, n_slave)
+        at_master = point_matrix(self.master, self.weights, n_master)
+        return self.points.mean @ at_slave, self.points.mean @ at_master
+
+    def matrices(self, n_slave: int, n_master: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """G_s, (nr, 3 n_slave), and G_m, (nr, 3 n_master), on the patches' nodal displacements, xyz interleaved."""
+        G_s = directed_matrix(self.points.nodes, self.points.weights, self.normals, n_slave)
+        G_m = directed_matrix(self.master, self.weights, -self.normals, n_master)
+        return self.points.mean @ G_s, self.points.mean @ G_m
+
+
+def point_matrix(nodes: Array, weights: Array, n_nodes: int) -> sp.csr_matrix:
+    """(p, n_nodes) csr matrix of the weights, (p, k), of each point's nodes, (p, k)."""
+    p, k = nodes.shape
+    return sp.csr_matrix((weights.ravel(), nodes.ravel(), k * np.arange(p + 1)), shape=(p, n_nodes))
+
+
+def directed_matrix(nodes: Array, weights: Array, directions: Array, n_nodes: int) -> sp.csr_matrix:
+    """(p, 3 n_nodes) csr matrix: the weights times each point's direction, (p, 3)."""
+    p, k = nodes.shape
+    values = weights[:, :, None] * directions[:, None, :]
+    columns = 3 * nodes[:, :, None] + np.arange(3)
+    return sp.csr_matrix((values.ravel(), columns.ravel(), 3 * k * np.arange(p + 1)), shape=(p, 3 * n_nodes))
+
+
+def facing(projection: Projection, direction: Array, size: float) -> Array:
+    """Which points meet the surface that they were projected on, (k,) bool: not past its edge, and not aslant."""
+    return (projection.offset <= EDGE_TOLERANCE * size) & (projection.normal @ direction < -_FACING)
+
+
+def pair_surfaces(
+    slave: Surface, master: Surface, rows: str = "integrated", placed_by: str = "referencePosition"
+) -> ContactRows:
+    """Pair every contact point of the slave with the point of the master's patch that it will meet.
+
+    The slave is first moved along the line of contact, the flatter patch's, until it touches; there each point takes
+    the closest point of the master, and the way is given back to the gaps: so pairs are right for bodies that start
+    apart and approach along that line.
+
+    Parameters
+    ----------
+    slave, master : Surface
+    rows : {"integrated", "node-to-segment"}
+        See `contact.points`.
+    placed_by : str
+        What a user moves a body by, for messages.
+
+    Raises
+    ------
+    EmptyRegionError
+        If no contact point faces a master facet.
+    PenetrationError
+        If a pair overlaps.
+    """
+    points = contact_points(slave, rows)
+    places = points.at(slave.points)
+    facets, size = master.points[master.facets], master.facet_size
+    approach = slave.direction if slave.flatness > master.flatness else -master.direction
+    way = 0.0
+    for _ in range(_APPROACHES):
+        projection = closest_points(places + way * approach, facets)
+        paired = facing(projection, slave.direction, size)
+        if way == 0.0 and paired.any() and projection.gap[paired].min() < -PENETRATION_TOLERANCE * size:
+            gap = projection.gap[paired]
+            worst = np.flatnonzero(paired)[gap.argmin()]
+            raise PenetrationError(
+                f"{np.count_nonzero(gap < 0)} of {len(gap)} contact points start inside the other body, the worst by "
+                f"{-gap.min():.4g} m at {places[worst]} m. Move one body by at least that along its normal "
+                f"({placed_by})"
+            )
+        clearance = projection.gap[paired].min(initial=np.inf)
+        if not paired.any():  # far apart and aside: let the nearest point decide
+            clearance = float(np.hypot(projection.gap, projection.offset).min())
+        if abs(clearance) <= _TOUCHING * size:
+            break
+        way += clearance
+    if not paired.any():
+        raise EmptyRegionError(
+            f"none of the {len(places)} contact points of the slave faces a facet of the master patch: their centres "
+            f"are {slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
+            f"{slave.direction} and {master.direction}. Check {placed_by} and the centers of the partitions"
+        )
+    if abs(clearance) > _TOUCHING * size:
+        raise EmptyRegionError(
+            f"the patches do not come together along {approach}: after {_APPROACHES} projections {clearance:.3g} m are "
+            "left. Give both partitions a direction, the line along which the bodies meet"
+        )
+    gap = projection.gap - way * (projection.normal @ approach)
+    return rows_of(points, replace(projection, gap=gap), paired, slave, master, approach)
+
+
+def rows_of(
+    points: ContactPoints, projection: Projection, paired: Array, slave: Surface, master: Surface, approach: Array
+) -> ContactRows:
+    """Rows of the points that are paired, a mask, by their projection on the master."""
+    kept, size = points.restricted(paired), master.facet_size
+    # At the edge are also the neighbours of points that look past the rim of the master's patch, where its body goes
+    # on, and of points that lie on it but face it too much aslant.
+    past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
+    lost = ~paired & (past_rim | (projection.offset <= EDGE_TOLERANCE * size))
+    beside = np.unique(slave.facets[points.facets @ lost > 0])
+    facet = projection.facet[paired]
+    return ContactRows(
+        points=kept,
+        facet=facet,
+        local=projection.local[paired],
+        master=master.facets[facet],
+        weights=projection.weights[paired],
+        normals=projection.normal[paired],
+        gap=kept.mean @ projection.gap[paired],
+        at_edge=np.isin(kept.row_nodes, np.union1d(slave.rim, beside)),
+        facet_size=size,
+        unpaired=int(np.count_nonzero(~paired)),
+        approach=approach,
+    )

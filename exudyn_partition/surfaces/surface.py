@@ -1,0 +1,249 @@
+"""Facets of a contact patch and the closest point on them (paper, section 3: node-to-segment)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..fe.facets import area_vectors, facet_corners
+from ..fe.shapes import _SQUARE, _TRIANGLE, SECOND_DERIVATIVES, shape_functions
+from ..support.arrays import Array
+
+if TYPE_CHECKING:
+    from ..fe.partition import Patch
+
+_NEWTON_STEPS = 30
+_CONVERGED = 1e-10  # of a facet: the last step
+_CONVEX = 0.1  # of the flat facet's: second derivatives of the distance below which curvature is left out
+_CANDIDATES = 8  # facets tried a point, nearest centroids first
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A contact patch in place: node positions, facets and the line of contact.
+
+    Parameters
+    ----------
+    points : (np, 3) array
+        Positions of the patch's nodes [m].
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Facets as rows of `points`, outward.
+    direction : (3,) array
+        Outward unit vector, the patch's line of contact.
+    rim : (k,) int array
+        Rows of `points` beyond which the body's surface goes on.
+    nodes : (np,) int array
+        Nodes of the body that `points` belong to.
+    direction_given : bool
+        Whether the user gave `direction`; else it is the mesh's.
+    """
+
+    points: Array
+    facets: Array
+    direction: Array
+    rim: Array
+    nodes: Array
+    direction_given: bool = False
+
+    @classmethod
+    def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
+        """Contact patch with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
+        nodes = patch.nodes
+        facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
+        return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given)
+
+    @property
+    def flatness(self) -> float:
+        """How well `direction` is known: length of the facets' mean unit normal, 1 for a plane; 2 if it was given."""
+        if self.direction_given:
+            return 2.0
+        normals = area_vectors(self.points, self.facets)
+        return float(np.linalg.norm(normals.sum(axis=0)) / np.linalg.norm(normals, axis=1).sum())
+
+    @property
+    def normal_here(self) -> Array:
+        """Mean normal of the facets as they lie, (3,)."""
+        normal = area_vectors(self.points, self.facets).sum(axis=0)
+        return normal / np.linalg.norm(normal)
+
+    @cached_property
+    def facet_size(self) -> float:
+        """Mean edge length of the facets [m]."""
+        corners = self.points[facet_corners(self.facets)]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+    @cached_property
+    def neighbours(self) -> tuple[Array, Array]:
+        """Facets over each facet's edges 01, 12, ..., (nf, number of edges), and which edge it is there; or -1."""
+        corners = facet_corners(self.facets)
+        edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+        order = np.lexsort(edges.T)
+        same = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(axis=1))
+        other = np.full(len(edges), -1)
+        other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
+        facet, edge = np.divmod(other, corners.shape[1])
+        return facet.reshape(corners.shape), edge.reshape(corners.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Closest points of k points on a surface.
+
+    Parameters
+    ----------
+    facet : (k,) int array
+        Facet that each point projects to.
+    local : (k, 2) array
+        Coordinates of the closest point in the facet.
+    weights : (k, 3), (k, 6) or (k, 4) array
+        Shape functions at the closest point.
+    normal : (k, 3) array
+        Unit outward normal of the facet there.
+    gap : (k,) array
+        Signed distance along the normal, positive outside [m].
+    offset : (k,) array
+        Distance from the point's foot on that normal to the closest point [m]: zero where the closest point lies
+        inside the surface, above zero where the point looks past its edge.
+    """
+
+    facet: Array
+    local: Array
+    weights: Array
+    normal: Array
+    gap: Array
+    offset: Array
+
+    def put(self, index: Array, other: Projection) -> None:
+        """Replace the projections of some points, (k,) int array, by others."""
+        for field in fields(self):
+            getattr(self, field.name)[index] = getattr(other, field.name)
+
+    def part(self, index: Array) -> Projection:
+        """Projections of some of the points, an index."""
+        return Projection(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    @classmethod
+    def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
+        """Make it of `shape_functions` at the closest points, their frame, (k, 3, 3), and the way from there."""
+        a, b = frame[:, 1], frame[:, 2]
+        normal = cross(a, b)
+        normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
+        gap = np.einsum("kd,kd->k", miss, normal)
+        aside = miss - gap[:, None] * normal
+        return cls(facet, local, shape[:, 0], normal, gap, np.sqrt(np.einsum("kd,kd->k", aside, aside)))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Vector products, (k, 3): np.cross takes ten times as long for few points."""
+    result = np.empty_like(a)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.subtract(a[:, j] * b[:, k], a[:, k] * b[:, j], out=result[:, i])
+    return result
+
+
+def closest_points(points: Array, facets: Array) -> Projection:
+    """Project points on a surface of triangles, flat or curved, or of bilinear quads.
+
+    Newton in the facet's coordinates, clipped to the facet; the nearest of several candidate facets wins.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        [m]
+    facets : (nf, 3, 3), (nf, 6, 3) or (nf, 4, 3) array
+        Positions of the facets' nodes [m].
+
+    Returns
+    -------
+    Projection
+    """
+    k, (nf, n_nodes, _) = len(points), facets.shape
+    centre = facets.mean(axis=(0, 1))
+    points, facets = points - centre, facets - centre  # for less round-off
+    candidates = min(_CANDIDATES, nf)
+    _, nearest = cKDTree(facet_corners(facets).mean(axis=1)).query(points, k=candidates)
+    nearest = np.asarray(nearest).reshape(-1)
+    targets = np.repeat(points, candidates, axis=0)
+    nodes = facets[nearest]
+    domain = _SQUARE if n_nodes == 4 else _TRIANGLE
+    local = np.tile(domain.mean(axis=0), (len(targets), 1))
+    left = np.arange(len(targets))  # what has not converged
+    for _ in range(_NEWTON_STEPS):
+        frame = shape_functions(local[left], n_nodes) @ nodes[left]
+        step, (rr, rs, ss), _ = newton_step(frame, targets[left] - frame[:, 0], nodes[left])
+        there = _clip(local[left], step, np.stack([rr, rs, rs, ss], axis=1).reshape(-1, 2, 2), domain)
+        change = abs(there - local[left]).max(axis=1)
+        local[left] = there
+        left = left[change >= _CONVERGED]
+        if not left.size:
+            break
+    miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
+    best = (miss**2).sum(axis=1).reshape(k, candidates).argmin(axis=1) + candidates * np.arange(k)
+    shape = shape_functions(local[best], n_nodes)
+    return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
+
+
+def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[Array, tuple[Array, ...], Array]:
+    """Newton's step towards the closest point.
+
+    Where the distance is not convex, as inside a curved surface, it is Gauss and Newton's, which takes the facet as
+    flat: far outside that would go past the closest point, by distance over radius of curvature; nearby it will do.
+
+    Parameters
+    ----------
+    frame : (k, 3, 3) array
+        Place and tangents on the facet [m].
+    miss : (k, 3) array
+        Way from the place to the point [m].
+    nodes : (k, n, 3) array, optional
+        Positions of the nodes of each point's facet, which curve it [m]. Default: it is flat.
+
+    Returns
+    -------
+    (k, 2) array
+        In the facet's coordinates.
+    three (k,) arrays
+        Second derivatives of half the squared distance by rr, rs and ss [m2].
+    (k,) array
+        Squared area of the tangents' parallelogram [m4].
+    """
+    a, b = frame[:, 1], frame[:, 2]
+    aa, ab, bb, am, bm = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b), (a, miss), (b, miss)))
+    rr, rs, ss = aa, ab, bb
+    squared = det = aa * bb - ab * ab
+    if nodes is not None:
+        curved = (np.einsum("knd,kd->kn", nodes, miss) @ SECOND_DERIVATIVES[nodes.shape[1]]).T
+        rr, rs, ss = np.stack([aa, ab, bb]) - curved
+        det = rr * ss - rs * rs
+        convex = (det > _CONVEX * squared) & (rr > _CONVEX * aa)
+        rr, rs, ss, det = (np.where(convex, *p) for p in ((rr, aa), (rs, ab), (ss, bb), (det, squared)))
+    step = np.empty((len(miss), 2))
+    np.divide(ss * am - rs * bm, det, out=step[:, 0])
+    np.divide(rr * bm - rs * am, det, out=step[:, 1])
+    return step, (rr, rs, ss), squared
+
+
+def _clip(local: Array, step: Array, metric: Array, domain: Array) -> Array:
+    """Closest point of the domain, corners (3 or 4, 2), to local + step, in a metric, (k, 2, 2)."""
+    target = local + step
+    inside = (target >= 0).all(axis=1) & ((target.sum(axis=1) if len(domain) == 3 else target.max(axis=1)) <= 1)
+    if inside.all():
+        return target
+    outside = np.flatnonzero(~inside)
+    aim, metric = target[outside], metric[outside]
+    best, best_distance = aim.copy(), np.full(len(aim), np.inf)
+    for start, end in zip(domain, np.roll(domain, -1, axis=0), strict=True):
+        edge = end - start
+        weighted = metric @ edge
+        along = np.einsum("ki,ki->k", aim - start, weighted) / (weighted @ edge)
+        foot = start + np.clip(along, 0, 1)[:, None] * edge
+        miss = aim - foot
+        distance = np.einsum("ki,ki->k", miss, (metric @ miss[:, :, None])[:, :, 0])
+        closer = distance < best_distance
+        best[closer], best_distance[closer] = foot[closer], distance[closer]
+    target[outside] = best
+    return target
