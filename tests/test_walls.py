@@ -1,5 +1,7 @@
 """Thin walls: their thickness, and what elements make of their bending waves, against those of Rayleigh and Lamb."""
 
+import re
+
 import meshio
 import netgen.occ as occ
 import numpy as np
@@ -64,15 +66,54 @@ def test_bending_up_to_the_bounds_is_as_good_as_promised(ratio):
     assert strip_error(fem, min(8, 3 * int(n_accurate) + 1)) > 0.08
 
 
+def plate_modes(side):
+    """Two lowest frequencies of a free square plate of steel [Hz]: A. W. Leissa, Vibration of plates, 1969."""
+    factor = np.array([13.468, 19.596])
+    return factor / (2 * np.pi * side**2) * np.sqrt(ep.STEEL.plane_strain_modulus * T**2 / 12 / ep.STEEL.rho)
+
+
 def test_elements_far_longer_than_the_wall_resolve_nothing_of_use():
-    """Its own lowest mode, at 500 Hz, comes out above 1 kHz; elements of that volume seem fine for shear waves."""
+    """The fourth mode, at 870 Hz, comes out above 3 kHz; elements of that volume seem fine for shear waves."""
     plate = ep.fe_model(box(0.1, 0.1, T), ep.STEEL, maxh=0.02)
     assert plate.resolved_shear_frequency > 1e5
     assert plate.weakest_wall.thickness == pytest.approx(T)
-    assert plate.resolved_frequency < 10
+    assert plate.resolved_frequency < plate_modes(0.1)[0]
     partition = ep.Partition.ball(plate, (0, 0, T), 0.03)
     with pytest.raises(FrequencyRangeError, match=r"bending waves of a wall of 0\.001 m in elements 0\.02"):
         ep.reduce(plate, partition, f_cut=1e3)
+
+
+def test_modes_that_a_coarse_plate_follows_are_promised():
+    """Elements nine times as long as the plate is thick lock, but not for its first modes; a quarter has the second."""
+    quarter = ep.fe_model(box(0.05, 0.05, T), ep.STEEL, maxh=8e-3)
+    assert quarter.weakest_wall.element > 8 * T
+    second = plate_modes(0.1)[1]
+    assert second < quarter.weakest_wall.accurate_frequency
+    free = np.ones((quarter.n_nodes, 3), dtype=bool)
+    free[:, :2] = ~np.isclose(quarter.points[:, :2], quarter.points[:, :2].min(axis=0))
+    dofs = np.flatnonzero(free.ravel())
+    stiffness, mass = (matrix[dofs][:, dofs] for matrix in (quarter.stiffness, quarter.mass))
+    found = scipy.sparse.linalg.eigsh(stiffness, 2, mass, sigma=-1e5, return_eigenvectors=False).max()
+    assert np.sqrt(found) / (2 * np.pi) == pytest.approx(second, rel=0.08)
+
+
+def test_a_thin_bar_struck_on_its_end_is_told_the_mesh_that_does():
+    """Its axial waves are long, but no contact is quite even: what bends it must be resolved too."""
+    length, f_cut = 0.05, 60e3
+    shape = box(length, T, T)
+
+    def model(maxh):
+        fem = ep.fe_model(shape, ep.STEEL, maxh=maxh)
+        return fem, ep.Partition.ball(fem, (-length / 2, 0, T / 2), T)
+
+    coarse = model(25e-3)
+    assert coarse[0].resolved_shear_frequency > f_cut
+    with pytest.raises(FrequencyRangeError, match="bar struck on its end needs that too") as caught:
+        ep.reduce(*coarse, f_cut=f_cut)
+    fem, partition = model(float(re.search(r"maxh of about (\S+),", str(caught.value))[1]))
+    body = ep.reduce(fem, partition, basis="residual", f_cut=f_cut)
+    axial = ep.STEEL.bar_wave_speed / (2 * length)
+    assert abs(body.basis.omega / (2 * np.pi * axial) - 1).min() < 1e-3
 
 
 def test_walls_of_tubes_are_found_and_solids_are_none():

@@ -13,7 +13,7 @@ _STEPS = 40  # elements that a ray may cross before it leaves a wall
 _OPPOSITE = -0.9  # cosine between the normals of the two sides of a wall
 _THICK = 2.0  # elements across a wall from which on it counts as solid
 _SEEN, _FOLLOWED = 1.3, 4.0  # quadratic elements a bending wave
-_LOCKS = 3.0  # times the wall's thickness is the length from which on they lock
+_LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # times the wall's thickness is the length from which on they lock
 _SHEAR = 5 / 6  # Mindlin's shear coefficient
 
 
@@ -61,10 +61,10 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
     """Wall that is worst resolved by its elements; of infinite thickness if there is none.
 
     An element of length L sees the bending waves of a wall of thickness t down to 1.3 elements a wave, little above
-    two nodes a wave, and follows them with four, or with two where several span the wall. Beyond L = 3 t quadratic
-    elements lock in shear, and need (L / 3 t)^2 times as many. `tests/test_walls.py` holds that against the exact
-    waves of Rayleigh and Lamb. Linear elements lock at once: longer than the wall is thick they follow none, and
-    beyond L = 3 t they are refused.
+    two nodes a wave, and follows them with four, or with two where several span the wall. Beyond L = 5 t quadratic
+    elements lock in shear, and need (L / 5 t)^2 times as many. `tests/test_walls.py` holds that against the exact
+    waves of Rayleigh and Lamb, and against a free plate. Linear elements lock at once: longer than the wall is thick
+    they follow none, and beyond L = 3 t they are refused.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _resolved(
     needed = np.clip(elements * ratio, min(2.0, elements), elements) * np.maximum(1, (ratio / _LOCKS) ** 2)
     frequency = bending_frequency(2 * np.pi / (needed * length), thickness, material)
     if order == 1:
-        return np.where(ratio > (_LOCKS if elements == _SEEN else 1.0), 0.0, np.inf)
+        return np.where(ratio > (_LOCKS_LINEAR if elements == _SEEN else 1.0), 0.0, np.inf)
     return frequency
 
 

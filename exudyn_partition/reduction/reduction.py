@@ -220,14 +220,15 @@ def _resolved(fem: FEModel, f_cut: float) -> float:
     f_cut = validate_positive("f_cut", f_cut, "Hz")
     if f_cut > fem.resolved_frequency:
         wall, resolved = fem.weakest_wall, fem.resolved_frequency
-        wanted = min(wall.element_for(f_cut), fem.max_size * fem.resolved_shear_frequency / f_cut)
+        wanted, advice = min(wall.element_for(f_cut), fem.max_size * fem.resolved_shear_frequency / f_cut), ""
         if wall.frequency <= resolved:
             what = f"bending waves of a wall of {wall.thickness:.3g} m in elements {wall.element:.3g} m long"
+            advice = ". A bar struck on its end needs that too, for no contact is quite even: all bend it a little"
         else:
             what = f"four node spacings a shear wave in its largest element, of size {fem.max_size:.4g} m"
         raise FrequencyRangeError(
             f"f_cut: the mesh resolves {resolved:.4g} Hz ({what}), got {f_cut:.6g} Hz. Refine it to elements of "
-            f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut"
+            f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut{advice}"
         )
     return f_cut
 
