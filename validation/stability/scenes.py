@@ -99,7 +99,6 @@ def read(points, kind, cells, material, order=None):
         return ep.fe_model(file, material, order=order)
 
 
-@functools.cache
 def bar_model(z, material, *, side=2.0, across=2, kind="tetra", order=2, end=0.0):
     """FE model and partition of a bar with element boundaries at z, whose end at `end` touches."""
     x = np.linspace(-side / 2, side / 2, across + 1)
