@@ -112,6 +112,10 @@ class RitzPairs:
     omega: Array
 
 
+def _finished(loads: Array) -> Array:
+    raise RuntimeError("a Krylov space that is finished cannot grow")
+
+
 class BlockKrylov:
     """Block Lanczos vectors of (K + s M)^-1 M, mass-orthonormal to the rigid modes and to each other.
 
@@ -205,6 +209,10 @@ class BlockKrylov:
             operator[columns, :] = coefficients.T
             self._operator = operator
         return True
+
+    def finish(self) -> None:
+        """Let the operator go, with its factors: the basis stays as it is, and does not grow any more."""
+        self._apply = _finished
 
     @property
     def vectors(self) -> Array:

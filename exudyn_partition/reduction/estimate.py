@@ -285,6 +285,7 @@ def grow_to_tolerance(
             else:
                 spaces.append(AdaptedSpace(*model, f_top))
             spaces[i].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
+            spaces[i].krylov.finish()  # its factors, before those of the next; another f_top asks for others anyway
         ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
         impacts = {
             (i, other): impact
