@@ -28,9 +28,9 @@ from .errors import CallError, InputError, OutputError, PartitionError, Partitio
 from .fe.material import ALUMINIUM, STEEL, Material
 from .fe.partition import Partition
 from .meshing.ngsolve_fem import Refine, fe_model
+from .prediction.default_step import STEPS_A_PERIOD
 from .prediction.hertz import effective, impact
 from .reduction.body import ReducedBody, load_body
-from .reduction.estimate import STEPS_A_PERIOD
 from .reduction.reduction import BASES, reduce
 from .support.checks import validate_vector
 from .support.files import writable

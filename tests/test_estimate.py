@@ -10,7 +10,6 @@ import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.factorisation import Factorisation
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
-from exudyn_partition.reduction.estimate import STEPS_A_PERIOD
 
 SPEED = 1.0
 END = 150e-6
@@ -33,12 +32,14 @@ def run(bodies):
     target = ep.CreatePartitionBody(mbs, bodies[1])
     contact = ep.CreatePartitionContact(mbs, striker, target)
     mbs.Assemble()
-    step = 1 / (STEPS_A_PERIOD * bodies[0].f_cut)  # which the estimate is of; by default the impact asks for less
-    return ep.solve_dynamic(mbs, end_time=END, step=step).history(contact)
+    return ep.solve_dynamic(mbs, end_time=END).history(contact)
 
 
 def test_the_true_force_error_is_below_the_tolerance_and_near_the_estimate(pair):
-    """Against the full FE model under the same contact rows, with steps so short that it counts as exact."""
+    """At the default step, against the full FE model under the same contact rows, whose short steps count as exact.
+
+    The impact asks for a shorter step than f_cut does, whose own error would be three times as large.
+    """
     models, bodies = pair
     full = [
         ep.reference.FullBody(fem, partition, velocity=(0, 0, v))
@@ -48,7 +49,7 @@ def test_the_true_force_error_is_below_the_tolerance_and_near_the_estimate(pair)
     error = ep.compare(run(bodies), reference).error["force"]
     estimate = bodies[0].estimate
     assert error < estimate.tolerance == 0.02
-    assert estimate.force / 3 < error < 3 * estimate.force
+    assert estimate.force / 1.5 < error < 1.5 * estimate.force
     assert bodies[1].estimate == estimate
     assert estimate.limit == ""
     assert estimate.error <= 0.02

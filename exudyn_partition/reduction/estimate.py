@@ -6,11 +6,10 @@ be bounded by norms; it is measured on the scene's own impact, against the same 
     e(f) = ||F_f - F_top|| / ||F_top|| / (1 - (f / f_top)^2)
 
 F_f is the contact force over the whole duration, with modes up to f, the static answer of all others (residual
-flexibility), and 25 time steps a period of f; F_top likewise, so that the estimate holds truncation and time step
-together. `solve_dynamic` takes these steps by default, or shorter ones where the impact asks for them; then the error
-is smaller. What modes above f contribute beyond their static answer is their inertia, of
-relative size (w / w_k)^2 for motion at w: summed over the cut modes it falls as f^-2 (Rubin 1975; method.md,
-section 2). So ||F_f - F_top|| lacks the share (f / f_top)^2 of the error, which the denominator gives back
+flexibility), and the steps that a run takes by default (`default_step`). F_top has modes up to f_top and shorter steps,
+so that the estimate holds truncation and time step together. What modes above f contribute beyond their static answer
+is their inertia, of relative size (w / w_k)^2 for motion at w: summed over the cut modes it falls as f^-2 (Rubin 1975;
+method.md, section 2). So ||F_f - F_top|| lacks the share (f / f_top)^2 of the error, which the denominator gives back
 (Richardson). The error of velocities is the same with the kinetic-energy norm of the difference of the two motions,
 integrated over the duration, relative to that of the velocity's change since the start.
 
@@ -22,7 +21,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -32,6 +31,7 @@ from ..algebra.complementarity import Complementarity
 from ..errors import InputError, ToleranceWarning
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
+from ..prediction.default_step import SAFETY, STEPS_A_PERIOD, resolving_step
 from ..support.arrays import Array
 from ..support.checks import validate_number, validate_positive, validate_text
 from ..support.progress import Progress
@@ -41,9 +41,6 @@ from .basis import residual_flexibility
 from .free_body import DROP_ABOVE, AdaptedSpace
 from .loads import patch_slice
 
-STEPS_A_PERIOD = 25  # default step of the truncation frequency, whose period is then 0.3 % off at most
-SAFETY = 0.9  # default explicit step: at most this share of the stability limit
-
 PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
 
 _AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
@@ -52,6 +49,7 @@ _CROSSINGS = 30  # default duration: of a longitudinal wave through the larger b
 _SHORTEST, _LONGEST = 0.01, 1e4  # durations in such crossings: of the smaller body, of the larger one
 _FIRST = 8  # first f_top: times the inverse of a longitudinal wave's way through the smaller body and back
 _SAMPLES = 5000
+_FINER = 4  # steps of F_top for one of F_f where the impact decides on both: a sixteenth of its error
 
 
 @dataclass(frozen=True)
@@ -121,6 +119,8 @@ class Impact:
         [rad/s], zero for rigid motion.
     velocity : (n,) array
         Initial velocities of the coordinates.
+    size : float
+        Of the slave's facets [m].
     """
 
     gap: Array
@@ -128,19 +128,34 @@ class Impact:
     F: Array
     omega: Array
     velocity: Array
+    size: float
 
     def truncated(self, omega_top: float) -> tuple[Impact, Array]:
         """Without the dynamics of modes above `omega_top`, their static answer in F; and which coordinates it keeps."""
         keep = self.omega < omega_top
         cut = self.H[:, ~keep] / self.omega[~keep]
-        return Impact(self.gap, self.H[:, keep], self.F + cut @ cut.T, self.omega[keep], self.velocity[keep]), keep
+        H, F = self.H[:, keep], self.F + cut @ cut.T
+        return replace(self, H=H, F=F, omega=self.omega[keep], velocity=self.velocity[keep]), keep
+
+    def step(self, f_cut: float, finer: float = 1.0) -> float:
+        """Default step of a run of bodies truncated at `f_cut` [s]; that of the contact divided by `finer`."""
+        problem = Complementarity(self.F)
+        stiffness = self.H.T @ np.linalg.solve(problem.F, self.H) + np.diag(self.omega**2)
+        limit = float(2 / np.sqrt(scipy.linalg.eigvalsh(stiffness)[-1]))
+
+        def press(gap: Array) -> tuple[float, int]:
+            return -0.5 * float(problem.solve(gap) @ gap), len(problem.index)
+
+        rigid = self.H[self.gap.argmin(), self.omega == 0.0]
+        of_impact = resolving_step(
+            self.gap, self.H @ self.velocity, float(rigid @ rigid), press, size=self.size, limit=lambda: limit
+        )
+        return min(1 / (STEPS_A_PERIOD * f_cut), SAFETY * limit, of_impact / finer)
 
     def run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
         """Integrate by velocity Verlet: times (m,), forces (m,) [N] and velocities (m, n)."""
         problem = Complementarity(self.F)
-        stiffness = self.H.T @ np.linalg.solve(problem.F, self.H) + np.diag(self.omega**2)
-        limit = 2 / np.sqrt(scipy.linalg.eigvalsh(stiffness)[-1])
-        steps = int(np.ceil(duration / min(largest_step, SAFETY * limit)))
+        steps = int(np.ceil(duration / largest_step))
         step, stride = duration / steps, max(1, steps // _SAMPLES)
         squares = self.omega**2
         q, v = np.zeros(len(squares)), self.velocity.copy()
@@ -203,7 +218,7 @@ def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[i
     velocity = np.zeros(sum(map(len, omega)))
     translation = first.model.rigid_modes[:, :3] @ (speed * line)
     velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
-    same = np.hstack(H), F, np.concatenate(omega), velocity
+    same = np.hstack(H), F, np.concatenate(omega), velocity, surfaces[0].facet_size
     return {other: Impact(gap - gap.min(), *same) for other, gap in gaps.items()}
 
 
@@ -224,12 +239,12 @@ def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Ar
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
     """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]."""
-    t, force, velocity = impact.run(duration, 1 / (STEPS_A_PERIOD * f_top))
+    t, force, velocity = impact.run(duration, impact.step(f_top, _FINER))
     scale = np.linalg.norm(force), np.linalg.norm(velocity - velocity[0])
     result = []
     for f in ladder:
         coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
-        at, coarse_force, coarse_velocity = coarse.run(duration, 1 / (STEPS_A_PERIOD * f))
+        at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(f))
         force_off = np.interp(t, at, coarse_force) - force
         velocity_off = -velocity
         velocity_off[:, keep] += np.stack([np.interp(t, at, v) for v in coarse_velocity.T], axis=1)

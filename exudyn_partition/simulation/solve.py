@@ -26,7 +26,7 @@ from ..exudyn_bodies.model import coordinate_slices, partition_items, validate_m
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
 from ..exudyn_contacts.contact_items import PartitionContact
 from ..exudyn_contacts.run_record import Solver, run_record
-from ..reduction.estimate import SAFETY, STEPS_A_PERIOD
+from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
 from ..support.interrupt import interruptible

@@ -13,7 +13,7 @@ from ..contact.gaps import dense
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_items import PartitionContact
 from ..frames.floating import FloatingKinematics
-from ..reduction.estimate import STEPS_A_PERIOD
+from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_type
 
@@ -24,12 +24,6 @@ GROWTH = 1.25  # of the step, from one to the next: twice as fast, generalized-a
 _WORTHWHILE = 1.1  # growth below which a step is kept, and the factors of its Jacobian with it
 UNRESOLVED = 1e-4  # of the bodies' largest energy so far: what steps need not resolve, 1 % of a velocity
 _CAUTION = 0.9  # of the time to contact: what is left out grows with the square of the step
-_STEPS_AN_IMPACT = 32  # of Hertz, ten of which are in the rise of its force: default steps
-_LASTS = 2.94  # times the largest depth over the speed of approach: an impact by Hertz; by a linear spring pi
-_FIRM = 10.0  # facets' sizes: a depth at which all rows are closed
-_SEARCHES, _FOUND = 40, 1.05  # halvings of the depth at most, and the ratio of its bounds in the end
-_AT_ONCE = 0.5  # of the rows of the largest depth, closed at a tenth of it: of flat patches all are, by Hertz a tenth
-_SHARE = 0.15  # of the stability limit: steps in which flat patches gain no more than a few thousandths of energy
 _LANDING = 0.5  # of the touching step: how long before contact the last long step ends
 
 
@@ -97,13 +91,7 @@ def _first_touch(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array) -
 def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, limit: Callable[[], float]) -> float:
     """Step that resolves the next impact [s], as the bodies fly now; infinite where none is in sight.
 
-    The bodies' rigid masses against the contact's own flexibility, a spring that is the stiffer the deeper: what energy
-    it takes at a depth is known, so the largest depth and how long the impact lasts, of which a step is a 32nd. Modes
-    and what carries a rigid surface yield too; f_cut, which resolves them, is for another rule.
-
-    On a flat patch all rows close at once, in the middle of a step, so that energy changes by the square of the step
-    over the contact's shortest period, and modes yield more than the contact does. There it is 0.15 of the stability
-    limit.
+    By `default_step.resolving_step`, from the gaps and rates at the time when the first row closes.
 
     Parameters
     ----------
@@ -124,32 +112,13 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     H = dense(law.gaps.jacobian(np.arange(len(gap))))
     rate = H @ (q_t + time * q_tt)
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)
-    first = int(touching.argmin())
-    mobility = _mobility(contact, H[first])
-    if rate[first] >= 0 or mobility <= 0:
-        return math.inf
-    way = rate / -rate[first]
-    touching = touching - touching[first]
+    mobility = _mobility(contact, H[touching.argmin()])
 
-    def pressed(depth: float) -> tuple[float, int]:
-        law.answer(touching + depth * way)
+    def press(gap: Array) -> tuple[float, int]:
+        law.answer(gap)
         return law.stored(), len(law.index)
 
-    wanted = rate[first] ** 2 / (2 * mobility)
-    firm = _FIRM * law.gaps.size
-    deepest = firm * math.sqrt(wanted / max(pressed(firm)[0], 1e-300))  # or deeper: there all rows push
-    above = deepest
-    for _ in range(_SEARCHES):
-        if pressed(above)[0] >= wanted:
-            break
-        deepest, above = above, 2 * above
-    while above > _FOUND * deepest:
-        middle = math.sqrt(above * deepest)
-        deepest, above = (deepest, middle) if pressed(middle)[0] >= wanted else (middle, above)
-    step = _LASTS * above / -rate[first] / _STEPS_AN_IMPACT
-    closed, soon = pressed(above)[1], pressed(0.1 * above)[1]
-    flat = closed > 3 and soon > _AT_ONCE * closed
-    return _SHARE * limit() if flat else float(step)
+    return resolving_step(touching, rate, mobility, press, size=law.gaps.size, limit=limit)
 
 
 def _mobility(contact: PartitionContact, row: Array) -> float:
