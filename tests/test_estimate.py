@@ -1,5 +1,7 @@
 """Bodies grown to a tolerance: the estimate against the full FE model, what is chosen, and what cannot be reached."""
 
+import weakref
+
 import exudyn as exu
 import numpy as np
 import pytest
@@ -7,9 +9,11 @@ import scipy.sparse as sp
 from conftest import TOP, relative
 
 import exudyn_partition as ep
+from exudyn_partition.algebra import krylov
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.factorisation import Factorisation
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
+from exudyn_partition.reduction import free_body
 
 SPEED = 1.0
 END = 150e-6
@@ -62,6 +66,23 @@ def test_errors_fall_as_the_estimate_says(pair, block, top):
     assert fine[0].f_cut > 1.4 * coarse[0].f_cut
     assert sum(b.n_dofs for b in fine) > sum(b.n_dofs for b in coarse)
     assert fine[0].estimate.error < 0.006
+
+
+def test_a_pair_never_holds_two_factorisations(pair, monkeypatch):
+    """They are most of the memory that a reduction needs: the first body's go before the second's are made."""
+    living, at_once = weakref.WeakSet(), []
+
+    class Counted(Factorisation):
+        def __init__(self, matrix):
+            super().__init__(matrix)
+            living.add(self)
+            at_once.append(len(living))
+
+    for module in (free_body, krylov):
+        monkeypatch.setattr(module, "Factorisation", Counted)
+    ep.reduce_pair(*pair[0], tolerance=0.1, speed=SPEED, duration=50e-6)
+    assert len(at_once) >= 4
+    assert max(at_once) == 1
 
 
 def test_a_body_alone_hits_a_rigid_plane(ball):

@@ -92,6 +92,15 @@ def paper(d):
     return [Row(r["what"], r["paper"], r["limit"], r["deviation"]) for r in judged]
 
 
+def memory(d):
+    """Estimates of a peak count by how many times they are too large, or too small."""
+    peaks = [
+        Row(f"memory of a reduction, {k} elements a radius: estimate", "peak", 1.5, max(c["ratio"], 1 / c["ratio"]))
+        for k, c in d["peaks"].items()
+    ]
+    return [*peaks, Row("memory kept by three reductions [MB]", "none", 50, d["leak"]["growth_MB"])]
+
+
 def rod_on_plate(d):
     limits = {"force": 0.010, "velocity_p1": 0.008, "velocity_p2": 0.030}
     error = d["cases"]["contact-adapted, explicit"]["error"]
@@ -241,6 +250,7 @@ CASES = {
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),
+    "memory": Case("benchmarks/memory.py", memory),
     **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
        for scene in SCENES},
     "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
