@@ -98,7 +98,8 @@ def memory(d):
         Row(f"memory of a reduction, {k} elements a radius: estimate", "peak", 1.5, max(c["ratio"], 1 / c["ratio"]))
         for k, c in d["peaks"].items()
     ]
-    return [*peaks, Row("memory kept by three reductions [MB]", "none", 50, d["leak"]["growth_MB"])]
+    kept = [Row("memory kept by three reductions [MB]", "none", 50, d["leak"]["growth_MB"])] if d["leak"] else []
+    return peaks + kept
 
 
 def rod_on_plate(d):
