@@ -17,8 +17,9 @@ import exudyn_partition as ep
 from exudyn_partition.errors import InputError
 from exudyn_partition.fe.model import rigid_modes
 from exudyn_partition.frames.floating import FloatingKinematics
-from exudyn_partition.frames.inertia_forces import TERMS, InertiaForces, rotation_matrix
+from exudyn_partition.frames.inertia_forces import TERMS, InertiaForces
 from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.frames.rotations import rotation_matrix
 
 SPIN = np.array([100.0, 200.0, 200.0])  # rad/s, 300 in all
 POSITION = np.array([0.1, -0.2, 0.3])

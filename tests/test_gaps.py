@@ -18,6 +18,7 @@ from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane,
 from exudyn_partition.errors import ContactPatchWarning, InputError, MeshError, PenetrationError
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.frames.rotations import rotation_matrix
 from exudyn_partition.surfaces.pairs import MovingPairs
 from exudyn_partition.surfaces.points import ROWS, contact_points
 from exudyn_partition.surfaces.surface import closest_points
@@ -258,7 +259,7 @@ def test_a_body_that_faces_away_turns_until_it_hits(ball, plate, surface):
     forces = []
     for angle in (1.6, late):
         wait = (angle - late) / omega
-        turn = ep.floating.rotation_matrix(np.array([angle, 0.0, 0.0]))
+        turn = rotation_matrix(np.array([angle, 0.0, 0.0]))
         centre = np.array([0.0, 0.0, SPHERE_RADIUS + 1e-6 + speed * angle / omega])
         mbs = exu.SystemContainer().AddSystem()
         roll, down = [-omega, 0.0, 0.0], [0.0, 0.0, -speed]

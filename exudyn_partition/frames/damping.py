@@ -17,8 +17,7 @@ from ..errors import InputError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_number
-from .floating import FloatingKinematics
-from .inertial import InertialKinematics
+from .kinematics import Kinematics
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class ModeDamping:
 class ProportionalDamping:
     """Rayleigh damping of a basis that keeps nodes, whose coordinates are no modes."""
 
-    def __init__(self, kinematics: InertialKinematics | FloatingKinematics, rayleigh: Rayleigh) -> None:
+    def __init__(self, kinematics: Kinematics, rayleigh: Rayleigh) -> None:
         self._kinematics, self._rayleigh = kinematics, rayleigh
 
     def force(self, q_t: Array) -> Array:
@@ -109,12 +108,12 @@ class ProportionalDamping:
         return self._rayleigh.alpha + self._rayleigh.beta * omega**2
 
 
-def damping_of(kinematics: InertialKinematics | FloatingKinematics, damping: Ratios) -> Damping:
+def damping_of(kinematics: Kinematics, damping: Ratios) -> Damping:
     """Damping of a body in its frame.
 
     Parameters
     ----------
-    kinematics : InertialKinematics or FloatingKinematics
+    kinematics : Kinematics
     damping : float, (n_elastic,) sequence, callable or Rayleigh
         A ratio for all modes, one for each elastic mode in their order, a function from frequencies (n_elastic,) [Hz]
         to ratios, or Rayleigh's.

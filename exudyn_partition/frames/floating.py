@@ -1,15 +1,9 @@
-"""Motion of a reduced body in space: places, velocities and generalised forces of nodes, momentum and energy.
-
-One class a frame, with the same methods: a body in an inertial frame moves by small rotations about its place, one in a
-floating frame by any. Coordinates are those of the body's Exudyn nodes, (n_dofs,), or a history of them, (m, n_dofs);
-`mass`, (n_dofs,), is the diagonal of their mass matrix.
-"""
+"""Motion of a reduced body in a floating frame: any rotation, and small deformation in mean axes."""
 
 from __future__ import annotations
 
 import copy
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,16 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..reduction.body import ReducedBody
-from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
-from .inertia_forces import rotation_matrix
-from .inertial import NO_NODES, InertialKinematics, node_fields
+from .inertia_forces import Inertia
+from .inertial import InertialKinematics, node_fields
+from .kinematics import NO_NODES
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
+from .rotations import rotation_matrix
 
 
 class FloatingKinematics:
-    """A body in its mean axes: x = r + A (X - c + Phi z), with q = (r - r0, rotation vector - that at the start, z).
+    """A body in its mean axes, x = r + A (X - c + Phi z): see `Kinematics`.
+
+    Coordinates are q = (r - r0, rotation vector - that at the start, z), with r the centre of mass.
 
     Rotation vector and angular velocity are those of a node which is fixed to the frame, with axes of its own.
     Velocities q_t are (r_t, angular velocity in the node's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them;
@@ -76,29 +73,29 @@ class FloatingKinematics:
     def _of(self, nodes: Array) -> None:
         self.nodes = nodes
         self.arms = self.body.points[nodes] - self.body.centre_of_mass
-        rows: Any = self.body.rows(nodes)
-        self.rows = self.mean_axes.restrict(rows.toarray() if sp.issparse(rows) else rows)
+        rows = self.body.rows(nodes)
+        self.rows = self.mean_axes.restrict(rows if isinstance(rows, np.ndarray) else rows.toarray())
 
     def at(self, nodes: Array) -> FloatingKinematics:
-        """Kinematics of other nodes, (k,) int array."""
+        """See `Kinematics.at`."""
         result = copy.copy(self)
         result._of(nodes)
         return result
 
     def frame(self, q: Array) -> tuple[Array, Array]:
-        """Place of the centre of mass, (..., 3) [m], and rotation matrix of the body's axes, (..., 3, 3)."""
+        """See `Kinematics.frame`; the origin is the centre of mass."""
         return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6]) @ self.node_axes.T
 
     @property
     def from_basis(self) -> sp.csr_matrix:
-        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+        """See `Kinematics.from_basis`."""
         n = self.body.n_dofs
         rigid = InertialKinematics(self.body, self.position).rigid_motion(np.eye(n)).T
         turned = self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]
         return sp.csr_matrix(np.vstack([*turned, self.mean_axes.of(np.eye(n)).T]))
 
     def elastic(self, q: Array) -> Array:
-        """Coordinates, in the basis, of the motion within the frame."""
+        """See `Kinematics.elastic`; that is the deformation."""
         return self.mean_axes.expand(q[..., 6:])
 
     deformed = elastic
@@ -114,53 +111,55 @@ class FloatingKinematics:
         return self.mean_axes.restrict(rows.T)
 
     def proportional_force(self, q: Array, alpha: float, beta: float) -> Array:
-        """Generalised forces (alpha M + beta K) of the deformation in coordinates or velocities q, (..., n_dofs)."""
+        """See `Kinematics.proportional_force`."""
         z = q[..., 6:]
         return np.concatenate([np.zeros((*z.shape[:-1], 6)), alpha * z + beta * self.elastic_force(z)], axis=-1)
 
     def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
-        """(n_dofs, n_dofs): derivative of `proportional_force`."""
+        """See `Kinematics.proportional_matrix`; zero for rigid motion."""
         n = self.body.n_dofs - 6
         own = alpha * np.eye(n) + beta * self.elastic_stiffness
         return sp.block_diag([sp.csr_matrix((6, 6)), own], format="csr")
 
     def moved(self, q: Array, way: Array) -> Array:
-        """Coordinates after a way, (n_dofs,), velocity times time, from q, (n_dofs,): rotations are composed."""
+        """See `Kinematics.moved`; rotations are composed."""
         result = q + way
         before, turn = (Rotation.from_rotvec(v) for v in (self.rotation + q[3:6], way[3:6]))
         result[3:6] = (before * turn).as_rotvec() - self.rotation
         return result
 
-    def accelerations(self, q: Array, forces: Array) -> Array:
-        """Accelerations, (n_dofs, m), by generalised forces, (n_dofs, m), with the mass that q gives."""
+    def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array:
+        """See `Kinematics.accelerations`; with the mass that q gives."""
         J, C = self.inertia.of_place(q[6:])
         omega_t = np.linalg.solve(J - C @ C.T, forces[3:6] - C @ forces[6:])
         return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
 
     def place(self, q: Array) -> Array:
-        """Places of the nodes, (..., k, 3) [m]."""
+        """See `Kinematics.place`."""
         r, A = self.frame(q)
-        return r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
+        place: Array = r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
+        return place
 
     def displacements(self, q: Array) -> Array:
-        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        """See `Kinematics.displacements`."""
         return self.place(q) - self.place(np.zeros(q.shape[-1]))
 
     def velocities(self, q: Array, q_t: Array) -> Array:
-        """Velocities of the nodes, (..., k, 3) [m/s]."""
+        """See `Kinematics.velocities`."""
         local = np.cross((q_t[..., 3:6] @ self.node_axes.T)[..., None, :], self._arms(q)) + node_fields(
             self.rows, q_t[..., 6:]
         )
-        return q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
+        velocities: Array = q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
+        return velocities
 
     def generalised(self, q: Array, forces: Array) -> Array:
-        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]; the torque is in the node's axes."""
+        """See `Kinematics.generalised`; the torque is in the node's axes."""
         local = forces @ self.frame(q)[1]
         torque = np.cross(self._arms(q), local).sum(axis=0) @ self.node_axes
         return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
 
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:
-        """Rows on the coordinates' velocities, (m, n_dofs), of rows on the nodes' velocities, (m, 3k)."""
+        """See `Kinematics.on_coordinates`."""
         A, arms = self.frame(q)[1], self._arms(q)
         k = len(arms)
         local = rows @ sp.kron(sp.identity(k), A, format="csr")
@@ -169,7 +168,7 @@ class FloatingKinematics:
         return np.hstack([rows @ translation, local @ turning.reshape(3 * k, 3), local @ self.rows])
 
     def in_frame(self, q: Array, directions: Array) -> Array:
-        """Directions in space, (m, 3), in the body's axes."""
+        """See `Kinematics.in_frame`."""
         return directions @ self.frame(q)[1]
 
     def on_constant_mass(self, q: Array, force: Array) -> Array:
@@ -181,45 +180,48 @@ class FloatingKinematics:
         return np.concatenate([force[:3], self.inertia.tensor @ q_tt[3:6], q_tt[6:]])
 
     def weight(self, gravity: Array) -> Array:
-        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+        """See `Kinematics.weight`."""
         return np.concatenate([self.body.total_mass * gravity, np.zeros(self.body.n_dofs - 3)])
 
     @property
     def mass_integral(self) -> Array:
-        """Linear momentum by velocities of the coordinates within the frame, (3, n_dofs - 6): none in mean axes."""
+        """See `Kinematics.mass_integral`; (3, n_dofs - 6), zero in mean axes."""
         return np.zeros((3, self.body.n_dofs - 6))
 
     def momentum(self, q_t: Array) -> Array:
-        """Linear momentum, (..., 3) [N s]."""
+        """See `Kinematics.momentum`."""
         return self.body.total_mass * q_t[..., :3]
 
     def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
-        """Angular momentum about a point in space, (3,) [m], (..., 3) [N m s]."""
+        """See `Kinematics.angular_momentum`."""
         r, A = self.frame(q)
         local = self.inertia.angular_momentum(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
-        return np.cross(r - point, self.momentum(q_t)) + np.einsum("...ab,...b->...a", A @ self.node_axes, local)
+        spin = np.einsum("...ab,...b->...a", A @ self.node_axes, local)
+        momentum: Array = np.cross(r - point, self.momentum(q_t)) + spin
+        return momentum
 
     def kinetic_energy(self, q: Array, q_t: Array) -> Array:
-        """Kinetic energy, (...,) [J]."""
+        """See `Kinematics.kinetic_energy`."""
         translation = np.sum(q_t[..., :3] * self.momentum(q_t), axis=-1) / 2
-        return translation + self.inertia.kinetic_energy(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
+        energy: Array = translation + self.inertia.kinetic_energy(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
+        return energy
 
     def rigid_motion(self, q: Array) -> Array:
-        """Translation of the centre of mass [m] and rotation vector of the body's axes [rad], (..., 6)."""
+        """See `Kinematics.rigid_motion`."""
         axes = self.frame(q)[1]
         turn = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_rotvec().reshape(*axes.shape[:-2], 3)
         return np.concatenate([q[..., :3], turn], axis=-1)
 
     def deformation(self, q: Array) -> Array:
-        """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
+        """See `Kinematics.deformation`."""
         return node_fields(self.rows, q[..., 6:])
 
     def _arms(self, q: Array) -> Array:
         return self.arms + self.deformation(q)
 
 
-def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> InertiaIntegrals | NodalInertia:
-    inertia: InertiaIntegrals | NodalInertia = body.inertia
+def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> Inertia:
+    inertia: Inertia = body.inertia
     if len(body.basis.nodal):
         masses = body.mass.diagonal()[body.n_shapes :: 3]
         arms = body.points[body.basis.nodal] - body.centre_of_mass

@@ -16,15 +16,13 @@ Shabana, Dynamics of Multibody Systems (2013), chapter 5; mean axes: Agrawal and
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from ..reduction.inertia import PLACE, InertiaIntegrals, skew
+from ..reduction.inertia import PLACE
 from ..support.arrays import Array
-
-if TYPE_CHECKING:
-    from .nodal_inertia import NodalInertia
+from .rotations import skew
 
 TERMS = {
     "gyroscopic": "gyroscopic torque omega x J omega: the axis of rotation stays where it is in the body",
@@ -33,6 +31,41 @@ TERMS = {
     "coupling": "inertia that changes with deformation, but for that of gyroscopic, Coriolis and centrifugal forces",
 }
 """Inertia forces of a floating frame, and what a body is without each."""
+
+
+class Inertia(Protocol):
+    """Inertia of a deformation z, (n,), of unit mass: `reduction.inertia.InertiaIntegrals` or `NodalInertia`."""
+
+    @property
+    def tensor(self) -> Array:
+        """(3, 3) array: inertia of the undeformed body about its centre of mass [kg m2]."""
+
+    def turned(self, axes: Array) -> Inertia:
+        """Inertia by components along other axes, the columns of (3, 3)."""
+
+    def products(self, z: Array, z_t: Array) -> tuple[Array, Array, Array, Array]:
+        """Half the derivative of J's components by z (6, n), J (3, 3), C (3, n) and the cross integrals with z_t."""
+
+    def of_place(self, z: Array) -> tuple[Array, Array]:
+        """J(z), (3, 3), and C(z), (3, n), of the angular momentum J omega + C z_t."""
+
+    def crossed(self, z: Array) -> Array:
+        """Cross integrals of all shapes with the field of z, (3, n)."""
+
+    def by_shapes(self, z: Array) -> Array:
+        """Part of half the derivative of J's components by z, (6, n), that is linear in z."""
+
+    def inertia_form(self, weights: Array) -> Array:
+        """Integrals of products of two shapes, (n, n), in the six components with weights (6,)."""
+
+    def cross_form(self, omega: Array) -> Array:
+        """Integrals of omega . (psi_i x psi_j), (n, n), for a vector omega, (3,)."""
+
+    def angular_momentum(self, omega: Array, z: Array, z_t: Array) -> Array:
+        """Angular momentum about the centre of mass in the body's axes, (..., 3) [N m s]."""
+
+    def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
+        """Kinetic energy but for that of the centre of mass, (...,) [J]."""
 
 
 class InertiaForces:
@@ -45,7 +78,7 @@ class InertiaForces:
 
     Parameters
     ----------
-    integrals : InertiaIntegrals or nodal_inertia.NodalInertia
+    inertia : Inertia
     elastic : callable
         Elastic forces K z, (n,), of the elastic coordinates z, (n,).
     terms : collection of str
@@ -54,17 +87,17 @@ class InertiaForces:
 
     def __init__(
         self,
-        integrals: InertiaIntegrals | NodalInertia,
+        inertia: Inertia,
         elastic: Callable[[Array], Array],
         terms: Collection[str] = tuple(TERMS),
     ) -> None:
-        self.tensor, self._integrals = integrals.tensor, integrals
+        self.tensor, self._inertia = inertia.tensor, inertia
         self.elastic = elastic
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
 
     def coriolis_force(self, omega: Array, z_t: Array) -> Array:
         """Coriolis forces on the elastic coordinates, (n,)."""
-        return 2 * (omega @ self._integrals.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
+        return 2 * (omega @ self._inertia.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
 
     def force(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).
@@ -76,7 +109,7 @@ class InertiaForces:
         z, z_t : (n,) array
             Elastic coordinates and their velocities.
         """
-        by_place, J, C, cross_t = self._integrals.products(z, z_t)
+        by_place, J, C, cross_t = self._inertia.products(z, z_t)
         torque, force, turn = np.zeros(3), np.zeros(len(z)), skew(omega)
         if self.gyroscopic:
             torque -= turn @ (J @ omega)
@@ -96,7 +129,7 @@ class InertiaForces:
 
         Those of the coupling are left out: second order in deformation, for Newton's method only.
         """
-        by_place, J, C, cross_t = self._integrals.products(z, z_t)
+        by_place, J, C, cross_t = self._inertia.products(z, z_t)
         n = len(z)
         by_z, by_velocity = np.zeros((3 + n, n)), np.zeros((3 + n, 3 + n))
         turn, J_omega = skew(omega), by_place[PLACE].transpose(0, 2, 1) @ omega  # d(J omega)/dz = 2 J_omega
@@ -105,23 +138,16 @@ class InertiaForces:
             by_velocity[:3, :3] += skew(J @ omega) - turn @ J
         if self.coriolis:
             J_t = 2 * (by_place @ z_t)[PLACE]
-            by_shape_t = self._integrals.by_shapes(z_t)[PLACE].transpose(0, 2, 1) @ omega
+            by_shape_t = self._inertia.by_shapes(z_t)[PLACE].transpose(0, 2, 1) @ omega
             by_z[:3] -= turn @ cross_t + 2 * by_shape_t
             by_velocity[:3, :3] += skew(C @ z_t) - J_t
             by_velocity[:3, 3:] -= turn @ C + 2 * J_omega
             by_velocity[3:, :3] += 2 * cross_t.T
-            by_velocity[3:, 3:] += 2 * self._integrals.cross_form(omega)
+            by_velocity[3:, 3:] += 2 * self._inertia.cross_form(omega)
         if self.centrifugal:
             by_velocity[3:, :3] += 2 * J_omega.T
-            by_z[3:] += self._integrals.inertia_form(_products(omega))
+            by_z[3:] += self._inertia.inertia_form(_products(omega))
         return by_z, by_velocity
-
-
-def rotation_matrix(v: Array) -> Array:
-    """Rotation matrices, (..., 3, 3), of rotation vectors (..., 3) [rad]."""
-    half = np.linalg.norm(v, axis=-1)[..., None, None] / (2 * np.pi)
-    turn = skew(v)
-    return np.eye(3) + np.sinc(2 * half) * turn + np.sinc(half) ** 2 / 2 * (turn @ turn)
 
 
 def _products(omega: Array) -> Array:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.sparse as sp
 
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
-
-NO_NODES = np.empty(0, dtype=np.int64)
+from .kinematics import NO_NODES
 
 
 class InertialKinematics:
-    """A body whose frame does not move: x = X + position + Phi q.
+    """A body whose frame does not move, x = X + position + Phi q: see `Kinematics`.
 
     Parameters
     ----------
@@ -25,112 +22,122 @@ class InertialKinematics:
         Nodes of the FE model that the methods for nodes are about.
     """
 
-    linear = True  # in the coordinates
-    node_axes = np.eye(3)
+    linear = True
+    rotation: Array = np.zeros(3)
+    node_axes: Array = np.eye(3)
 
     def __init__(self, body: ReducedBody, position: Array, nodes: Array = NO_NODES) -> None:
         self.body, self.position, self.nodes = body, position, nodes
         self.mass: Array = body.mass.diagonal()
-        self.arms = body.points[nodes] - body.centre_of_mass
-        self.rows: Any = body.rows(nodes)
+        self.arms: Array = body.points[nodes] - body.centre_of_mass
+        self.rows = body.rows(nodes)
         self._start = position + body.points[nodes]
 
     def at(self, nodes: Array) -> InertialKinematics:
-        """Kinematics of other nodes, (k,) int array."""
+        """See `Kinematics.at`."""
         return InertialKinematics(self.body, self.position, nodes)
 
     def frame(self, q: Array) -> tuple[Array, Array]:
-        """Place of the frame's origin, (..., 3) [m], and rotation matrix of its axes, (..., 3, 3)."""
+        """See `Kinematics.frame`; the origin is the centre of mass at the start."""
         origin, axes = self.position + self.body.centre_of_mass, np.eye(3)
         return np.broadcast_to(origin, (*q.shape[:-1], 3)), np.broadcast_to(axes, (*q.shape[:-1], 3, 3))
 
     @property
     def from_basis(self) -> sp.csr_matrix:
-        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+        """See `Kinematics.from_basis`."""
         return sp.identity(self.body.n_dofs, format="csr")
 
     def elastic(self, q: Array) -> Array:
-        """Coordinates q of the motion within the frame."""
+        """See `Kinematics.elastic`; rigid motion is within the frame."""
         return q
 
     def moved(self, q: Array, way: Array) -> Array:
-        """Coordinates after a way, (n_dofs,), velocity times time, from q, (n_dofs,)."""
-        return q + way
+        """See `Kinematics.moved`."""
+        moved: Array = q + way
+        return moved
 
-    def accelerations(self, q: Array, forces: Any) -> Any:
-        """Accelerations, (n_dofs, m), dense or csr, by generalised forces, (n_dofs, m), so stored."""
-        if sp.issparse(forces):
-            return sp.csr_matrix(forces.multiply(1 / self.mass[:, None]))
-        return forces / self.mass[:, None]
+    def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array | sp.csr_matrix:
+        """See `Kinematics.accelerations`."""
+        if isinstance(forces, np.ndarray):
+            return forces / self.mass[:, None]
+        return sp.csr_matrix(forces.multiply(1 / self.mass[:, None]))
 
     def place(self, q: Array) -> Array:
-        """Places of the nodes, (..., k, 3) [m]."""
-        return self._start + self.displacements(q)
+        """See `Kinematics.place`."""
+        place: Array = self._start + self.displacements(q)
+        return place
 
     def displacements(self, q: Array) -> Array:
-        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+        """See `Kinematics.displacements`."""
         return node_fields(self.rows, q)
 
     def velocities(self, q: Array, q_t: Array) -> Array:
-        """Velocities of the nodes, (..., k, 3) [m/s]."""
+        """See `Kinematics.velocities`."""
         return node_fields(self.rows, q_t)
 
     def generalised(self, q: Array, forces: Array) -> Array:
-        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]."""
-        return self.rows.T @ forces.ravel()
+        """See `Kinematics.generalised`."""
+        generalised: Array = self.rows.T @ forces.ravel()
+        return generalised
 
-    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Any:
-        """Rows on the coordinates' velocities, (m, n_dofs), dense or csr, of rows on the nodes' velocities, (m, 3k)."""
+    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array | sp.csr_matrix:
+        """See `Kinematics.on_coordinates`; csr if the body keeps nodes."""
         return rows @ self.rows
 
     def in_frame(self, q: Array, directions: Array) -> Array:
-        """Directions in space, (m, 3), in the body's axes."""
+        """See `Kinematics.in_frame`."""
         return directions
 
     def weight(self, gravity: Array) -> Array:
-        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
-        return self.body.mass @ (self.body.rigid[:, :3] @ gravity)
+        """See `Kinematics.weight`."""
+        weight: Array = self.body.mass @ (self.body.rigid[:, :3] @ gravity)
+        return weight
 
     @property
     def mass_integral(self) -> Array:
-        """Linear momentum by velocities of the coordinates within the frame, (3, n_dofs)."""
+        """See `Kinematics.mass_integral`; of all coordinates, (3, n_dofs)."""
         return np.asarray(self.body.mass @ self.body.rigid[:, :3]).T
 
     def momentum(self, q_t: Array) -> Array:
-        """Linear momentum, (..., 3) [N s]."""
-        return q_t @ self.mass_integral.T
+        """See `Kinematics.momentum`."""
+        momentum: Array = q_t @ self.mass_integral.T
+        return momentum
 
     def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
-        """Angular momentum about a point in space, (3,) [m], first order in deformation and rotation, (..., 3)."""
+        """See `Kinematics.angular_momentum`; first order in deformation and rotation."""
         arm = self.frame(q)[0] + self.rigid_motion(q)[..., :3] - point
-        return np.cross(arm, self.momentum(q_t)) + q_t @ (self.body.mass @ self.body.rigid[:, 3:])
+        momentum: Array = np.cross(arm, self.momentum(q_t)) + q_t @ (self.body.mass @ self.body.rigid[:, 3:])
+        return momentum
 
     def kinetic_energy(self, q: Array, q_t: Array) -> Array:
-        """Kinetic energy, (...,) [J]."""
-        return np.sum(q_t * (self.body.mass @ q_t.T).T, axis=-1) / 2
+        """See `Kinematics.kinetic_energy`."""
+        energy: Array = np.sum(q_t * (self.body.mass @ q_t.T).T, axis=-1) / 2
+        return energy
 
     def rigid_motion(self, q: Array) -> Array:
-        """Translation of the centre of mass [m] and rotation [rad] of the whole body, (..., 6)."""
+        """See `Kinematics.rigid_motion`; the part of q that is rigid by the mass."""
         M_rigid = self.body.mass @ self.body.rigid
         return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
 
     def deformed(self, q: Array) -> Array:
-        """Coordinates, in the basis, of the deformation alone."""
-        return q - self.rigid_motion(q) @ self.body.rigid.T
+        """See `Kinematics.deformed`."""
+        deformed: Array = q - self.rigid_motion(q) @ self.body.rigid.T
+        return deformed
 
     def proportional_force(self, q: Array, alpha: float, beta: float) -> Array:
-        """Generalised forces (alpha M + beta K) of the deformation in coordinates or velocities q, (..., n_dofs)."""
-        return alpha * self.mass * self.deformed(q) + beta * (self.body.stiffness @ q.T).T
+        """See `Kinematics.proportional_force`."""
+        force: Array = alpha * self.mass * self.deformed(q) + beta * (self.body.stiffness @ q.T).T
+        return force
 
     def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
-        """(n_dofs, n_dofs): alpha M + beta K, rigid motion included."""
+        """See `Kinematics.proportional_matrix`."""
         return sp.csr_matrix(alpha * self.body.mass + beta * self.body.stiffness)
 
     def deformation(self, q: Array) -> Array:
-        """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
+        """See `Kinematics.deformation`."""
         return node_fields(self.rows, self.deformed(q))
 
 
-def node_fields(rows: Any, q: Array) -> Array:
-    """Vectors at k nodes, (..., k, 3), by rows (3k, n)."""
+def node_fields(rows: Array | sp.csr_matrix, q: Array) -> Array:
+    """Vectors at k nodes, (..., k, 3), by rows (3k, n) of the coordinates q, (..., n)."""
     return np.asarray((rows @ q.T).T).reshape(*q.shape[:-1], -1, 3)

@@ -41,14 +41,16 @@ class MeanAxes:
 
     def expand(self, z: Array) -> Array:
         """Coordinates q = E z of the basis, (..., n), of deformation z, (..., n - 6)."""
-        q = -(z @ self._tail) @ self._reflected
+        q: Array = -(z @ self._tail) @ self._reflected
         q[..., 6:] += z
-        return q * self._inverse_root
+        q *= self._inverse_root
+        return q
 
     def restrict(self, rows: Array) -> Array:
         """Rows on z, (..., n - 6), of rows on q, (..., n); generalised forces likewise."""
         rows = rows * self._inverse_root
-        return rows[..., 6:] - (rows @ self._reflected.T) @ self._tail.T
+        on_z: Array = rows[..., 6:] - (rows @ self._reflected.T) @ self._tail.T
+        return on_z
 
     def of(self, q: Array) -> Array:
         """Deformation z = E' M q, (..., n - 6), of any motion q, (..., n)."""

@@ -1,6 +1,6 @@
 """Inertia in a floating frame of a body that keeps nodes: point masses, beside the integrals of its shapes.
 
-Shapes of the paper's basis end where its nodes begin, and the mass is lumped: what `floating.InertiaIntegrals` holds as
+Shapes of the paper's basis end where its nodes begin, and the mass is lumped: what `InertiaIntegrals` holds as
 dense matrices is, of the nodes, a sum over masses. Equations: module `floating`.
 """
 
@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from ..reduction.inertia import PAIRS, InertiaIntegrals, skew
+from ..reduction.inertia import PAIRS, InertiaIntegrals
 from ..support.arrays import Array
 from .mean_axes import MeanAxes
+from .rotations import skew
 
 _MOMENTS = np.zeros((6, 3, 3))  # J's components of a unit mass at p are p' D p
 for _component, (_a, _b) in zip(_MOMENTS, PAIRS, strict=True):
@@ -22,7 +23,7 @@ for _component, (_a, _b) in zip(_MOMENTS, PAIRS, strict=True):
 
 
 class NodalInertia:
-    """What `floating.InertiaIntegrals` is for a body of shapes, on the deformation z of mean axes.
+    """What `InertiaIntegrals` is for a body of shapes, on the deformation z of mean axes.
 
     Parameters
     ----------
@@ -92,13 +93,16 @@ class NodalInertia:
         (s, w), (s_t, w_t) = self._parts(z), self._parts(z_t)
         place = self._arms + w
         of_nodes = np.cross(place, np.cross(omega[..., None, :], place)) + np.cross(w, w_t)
-        return self._integrals.angular_momentum(omega, s, s_t) + self._masses @ of_nodes
+        momentum: Array = self._integrals.angular_momentum(omega, s, s_t) + self._masses @ of_nodes
+        return momentum
 
     def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
         """See `InertiaIntegrals.kinetic_energy`."""
         (s, w), (s_t, w_t) = self._parts(z), self._parts(z_t)
         own = self._integrals.spin(s, s_t) + self._masses @ np.cross(w, w_t)
-        return (np.sum(omega * (self.angular_momentum(omega, z, z_t) + own), axis=-1) + np.sum(z_t**2, axis=-1)) / 2
+        of_spin = np.sum(omega * (self.angular_momentum(omega, z, z_t) + own), axis=-1)
+        energy: Array = (of_spin + np.sum(z_t**2, axis=-1)) / 2
+        return energy
 
     def _parts(self, z: Array) -> tuple[Array, Array]:
         """Shape coordinates, (..., n_shapes), and displacements of the kept nodes, (..., k, 3), along `axes`."""
@@ -108,7 +112,7 @@ class NodalInertia:
 
     @property
     def _n_shapes(self) -> int:
-        return self._integrals.cross.shape[1]
+        return int(self._integrals.cross.shape[1])
 
     def _restricted(self, on_shapes: Array, on_nodes: Array) -> Array:
         """Rows on z, (m, n - 6), of rows on shapes, (m, n_shapes), and on kept nodes along `axes`, (m, k, 3)."""
@@ -129,4 +133,5 @@ class NodalInertia:
     def _moments(weighted: Array, place: Array) -> Array:
         """Inertia tensor, (3, 3), of masses at places, (k, 3), given also times the masses."""
         products = weighted.T @ place
-        return np.trace(products) * np.eye(3) - products
+        moments: Array = np.trace(products) * np.eye(3) - products
+        return moments

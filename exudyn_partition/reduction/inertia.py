@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,15 +12,7 @@ from ..fe.model import FEModel
 from ..support.arrays import Array
 from ..support.checks import check_floats, read_only
 
-if TYPE_CHECKING:
-    pass
-
-
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # order of the six blocks of `InertiaIntegrals.inertia`
-
-
-_SKEW = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)  # of the three axes
-
 
 PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of component a, b among them
 
@@ -135,11 +126,6 @@ class InertiaIntegrals:
         """Kinetic energy but for that of the centre of mass, (...,) [J]; arguments as for `angular_momentum`."""
         momentum = self.angular_momentum(omega, z, z_t) + self.spin(z, z_t)
         return (np.sum(omega * momentum, axis=-1) + np.sum(z_t**2, axis=-1)) / 2
-
-
-def skew(v: Array) -> Array:
-    """Matrix of v x, (..., 3, 3), of vectors (..., 3)."""
-    return (v @ _SKEW).reshape(*v.shape, 3)
 
 
 def forms(matrices: Array, x: Array, y: Array) -> Array:

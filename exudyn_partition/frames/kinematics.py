@@ -1,0 +1,121 @@
+"""Motion of a reduced body in space, as contact, markers and results see it: one protocol for all frames.
+
+A body in an inertial frame moves by small rotations about its place (`inertial`), one in a floating frame by any
+rotation (`floating`). Coordinates q are those of the body's Exudyn nodes, (n_dofs,), or a history of them,
+(m, n_dofs). Where a shape begins with `...`, a method takes both.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+
+NO_NODES = np.empty(0, dtype=np.int64)
+
+
+class Kinematics(Protocol):
+    """Motion of a body in its frame, and of some nodes of its FE model.
+
+    Attributes
+    ----------
+    linear : bool
+        Whether places are linear in the coordinates.
+    body : ReducedBody
+    position : (3,) array
+        Where the origin of the body's mesh is put [m].
+    rotation : (3,) array
+        Rotation vector of the node's axes at the start [rad].
+    node_axes : (3, 3) array
+        Axes of the frame's Exudyn node, as columns, in those of the body.
+    mass : (n_dofs,) array
+        Diagonal of the coordinates' mass matrix, which is constant.
+    nodes : (k,) int array
+        Nodes of the FE model that the methods for nodes are about.
+    arms : (k, 3) array
+        From the centre of mass to these nodes, undeformed, in the body's axes [m].
+    rows : (3k, n) array or csr matrix
+        Displacements of these nodes in the body's axes, by the coordinates of the motion within the frame.
+    """
+
+    linear: bool
+    body: ReducedBody
+    position: Array
+    rotation: Array
+    node_axes: Array
+    mass: Array
+    nodes: Array
+    arms: Array
+    rows: Array | sp.csr_matrix
+
+    def at(self, nodes: Array) -> Kinematics:
+        """Kinematics of other nodes, (k,) int array."""
+
+    @property
+    def from_basis(self) -> sp.csr_matrix:
+        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+
+    def frame(self, q: Array) -> tuple[Array, Array]:
+        """Place of the frame's origin, (..., 3) [m], and rotation matrix of its axes, (..., 3, 3)."""
+
+    def elastic(self, q: Array) -> Array:
+        """Coordinates, in the basis, of the motion within the frame, (..., n_dofs)."""
+
+    def deformed(self, q: Array) -> Array:
+        """Coordinates, in the basis, of the deformation alone, (..., n_dofs)."""
+
+    def rigid_motion(self, q: Array) -> Array:
+        """Translation of the centre of mass [m] and rotation vector of the body [rad], (..., 6)."""
+
+    def moved(self, q: Array, way: Array) -> Array:
+        """Coordinates after a way, (n_dofs,), which is velocity times time, from q, (n_dofs,)."""
+
+    def place(self, q: Array) -> Array:
+        """Places of the nodes, (..., k, 3) [m]."""
+
+    def displacements(self, q: Array) -> Array:
+        """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
+
+    def deformation(self, q: Array) -> Array:
+        """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
+
+    def velocities(self, q: Array, q_t: Array) -> Array:
+        """Velocities of the nodes, (..., k, 3) [m/s]."""
+
+    def in_frame(self, q: Array, directions: Array) -> Array:
+        """Directions in space, (m, 3), in the body's axes."""
+
+    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array | sp.csr_matrix:
+        """Rows on the coordinates' velocities, (m, n_dofs), of rows on the nodes' velocities, (m, 3k)."""
+
+    def generalised(self, q: Array, forces: Array) -> Array:
+        """Generalised forces, (n_dofs,), of forces on the nodes, (k, 3) [N]."""
+
+    def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array | sp.csr_matrix:
+        """Accelerations, (n_dofs, m), by generalised forces, (n_dofs, m); sparse ones only if `linear`."""
+
+    def weight(self, gravity: Array) -> Array:
+        """Generalised forces, (n_dofs,), of an acceleration of gravity, (3,) [m/s2]."""
+
+    def proportional_force(self, q: Array, alpha: float, beta: float) -> Array:
+        """Generalised forces (alpha M + beta K) of the deformation in coordinates or velocities q, (..., n_dofs)."""
+
+    def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
+        """(n_dofs, n_dofs): alpha M + beta K; of an inertial frame, rigid motion included."""
+
+    @property
+    def mass_integral(self) -> Array:
+        """Linear momentum by velocities of the coordinates within the frame, (3, n)."""
+
+    def momentum(self, q_t: Array) -> Array:
+        """Linear momentum, (..., 3) [N s]."""
+
+    def angular_momentum(self, q: Array, q_t: Array, point: Array) -> Array:
+        """Angular momentum about a point in space, (3,) [m], (..., 3) [N m s]."""
+
+    def kinetic_energy(self, q: Array, q_t: Array) -> Array:
+        """Kinetic energy, (...,) [J]."""
