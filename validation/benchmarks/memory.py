@@ -94,7 +94,7 @@ def in_a_process(*arguments):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--elements", nargs="+", type=float, default=[2.0, 3.0], help="per contact radius")
+    parser.add_argument("--elements", nargs="*", type=float, default=[2.0, 3.0], help="per contact radius")
     parser.add_argument("--no-leak", action="store_true", help="peaks alone")
     parser.add_argument("--case", help=argparse.SUPPRESS)
     options = parser.parse_args()
