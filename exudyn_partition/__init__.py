@@ -27,7 +27,9 @@ from ._version import __version__ as __version__
 
 _HOMES = {
     "fe.material": ("Material", "STEEL", "ALUMINIUM"),
-    "meshing.ngsolve_fem": ("Refine", "generate_mesh", "fe_model"),
+    "meshing.mesh_size": ("Refine",),
+    "meshing.netgen_mesh": ("generate_mesh",),
+    "meshing.ngsolve_fem": ("fe_model",),
     "fe.model": ("FEModel",),
     "fe.partition": ("Partition",),
     "reduction.body": ("ReducedBody", "load_body"),

@@ -14,7 +14,8 @@ from .algebra.complementarity import Complementarity
 from .algebra.factorisation import Factorisation, one_blas_thread
 from .errors import InputError, StoppedRunWarning
 from .fe.model import FEModel, node_dofs
-from .fe.partition import Partition, Patch
+from .fe.partition import Partition
+from .fe.patches import Patch
 from .results.history import History, at_times
 from .support.arrays import Array
 from .support.checks import (

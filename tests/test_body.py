@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import exudyn_partition as ep
 from exudyn_partition.errors import FrequencyRangeError, InputError, MemoryLimitError, MemoryWarning
 from exudyn_partition.fe.model import rigid_modes
-from exudyn_partition.fe.partition import Patch
+from exudyn_partition.fe.patches import Patch
 from exudyn_partition.reduction import free_body, loads, memory
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]

@@ -22,7 +22,7 @@ from exudyn_partition.contact.formulations.lagrange import LagrangeContact
 from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.errors import CacheWarning, InputError
-from exudyn_partition.fe.partition import Interface, Patch
+from exudyn_partition.fe.patches import Interface, Patch
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.reduction import loads, reduction
 from exudyn_partition.support import archive, cache

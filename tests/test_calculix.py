@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse.linalg
 
 import exudyn_partition as ep
-from exudyn_partition.fe.model import TET_EDGES
+from exudyn_partition.fe.shapes import TET_EDGES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "validation"))
 import calculix

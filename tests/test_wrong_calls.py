@@ -19,7 +19,7 @@ from conftest import TOP, box
 
 import exudyn_partition as ep
 from exudyn_partition.errors import EmptyRegionError, InputError, MeshError, PenetrationError, RunError, UnitsWarning
-from exudyn_partition.meshing.ngsolve_fem import _check_tips
+from exudyn_partition.meshing.netgen_mesh import _check_tips
 from exudyn_partition.support import progress as _progress
 
 BLOCK = box(0.01, 0.02, 0.03)

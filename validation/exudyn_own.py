@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 
-TRIANGLES = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a facet with six nodes
+from exudyn_partition.fe.facets import FLAT_TRIANGLES
 
 
 def settings(end_time, step):
@@ -90,7 +90,7 @@ def add_facet_contact(mbs, slave, master, radius, stiffness, low, high):
         )
     body, points, facets = master
     for facet in facets:
-        for triangle in TRIANGLES:
+        for triangle in FLAT_TRIANGLES[6]:
             nodes = [int(facet[k]) for k in triangle]
             marker = mbs.AddMarker(
                 items.MarkerSuperElementRigid(bodyNumber=body, meshNodeNumbers=nodes, weightingFactors=[1 / 3] * 3)

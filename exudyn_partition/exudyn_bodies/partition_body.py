@@ -18,7 +18,7 @@ from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..reduction.body import ReducedBody
-from ..reduction.recovery import StaticAnswer
+from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_result, validate_type, validate_vector
 from .attachments import add_guard, check_attachments

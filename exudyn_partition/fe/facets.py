@@ -6,6 +6,13 @@ import numpy as np
 
 from ..support.arrays import Array
 
+# Flat triangles that a facet is split into, by the number of its nodes.
+FLAT_TRIANGLES = {
+    3: np.array([[0, 1, 2]]),
+    4: np.array([[0, 1, 2], [0, 2, 3]]),
+    6: np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]),
+}
+
 
 def facet_corners(facets: Array) -> Array:
     """Corners, on axis 1, of triangles (nf, 3, ...), quadratic triangles (nf, 6, ...) or quads (nf, 4, ...)."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..errors import MeshError, MeshQualityWarning
 from ..support.arrays import Array
-from .model import TET_EDGES, FEModel
-from .shapes import shape_functions
+from .model import FEModel
+from .shapes import TET_EDGES, shape_functions
 
 _VOLUME, _INERTIA = 1e-6, 1e-3  # relative: by how much elements and surface may differ
 _FAR = 3.0  # times the edges opposite to a node is how far the nearest neighbour may be

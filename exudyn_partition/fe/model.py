@@ -17,8 +17,6 @@ from .facets import facet_corners
 from .material import Material
 from .walls import Wall, weakest_wall
 
-# Edges of a tetrahedron in the order in which VTK lists their mid-side nodes.
-TET_EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 # Local faces of an element by its number of nodes, outward for positive volume: corners, then the mid-side nodes of
 # edges 01, 12, 20.
 _FACES = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..support.arrays import Array
+from .facets import FLAT_TRIANGLES
 from .shapes import shape_functions
 
 Rule = tuple[Array, Array, Array]
@@ -34,7 +35,7 @@ def _triangle_rule() -> Rule:
 def _split_triangle_rule() -> Rule:
     """Three points in each of the four triangles between the nodes of a quadratic one."""
     nodes = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)])
-    triangles = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])
+    triangles = FLAT_TRIANGLES[6]
     _, weight, barycentric = _triangle_rule()
     local = (barycentric @ nodes[triangles]).reshape(-1, 2)
     hats = (barycentric @ np.eye(6)[triangles]).reshape(-1, 6)

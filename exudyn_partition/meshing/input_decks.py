@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import MeshError
+from ..support.arrays import Array
 
 NASTRAN_ENDINGS = (".bdf", ".nas", ".fem")
 
@@ -195,7 +196,7 @@ def _groups(mesh: Any) -> dict[str, tuple[int, int]]:
     return {name: tuple(value) for name, value in mesh.field_data.items() if np.shape(value) == (2,)}
 
 
-def _values(blocks: Any, volumes: list[int]) -> np.ndarray:
+def _values(blocks: Any, volumes: list[int]) -> Array:
     """Whole numbers of the volume elements; results of an analysis are none, and give no values."""
     found = [np.asarray(blocks[i]) for i in volumes if i < len(blocks)]
     values = np.concatenate(found) if found and all(part.ndim == 1 for part in found) else np.zeros(0)

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from ..errors import InputError, MeshError, MissingPackageError
-from ..fe.model import TET_EDGES
+from ..fe.shapes import integration_gradients
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.optional import require
@@ -174,25 +174,9 @@ def _outward(path: Path, points: Array, cells: Array) -> Array:
 def inverted(points: Array, cells: Array) -> Array:
     """Rows of `cells`, (ne, 4), (ne, 10) or (ne, 8), with no or negative volume somewhere where it is integrated."""
     corners = points[cells]
-    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", _gradients(cells.shape[1]), corners))
+    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", integration_gradients(cells.shape[1]), corners))
     extent = np.ptp(corners, axis=1).max(axis=1)
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
-
-
-def _gradients(n_nodes: int) -> Array:
-    """(q, n_nodes, 3) array: derivatives of an element's shape functions at the q points where it is integrated."""
-    if n_nodes == 8:
-        sign = np.array([[-1, 1, 1, -1] * 2, [-1, -1, 1, 1] * 2, [-1] * 4 + [1] * 4]).T
-        factors = (1 + sign * sign[:, None] / np.sqrt(3)) / 2  # at each Gauss point, of each node, along each axis
-        others = factors[..., [1, 0, 0]] * factors[..., [2, 2, 1]]
-        return sign / 2 * others
-    corner = np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    if n_nodes == 4:
-        return corner[None]
-    at = np.full((4, 4), (5 - np.sqrt(5)) / 20) + np.eye(4) / np.sqrt(5)  # four-point rule, barycentric
-    i, j = TET_EDGES.T
-    edge = 4 * (at[:, i, None] * corner[j] + at[:, j, None] * corner[i])
-    return np.concatenate([(4 * at - 1)[:, :, None] * corner, edge], axis=1)
 
 
 def _named_faces(mesh: Any, corners: int) -> dict[str, Array]:

@@ -1,10 +1,7 @@
-"""From an OCC shape, NGSolve mesh or file to an `FEModel`; the only module that imports NGSolve and Netgen."""
+"""From an OCC shape, NGSolve mesh or file to an `FEModel`: assembly by NGSolve."""
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import threading
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -14,141 +11,24 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning, UnitsWarning
+from ..errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning
 from ..fe.facets import facet_corners
 from ..fe.material import Material
 from ..fe.mesh_quality import check_mesh
-from ..fe.model import TET_EDGES, FEModel
+from ..fe.model import FEModel
+from ..fe.shapes import TET_EDGES
 from ..support.arrays import Array
-from ..support.checks import validate_file, validate_number, validate_path, validate_positive
+from ..support.checks import validate_path, validate_positive
 from ..support.optional import require
 from ..support.progress import pulsing
 from .input_decks import refuse_regions
 from .mesh_files import VolumeMesh, inverted, read_mesh
-from .mesh_size import Refine, check_memory_of_mesh, check_memory_of_model, check_sizes
-from .step_files import ENDINGS, check_step
+from .mesh_size import Refine, check_memory_of_model
+from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
+from .step_files import ENDINGS
 
 _UNNAMED = (None, "", "default")  # by shapes and meshes
-_SHARP = np.sin(np.radians(44.0))  # of cones' half angles: below, Netgen fails at the tip
-_GRADING = 0.3
-_GRADINGS = (0.05, 1.0)  # below, Netgen forgets local sizes or crashes; above, it does not end
 _VOLUME_MISSED = 0.05  # relative: by how much a mesh may miss the volume of its shape
-
-# NGSolve and Netgen keep global state: of two threads that mesh or assemble at once, one crashes or gets the other's.
-_ONE_AT_A_TIME = threading.RLock()
-
-
-def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), grading: float = _GRADING) -> Any:
-    """Mesh an OCC shape with tetrahedra.
-
-    Parameters
-    ----------
-    shape : netgen.occ.TopoDS_Shape
-        The body, one solid.
-    maxh : float
-        Largest element size [m].
-    refine : iterable of Refine
-        Balls with smaller elements.
-    grading : float
-        How fast elements grow away from them, 0.05 (slowly) to 1.
-
-    Returns
-    -------
-    ngsolve.Mesh
-        Elements curved to the geometry with order 2.
-
-    Raises
-    ------
-    InputError
-        If the shape is no OCC shape or has no finite size, a size is not above zero, `grading` is out of range, or a
-        ball takes more elements than memory holds.
-    MeshError
-        If the shape has no solid, or Netgen cannot mesh it with this size.
-    MemoryLimitError
-        If the mesh would not fit into the memory that is free, before it is begun.
-    MissingPackageError
-        If ngsolve is not installed.
-
-    Warns
-    -----
-    UnitsWarning
-        If `maxh` is longer than the body, or a ball misses it or has no effect.
-    """
-    with _ONE_AT_A_TIME:
-        return _meshed(shape, maxh, refine, grading, 1)
-
-
-def _meshed(shape: Any, maxh: Any, refine: Any, grading: Any, order: int) -> Any:
-    """What `generate_mesh` does, as far from the caller's line, which warnings name, as from that of `fe_model`."""
-    ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
-    maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
-    if not _GRADINGS[0] <= grading <= _GRADINGS[1]:
-        raise InputError(f"grading: expected {_GRADINGS[0]} (slow) to {_GRADINGS[1]:g} (fast), got {grading:g}")
-    if not isinstance(shape, occ.TopoDS_Shape):
-        raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
-    regions = _regions(refine)
-    if not np.isfinite([[v.p.x, v.p.y, v.p.z] for v in shape.vertices]).all():  # OCC crashes on some of these
-        raise InputError("shape: expected a body of finite size, got corners that are not finite")
-    low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
-    size = check_sizes(low, high, maxh, regions)
-    if not len(shape.solids):
-        raise MeshError("shape: expected a solid, got none: its faces enclose no volume, or some are missing")
-    _check_tips(shape, size)
-    surface = sum(face.mass for face in shape.faces)
-    check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
-    parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
-    for region in regions:
-        for x, y, z in region.points():
-            parameters.RestrictH(x=x, y=y, z=z, h=region.h)
-    try:
-        with pulsing("mesh"):
-            mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
-    except (meshing.NgException, RuntimeError) as error:  # OCC raises the latter
-        raise MeshError(
-            f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
-            "elements not much larger than they are thick"
-        ) from error
-    vertices = mesh.ngmesh.Coordinates()
-    for region in regions:
-        distance = np.linalg.norm(vertices - region.center, axis=1).min()
-        if distance > region.radius + region.h:
-            warnings.warn(
-                f"refine: the ball of radius {region.radius:g} m at {tuple(map(float, region.center))} misses the "
-                f"body, of {size:.4g} m, by {distance - region.radius:.3g} m. Give its centre in the shape's own "
-                "coordinates and unit, metres",
-                UnitsWarning,
-                stacklevel=3,
-            )
-    mesh.Curve(2)
-    return mesh
-
-
-def _check_tips(shape: Any, size: float) -> None:
-    """Refuse the tips of sharp cones, on which Netgen fails, often after it has written where it must not.
-
-    A cone is a surface whose straight lines, along its second parameter, meet in a point.
-    """
-    for face in shape.faces:
-        surface = face.surf
-        (_, along_0, line_0), (_, along_1, line_1) = (_derivatives(surface, v) for v in (0.0, 1.0))
-        widening = (np.linalg.norm(along_1) - np.linalg.norm(along_0)) / max(float(np.linalg.norm(line_0)), 1e-300)
-        if not np.allclose(line_0, line_1, atol=1e-9 * size) or not 1e-6 < abs(widening) < _SHARP:
-            continue
-        v = -np.linalg.norm(along_0) / (np.linalg.norm(along_1) - np.linalg.norm(along_0))
-        tip, beside = (np.array([*surface.Value(u, v)]) for u in (0.0, 1.0))
-        corners = np.array([[*vertex.p] for vertex in face.vertices])
-        if np.linalg.norm(tip - beside) < 1e-9 * size and np.linalg.norm(corners - tip, axis=1).min() < 1e-6 * size:
-            half_angle = np.degrees(np.arcsin(abs(widening)))
-            raise MeshError(
-                f"shape: the cone with its tip at {tip} m is sharp, its half angle {half_angle:.3g} degrees. Netgen "
-                "fails on tips below 45 degrees and may end the program. Round the tip, or cut it off where it is a "
-                "few elements wide; or bring a mesh file"
-            )
-
-
-def _derivatives(surface: Any, v: float) -> list[Array]:
-    """Place on a surface at (0, v), and its derivatives by both parameters."""
-    return [np.array([x.x, x.y, x.z]) for x in surface.D1(0.0, v)]
 
 
 def fe_model(
@@ -158,7 +38,7 @@ def fe_model(
     order: int | None = None,
     maxh: float | None = None,
     refine: Iterable[Refine] = (),
-    grading: float = _GRADING,
+    grading: float = GRADING,
     scale: float = 1.0,
 ) -> FEModel:
     """Assemble the FE model of a free body.
@@ -219,12 +99,12 @@ def fe_model(
     path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
     is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
     try:
-        with _ONE_AT_A_TIME:
+        with ONE_AT_A_TIME:
             if is_shape:
-                shape = _scaled(_read_step(path) if path else source, scale)
+                shape = scaled(read_step(path) if path else source, scale)
                 if maxh is None:
                     raise InputError("maxh: a shape needs a largest element size [m]")
-                mesh = _meshed(shape, maxh, refine, grading, order or 2)
+                mesh = meshed(shape, maxh, refine, grading, order or 2)
                 with pulsing("assemble"):
                     fem = _from_mesh(ngsolve, mesh, material, order or 2)
             elif path:
@@ -272,38 +152,14 @@ def _is_geometry(ngsolve: Any, source: Any) -> bool:
 
 def _refuse_mesh_options(maxh: Any, refine: Any, grading: Any) -> None:
     """Refuse options that would have no effect on a mesh."""
-    named = {"maxh": maxh is not None, "grading": grading != _GRADING}
-    named["refine"] = bool(_regions(refine))
+    named = {"maxh": maxh is not None, "grading": grading != GRADING}
+    named["refine"] = bool(regions_of(refine))
     given = [name for name, is_given in named.items() if is_given]
     if given:
         raise InputError(
             f"{', '.join(given)}: a mesh is taken as it is, so that this would have no effect. Mesh it finer where it "
             "was made, or give its shape or STEP file"
         )
-
-
-def _regions(refine: Any) -> list[Refine]:
-    """Balls of an option `refine`, one or several."""
-    regions = [refine] if isinstance(refine, Refine) or not isinstance(refine, Iterable) else list(refine)
-    for region in regions:
-        if not isinstance(region, Refine):
-            raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
-    return regions
-
-
-def _read_step(path: Path) -> Any:
-    """OCC shape of a STEP file."""
-    occ = require("netgen.occ")
-    validate_file("path", path)
-    with tempfile.TemporaryDirectory() as folder:
-        if path.suffix not in ENDINGS:  # Netgen knows small letters alone
-            path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
-        check_step(path)
-        return occ.OCCGeometry(str(path)).shape
-
-
-def _scaled(shape: Any, scale: float) -> Any:
-    return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape
 
 
 def _check_regions(source: str, names: Sequence[str | None]) -> None:

@@ -21,7 +21,8 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_items import PartitionContact
 from ..fe.model import FEModel
 from ..meshing.mesh_files import write_vtu
-from ..reduction.recovery import StaticAnswer, nodal_stress, von_mises
+from ..reduction.recovery import nodal_stress, von_mises
+from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_items, validate_result
 from ..support.files import filling

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError, RunError
 from ..exudyn_bodies.model import coordinate_slices, partition_items, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..fe.facets import FLAT_TRIANGLES
 from ..support.arrays import Array
 from ..support.checks import (
     validate_array,
@@ -42,8 +43,6 @@ Fields = Callable[[Any, BodyFields], dict[str, Array]]  # of a body in a model, 
 
 UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 _COLOURS = "viridis"
-_ACROSS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a quadratic triangle, in four flat ones
-_SPLIT = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [0, 2, 3]]), 6: _ACROSS}
 _WINDOW = (1024, 768)
 _MOST_PIXELS = 8192  # along a side: Exudyn asks for the memory of larger ones without a word, and ends the process
 _LARGEST_SCALE = 1e12  # of deformation, beyond which single precision, in which pictures are drawn, has no more room
@@ -307,7 +306,7 @@ def _graphics(
     drawn: list[dict[str, Any]] = []
     for piece, place, value in zip(pieces, places, values, strict=True):
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
-        triangles = piece.cells[:, _SPLIT[piece.cells.shape[1]]].reshape(-1, 3)
+        triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
     says = f"{field} {least:.3g} to {largest:.3g} {UNITS[field]}" + (f", deformed x {scale:g}" if scale != 1 else "")
     drawn.append({"type": "Text", "text": says, "position": _corner(places, turn)})

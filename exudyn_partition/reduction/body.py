@@ -11,7 +11,8 @@ import scipy.sparse as sp
 
 from ..errors import InputError
 from ..fe.model import nearest_node, node_dofs, rigid_modes
-from ..fe.partition import Interface, Partition, Patch
+from ..fe.partition import Partition
+from ..fe.patches import Interface, Patch
 from ..support.archive import Format
 from ..support.arrays import Array
 from ..support.checks import (

@@ -10,7 +10,8 @@ import scipy.sparse as sp
 
 from ..fe.facets import nodal_area
 from ..fe.model import FEModel, node_dofs
-from ..fe.partition import Interface, Partition, Patch
+from ..fe.partition import Partition
+from ..fe.patches import Interface, Patch
 from ..support.arrays import Array
 
 

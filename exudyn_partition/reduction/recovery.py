@@ -20,11 +20,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from ..algebra.factorisation import one_blas_thread
-from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
 from ..errors import InputError, MeshError
 from ..fe.material import Material
-from ..fe.model import TET_EDGES, FEModel
+from ..fe.model import FEModel
+from ..fe.shapes import TET_NODES, tetrahedron_functions
 from ..support.arrays import Array
 from ..support.checks import (
     read_only,
@@ -36,14 +35,8 @@ from ..support.checks import (
     validate_vector,
 )
 from ..surfaces.surface import closest_points
-from .body import ReducedBody
-from .loads import pressure
-from .tied import tie
-
-# Nodes of a tetrahedron in local coordinates.
-_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
-_LOCAL_NODES = np.vstack([_CORNERS, _CORNERS[TET_EDGES].mean(axis=1)])
-_CORNER_GRADIENT = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+from .static_answer import StaticAnswer as StaticAnswer
+from .static_answer import static_correction as static_correction
 
 # eps_v = sum_ab _VOIGT[v, a, b] du_a/dx_b
 _VOIGT = np.zeros((6, 3, 3))
@@ -228,7 +221,7 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     x = fem.points[fem.cells]
     cells = np.arange(len(x))
     total, weight = np.zeros((fem.n_nodes, 6)), np.zeros((fem.n_nodes, 1))
-    for local, nodes in zip(_LOCAL_NODES, fem.cells.T, strict=False):  # 4 or 10 of them; corners come first
+    for local, nodes in zip(TET_NODES, fem.cells.T, strict=False):  # 4 or 10 of them; corners come first
         gradient = _gradients(x, np.broadcast_to(local, (len(x), 3)))
         strain = np.einsum("vab,mab->mv", _VOIGT, np.einsum("mka,mkb->mab", u, gradient))
         gather = sp.csr_matrix((fem.cell_mass, (nodes, cells)), shape=(fem.n_nodes, len(x)))
@@ -275,96 +268,6 @@ def von_mises(stress: Array) -> Array:
     return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
 
 
-def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None = None) -> Array:
-    """Static displacement by a unit contact force that the kept shapes lack: the mode-acceleration correction.
-
-    The force presses on the contact patch with uniform pressure, so that it holds where the patch's size does not
-    matter. It completes a history, as `force` is positive in compression::
-
-        item.recover(result, rows) + np.outer(contact.force(result), rows @ static_correction(fem, body).ravel())
-
-    What is left is the inertia of the cut modes, as in the contact itself: of the order of (f / f_cut)^2.
-
-    Parameters
-    ----------
-    fem : FEModel
-    body : ReducedBody
-        Of `fem`, with the residual or contact-adapted basis.
-    patch : int or str, optional
-        Which contact patch, if there are several.
-
-    Returns
-    -------
-    (n, 3) array
-        [m/N]
-
-    Raises
-    ------
-    InputError
-        If an argument is no such thing, the basis has no residual flexibility, or the body is of another mesh.
-
-    References
-    ----------
-    R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, section 11.4.
-    """
-    answer = StaticAnswer(fem, body)
-    return answer(-pressure(fem, body.partition.patches[body.partition.patch(patch)]).reshape(-1, 3))
-
-
-class StaticAnswer:
-    """What the kept shapes of a body lack of the static answer to nodal forces; see `static_correction`.
-
-    The body's stiffness is factorised once; each answer is one solution with it.
-
-    Parameters
-    ----------
-    fem : FEModel
-    body : ReducedBody
-        Of `fem`, with the residual or contact-adapted basis.
-
-    Raises
-    ------
-    InputError
-        If the basis has no residual flexibility, or the body is of another mesh.
-    """
-
-    def __init__(self, fem: FEModel, body: ReducedBody) -> None:
-        validate_type("fem", fem, FEModel, "fe_model()")
-        validate_type("body", body, ReducedBody, "reduce() or load_body()")
-        if body.basis.flexibility is None:
-            raise InputError(
-                f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
-            )
-        body.partition.check_mesh(fem, "fem: expected the body's own mesh")
-        self._basis = body.basis
-        with one_blas_thread():
-            self._model = tie(fem, body.partition)
-            rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
-            self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
-
-    def check(self, body: ReducedBody) -> None:
-        """Raise unless the answers are those of `body`.
-
-        Raises
-        ------
-        InputError
-        """
-        validate_type("body", body, ReducedBody, "reduce() or load_body()")
-        if body.basis is not self._basis:
-            raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
-
-    def __call__(self, forces: Array) -> Array:
-        """Displacements, (n, 3) [m], by forces on the nodes in the body's axes, (n, 3) [N]."""
-        basis, load = self._basis, forces.ravel()
-        elastic = basis.omega > 0
-        amplitude = np.zeros(len(elastic))
-        amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
-        with one_blas_thread():
-            expand = self._model.expand
-            answer = expand @ self._flexibility((expand.T @ load)[:, None])[:, 0]
-        return (answer - basis.shapes @ amplitude).reshape(-1, 3)
-
-
 def _elasticity(material: Material) -> Array:
     """(6, 6) matrix of Hooke's law on engineering strains [Pa]."""
     D = material.shear_modulus * np.diag([2.0, 2, 2, 1, 1, 1])
@@ -383,25 +286,13 @@ def _rows(fem: FEModel, cell: Array, coefficients: Array) -> sp.csr_matrix:
 
 
 def _interpolation(fem: FEModel, cell: Array, local: Array) -> sp.csr_matrix:
-    values, _ = _shape_functions(local, fem.cells.shape[1])
+    values, _ = tetrahedron_functions(local, fem.cells.shape[1])
     return _rows(fem, cell, values[:, None, :, None] * np.eye(3)[:, None])
-
-
-def _shape_functions(local: Array, n_nodes: int) -> tuple[Array, Array]:
-    """Shape functions of tetrahedra, (m, n_nodes), and their local derivatives, (m, n_nodes, 3), at `local`, (m, 3)."""
-    corner = np.column_stack([1 - local.sum(axis=1), local])
-    if n_nodes == 4:
-        return corner, np.broadcast_to(_CORNER_GRADIENT, (len(local), 4, 3))
-    a, b = TET_EDGES.T
-    values = np.hstack([corner * (2 * corner - 1), 4 * corner[:, a] * corner[:, b]])
-    at_corners = (4 * corner - 1)[:, :, None] * _CORNER_GRADIENT
-    at_edges = 4 * (corner[:, a, None] * _CORNER_GRADIENT[b] + corner[:, b, None] * _CORNER_GRADIENT[a])
-    return values, np.concatenate([at_corners, at_edges], axis=1)
 
 
 def _gradients(nodes: Array, local: Array) -> Array:
     """Derivatives of the shape functions in space [1/m], of cells with `nodes`; both (m, nodes of a cell, 3)."""
-    _, derivatives = _shape_functions(local, nodes.shape[1])
+    _, derivatives = tetrahedron_functions(local, nodes.shape[1])
     return derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
 
 
@@ -447,7 +338,7 @@ def _local_coordinates(nodes: Array, targets: Array) -> Array:
     """Local coordinates of `targets`, (m, 3), in cells with `nodes`, by Newton; nan where it does not converge."""
     local = np.full((len(nodes), 3), 0.25)
     for _ in range(_NEWTON_STEPS):
-        values, derivatives = _shape_functions(local, nodes.shape[1])
+        values, derivatives = tetrahedron_functions(local, nodes.shape[1])
         miss = targets - np.einsum("mk,mka->ma", values, nodes)
         jacobian = np.einsum("mka,mkj->maj", nodes, derivatives)
         before = local

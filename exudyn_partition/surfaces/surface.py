@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..fe.facets import area_vectors, facet_corners
-from ..fe.shapes import _SQUARE, _TRIANGLE, SECOND_DERIVATIVES, shape_functions
+from ..fe.shapes import SECOND_DERIVATIVES, corners_of, shape_functions
 from ..support.arrays import Array
 
 if TYPE_CHECKING:
-    from ..fe.partition import Patch
+    from ..fe.patches import Patch
 
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-10  # of a facet: the last step
@@ -169,7 +169,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     nearest = np.asarray(nearest).reshape(-1)
     targets = np.repeat(points, candidates, axis=0)
     nodes = facets[nearest]
-    domain = _SQUARE if n_nodes == 4 else _TRIANGLE
+    domain = corners_of(facets)
     local = np.tile(domain.mean(axis=0), (len(targets), 1))
     left = np.arange(len(targets))  # what has not converged
     for _ in range(_NEWTON_STEPS):

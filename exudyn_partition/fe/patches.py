@@ -1,0 +1,116 @@
+"""Parts of a body's surface: contact patches, and interfaces for joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.checks import (
+    check_floats,
+    check_indices,
+    read_only,
+    validate_choice,
+    validate_flag,
+    validate_text,
+)
+from .model import FEModel, rigid_modes
+
+AXES = ("normal", "xyz")
+KINDS = ("rigid", "averaged")
+
+_UNIT = 1e-9  # off a unit vector's length
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A contact patch: the surface facets that may touch, and the directions of its residual flexibility.
+
+    Parameters
+    ----------
+    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+        Surface facets, as nodes of the body.
+    direction : (3,) array
+        Unit outward normal, area-weighted mean: the line of contact.
+    rim : (k,) int array
+        Nodes at which the body's surface goes on towards the other body: contact that reaches them leaves the patch.
+    axes : {"normal", "xyz"}
+        Whether contact acts along `direction` only, or along all three axes.
+    direction_given : bool
+        Whether the user gave `direction`.
+    name : str
+    """
+
+    facets: Array
+    direction: Array
+    rim: Array
+    axes: str = "normal"
+    direction_given: bool = False
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        check_indices("facets", self.facets, (None, None))
+        if self.facets.shape[1] not in (3, 4, 6) or not len(self.facets):
+            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        check_floats("direction", self.direction, (3,))
+        if abs(np.linalg.norm(self.direction) - 1) > _UNIT:
+            raise InputError(f"direction: expected a unit vector, got {self.direction}")
+        check_indices("rim", self.rim, (None,))
+        validate_choice("axes", self.axes, AXES)
+        validate_flag("direction_given", self.direction_given)
+        validate_text("name", self.name)
+        read_only(self.facets, self.direction, self.rim)
+
+    @property
+    def nodes(self) -> Array:
+        """(np,) int array: nodes of the patch, ascending."""
+        return np.unique(self.facets)
+
+    @property
+    def directions(self) -> Array:
+        """(d, 3) array: the directions in which each node has a row, one or three."""
+        return self.direction[None] if self.axes == "normal" else np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """Nodes of a joint, whose mean motion is three translations and three rotations.
+
+    Parameters
+    ----------
+    name : str
+    nodes : (k,) int array
+        Ascending.
+    kind : {"rigid", "averaged"}
+        "rigid": the nodes move as one rigid body (RBE2). "averaged": they stay as flexible as they are, a force or
+        moment of the joint is spread over them (RBE3).
+    position : (3,) array
+        Reference point of the motion, where joints attach [m].
+    weights : (k,) array
+        Share of each node in the mean, their sum is one: by area if they are all the nodes of some surface, else equal.
+    motion : (6, 3k) array
+        Mean translation [m] and rotation [rad] of the nodes' displacements, by weighted least squares; transposed, the
+        nodal forces of unit forces and moments on the interface.
+    """
+
+    name: str
+    nodes: Array
+    kind: str
+    position: Array
+    weights: Array
+    motion: Array
+
+    def __post_init__(self) -> None:
+        validate_text("name", self.name)
+        check_indices("nodes", self.nodes, (None,))
+        validate_choice("kind", self.kind, KINDS)
+        check_floats("position", self.position, (3,))
+        check_floats("weights", self.weights, (len(self.nodes),))
+        check_floats("motion", self.motion, (6, 3 * len(self.nodes)))
+        read_only(self.nodes, self.position, self.weights, self.motion)
+
+    def rigid_motion(self, fem: FEModel) -> Array:
+        """(3k, 6) array: displacements of the nodes by unit translations and rotations about `position`."""
+        return rigid_modes(fem.points[self.nodes] - self.position)

@@ -1,0 +1,105 @@
+"""What the kept shapes of a body lack of its static answer to forces: mode acceleration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..algebra.factorisation import one_blas_thread
+from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
+from ..errors import InputError
+from ..fe.model import FEModel
+from ..support.arrays import Array
+from ..support.checks import validate_type
+from .body import ReducedBody
+from .loads import pressure
+from .tied import tie
+
+
+def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None = None) -> Array:
+    """Static displacement by a unit contact force that the kept shapes lack: the mode-acceleration correction.
+
+    The force presses on the contact patch with uniform pressure, so that it holds where the patch's size does not
+    matter. It completes a history, as `force` is positive in compression::
+
+        item.recover(result, rows) + np.outer(contact.force(result), rows @ static_correction(fem, body).ravel())
+
+    What is left is the inertia of the cut modes, as in the contact itself: of the order of (f / f_cut)^2.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+        Of `fem`, with the residual or contact-adapted basis.
+    patch : int or str, optional
+        Which contact patch, if there are several.
+
+    Returns
+    -------
+    (n, 3) array
+        [m/N]
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, the basis has no residual flexibility, or the body is of another mesh.
+
+    References
+    ----------
+    R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, section 11.4.
+    """
+    answer = StaticAnswer(fem, body)
+    return answer(-pressure(fem, body.partition.patches[body.partition.patch(patch)]).reshape(-1, 3))
+
+
+class StaticAnswer:
+    """What the kept shapes of a body lack of the static answer to nodal forces; see `static_correction`.
+
+    The body's stiffness is factorised once; each answer is one solution with it.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+        Of `fem`, with the residual or contact-adapted basis.
+
+    Raises
+    ------
+    InputError
+        If the basis has no residual flexibility, or the body is of another mesh.
+    """
+
+    def __init__(self, fem: FEModel, body: ReducedBody) -> None:
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_type("body", body, ReducedBody, "reduce() or load_body()")
+        if body.basis.flexibility is None:
+            raise InputError(
+                f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
+            )
+        body.partition.check_mesh(fem, "fem: expected the body's own mesh")
+        self._basis = body.basis
+        with one_blas_thread():
+            self._model = tie(fem, body.partition)
+            rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
+            self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
+
+    def check(self, body: ReducedBody) -> None:
+        """Raise unless the answers are those of `body`.
+
+        Raises
+        ------
+        InputError
+        """
+        validate_type("body", body, ReducedBody, "reduce() or load_body()")
+        if body.basis is not self._basis:
+            raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
+
+    def __call__(self, forces: Array) -> Array:
+        """Displacements, (n, 3) [m], by forces on the nodes in the body's axes, (n, 3) [N]."""
+        basis, load = self._basis, forces.ravel()
+        elastic = basis.omega > 0
+        amplitude = np.zeros(len(elastic))
+        amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
+        with one_blas_thread():
+            expand = self._model.expand
+            answer = expand @ self._flexibility((expand.T @ load)[:, None])[:, 0]
+        return (answer - basis.shapes @ amplitude).reshape(-1, 3)
