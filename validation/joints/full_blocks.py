@@ -4,7 +4,6 @@ import math
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,21 +11,11 @@ import scipy.sparse as sp
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.factorisation import one_blas_thread
 from exudyn_partition.fe.model import node_dofs
-from exudyn_partition.reference import _HHT
+from exudyn_partition.reference import HHT, FullBody
 from exudyn_partition.surfaces.rows import pair_surfaces
-from exudyn_partition.surfaces.surface import Surface
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 from models.crank_slider_parts import CONTACT_ANGLE, CRANK, DAMPING, LENGTHS, LINK, SPEED, STIFFNESS, slider
-
-
-class Structure(_HHT):
-    """A linear structure under contact and joint forces: HHT with its matrices, starting at rest."""
-
-    def __init__(self, mass, stiffness, rows, step, alpha=0.1):
-        fem = SimpleNamespace(mass=mass, stiffness=stiffness, n_dofs=mass.shape[0], n_nodes=mass.shape[0] // 3)
-        super().__init__(SimpleNamespace(fem=fem, mass="consistent", velocity=np.zeros(3)), rows, step, alpha)
-        self.u, self.v, self.a = (np.zeros(mass.shape[0]) for _ in range(3))
 
 
 def interface_rows(fem, partition, name):
@@ -67,19 +56,12 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     spring = back4[:1]
 
     heads = x + LENGTHS[0], slider(CONTACT_ANGLE)[0] + LENGTHS[0]
-    surfaces = [
-        Surface.of(fem.points, part.patches[0], np.array([head, 0, 0]))
-        for (fem, part), head in zip(parts, heads, strict=True)
-    ]
+    bodies = [FullBody(*part, position=(head, 0, 0)) for part, head in zip(parts, heads, strict=True)]
     order = (0, 1) if slave_is_3 else (1, 0)
-    contact = pair_surfaces(*(surfaces[i] for i in order), rows_kind)
-    G = contact.matrices(*(len(surfaces[i].points) for i in order))
+    contact = pair_surfaces(*(bodies[i].surface for i in order), rows_kind)
+    G = contact.matrices(*(len(bodies[i].contact.nodes) for i in order))
     G = [G[order.index(i)] for i in (0, 1)]
-    wide = []
-    for (fem, part), g in zip(parts, G, strict=True):
-        dofs = node_dofs(part.patches[0].nodes)
-        pick = sp.csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=(len(dofs), fem.n_dofs))
-        wide.append(sp.csr_matrix(g @ pick))
+    wide = [body.on_dofs(g) for body, g in zip(bodies, G, strict=True)]
     along = np.asarray(G[0] @ np.tile([1.0, 0, 0], G[0].shape[1] // 3)).ravel()  # gaps by the slider's motion
     nc = len(contact)
 
@@ -88,8 +70,8 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     rows_a = sp.vstack([sp.hstack([wide[0], sp.csr_matrix((nc, n_link))]), joints_a], format="csr")
     rows_b = sp.vstack([wide[1], joints_b, spring], format="csr")
     stiffness_b = sp.csr_matrix(fem4.stiffness + STIFFNESS * spring.T @ spring)
-    a = Structure(mass_a, stiffness_a, rows_a, step, alpha)
-    b = Structure(fem4.mass, stiffness_b, rows_b, step, alpha)
+    a = HHT(mass_a, stiffness_a, rows_a, step, alpha=alpha)
+    b = HHT(fem4.mass, stiffness_b, rows_b, step, alpha=alpha)
 
     # Compliances of contact rows (c), joints (j) and the damper's row (the last of b).
     Fa, Fb = a.compliance(), b.compliance()

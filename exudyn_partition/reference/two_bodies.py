@@ -1,24 +1,19 @@
-"""The full FE model under the same contact rows: the reference that errors are measured against."""
+"""Two full FE models in contact, with the same rows as a partition contact."""
 
 from __future__ import annotations
 
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
-from .algebra.complementarity import Complementarity
-from .algebra.factorisation import Factorisation, one_blas_thread
-from .errors import InputError, StoppedRunWarning
-from .fe.model import FEModel, node_dofs
-from .fe.partition import Partition
-from .fe.patches import Patch
-from .results.history import History, at_times
-from .support.arrays import Array
-from .support.checks import (
+from ..algebra.complementarity import Complementarity
+from ..algebra.factorisation import one_blas_thread
+from ..errors import InputError, StoppedRunWarning
+from ..results.history import History, at_times
+from ..support.arrays import Array
+from ..support.checks import (
     validate_callable,
     validate_choice,
     validate_integer,
@@ -26,117 +21,16 @@ from .support.checks import (
     validate_number,
     validate_positive,
     validate_text,
-    validate_type,
     validate_vector,
 )
-from .support.interrupt import interruptible
-from .support.progress import Progress
-from .surfaces.points import ROWS
-from .surfaces.rows import ContactRows, pair_surfaces
-from .surfaces.surface import Surface
+from ..support.interrupt import interruptible
+from ..support.progress import Progress
+from ..surfaces.points import ROWS
+from ..surfaces.rows import ContactRows, pair_surfaces
+from .full_body import FullBody
+from .integrator import HHT
 
 _MOST_STEPS = 100_000_000  # beyond which the histories alone take gigabytes, and the run weeks
-
-
-@dataclass(frozen=True, eq=False)
-class FullBody:
-    """One body of the full FE model.
-
-    Parameters
-    ----------
-    fem : FEModel
-    partition : Partition
-        Its contact patch is what can touch.
-    patch : int or str, optional
-        Which one, if there are several.
-    position : (3,) array
-        Offset of the body's points in space, as referencePosition of the partition body [m].
-    velocity : (3,) array
-        Initial velocity [m/s].
-    mass : {"consistent", "lumped"}
-
-    Raises
-    ------
-    InputError
-        If an argument is no such thing, or the partition is of another mesh.
-    """
-
-    fem: FEModel
-    partition: Partition
-    position: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
-    velocity: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
-    mass: str = "consistent"
-    patch: int | str | None = None
-
-    def __post_init__(self) -> None:
-        validate_type("fem", self.fem, FEModel, "fe_model()")
-        validate_type("partition", self.partition, Partition, "Partition.ball()")
-        self.partition.check_mesh(self.fem)
-        object.__setattr__(self, "position", validate_vector("position", self.position))
-        object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
-        validate_choice("mass", self.mass, ("consistent", "lumped"))
-        object.__setattr__(self, "patch", self.partition.patch(self.patch))
-
-    @property
-    def surface(self) -> Surface:
-        """The contact patch in place."""
-        return Surface.of(self.fem.points, self.contact, self.position)
-
-    @property
-    def contact(self) -> Patch:
-        """The contact patch."""
-        return self.partition.patches[self.partition.patch(self.patch)]
-
-
-class _HHT:
-    """One body's Hilber-Hughes-Taylor integration, with the contact force's own part of the acceleration implicit.
-
-    With a = -M^-1 K ((1 - alpha) u1 + alpha u0) and c = M^-1 G' lambda1 (Kane, Repetto, Ortiz, Marsden 1999):
-    u1 = u0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1) + h^2/2 c,  v1 = v0 + h ((1 - gamma) a0 + gamma a1) + h c.
-    A step ends with its gaps closed exactly, and contact only ever takes energy. Were c part of a, as in HHT for smooth
-    forces, nodes that are closed would ring from step to step and gain energy without bound when flat faces meet.
-    """
-
-    def __init__(self, body: FullBody, G: sp.csr_matrix, step: float, alpha: float) -> None:
-        fem = body.fem
-        self.K = fem.stiffness
-        self.M = fem.mass if body.mass == "consistent" else fem.lumped_mass_matrix
-        self.step, self.alpha = step, alpha
-        self.beta, self.gamma = (1 + alpha) ** 2 / 4, 0.5 + alpha
-        self.factor = Factorisation(self.M + (1 - alpha) * self.beta * step**2 * self.K)
-        self.G = G
-        loads = G.T.toarray()
-        self.answer = self.step**2 / 2 * self.factor.solve(loads)
-        self.push = Factorisation(self.M).solve(loads)
-        self.u = np.zeros(fem.n_dofs)
-        self.v = np.tile(body.velocity, fem.n_nodes)
-        self.a = np.zeros(fem.n_dofs)
-
-    def compliance(self) -> Array:
-        """Gap at the end of the step per unit contact force, (nc, nc) [m/N]."""
-        return self.G @ self.answer
-
-    def predict(self) -> Array:
-        """Advance without contact; returns G u at the end of the step."""
-        h = self.step
-        self.u_predicted = self.u + h * self.v + h**2 * (0.5 - self.beta) * self.a
-        a = -self.factor.solve(self.K @ ((1 - self.alpha) * self.u_predicted + self.alpha * self.u))
-        self.u_free = self.u_predicted + self.beta * h**2 * a
-        return self.G @ self.u_free
-
-    def correct(self, lam: Array) -> None:
-        """Add the contact force and finish the step."""
-        h, u = self.step, self.u_free
-        contact: Array | float = 0.0
-        if lam.any():
-            contact, u = self.push @ lam, u + self.answer @ lam
-        a = ((u - self.u_predicted) / h**2 - contact / 2) / self.beta
-        self.v = self.v + h * ((1 - self.gamma) * self.a + self.gamma * a + contact)
-        self.u, self.a = u, a
-
-    def energy(self) -> float:
-        """Kinetic and strain energy [J]."""
-        return 0.5 * float(self.v @ (self.M @ self.v) + self.u @ (self.K @ self.u))
 
 
 @one_blas_thread()
@@ -202,8 +96,10 @@ def simulate(
         rows = pair_surfaces(slave.surface, master.surface, rows, placed_by="position of FullBody")
     sides = []
     for body, G in zip(bodies, rows.matrices(*patch_nodes), strict=True):
-        wide = G @ _selection(node_dofs(body.contact.nodes), body.fem.n_dofs)
-        sides.append(_HHT(body, wide, step, alpha))
+        fem = body.fem
+        mass = fem.mass if body.mass == "consistent" else fem.lumped_mass_matrix
+        at_start = np.tile(body.velocity, fem.n_nodes)
+        sides.append(HHT(mass, fem.stiffness, body.on_dofs(G), step, alpha=alpha, velocity=at_start))
     contact = Complementarity(sides[0].compliance() + sides[1].compliance())
     nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}
 
@@ -290,8 +186,3 @@ def _validate_rows(rows: ContactRows, n_slave: int, n_master: int) -> None:
             f"rows: are of other patches, with more nodes than these bodies' {n_slave} and {n_master}; make them by "
             "contact.rows.pair_surfaces of these bodies' surfaces, slave first"
         )
-
-
-def _selection(dofs: Array, n: int) -> sp.csr_matrix:
-    """Rows that pick `dofs` out of n."""
-    return sp.csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=(len(dofs), n))

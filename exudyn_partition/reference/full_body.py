@@ -1,0 +1,71 @@
+"""A body of the full FE model: what is integrated, and where it may touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fe.model import FEModel, node_dofs
+from ..fe.partition import Partition
+from ..fe.patches import Patch
+from ..support.arrays import Array
+from ..support.checks import validate_choice, validate_type, validate_vector
+from ..surfaces.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class FullBody:
+    """One body of the full FE model.
+
+    Parameters
+    ----------
+    fem : FEModel
+    partition : Partition
+        Its contact patch is what can touch.
+    patch : int or str, optional
+        Which one, if there are several.
+    position : (3,) array
+        Offset of the body's points in space, as referencePosition of the partition body [m].
+    velocity : (3,) array
+        Initial velocity [m/s].
+    mass : {"consistent", "lumped"}
+
+    Raises
+    ------
+    InputError
+        If an argument is no such thing, or the partition is of another mesh.
+    """
+
+    fem: FEModel
+    partition: Partition
+    position: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    velocity: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    mass: str = "consistent"
+    patch: int | str | None = None
+
+    def __post_init__(self) -> None:
+        validate_type("fem", self.fem, FEModel, "fe_model()")
+        validate_type("partition", self.partition, Partition, "Partition.ball()")
+        self.partition.check_mesh(self.fem)
+        object.__setattr__(self, "position", validate_vector("position", self.position))
+        object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
+        validate_choice("mass", self.mass, ("consistent", "lumped"))
+        object.__setattr__(self, "patch", self.partition.patch(self.patch))
+
+    @property
+    def surface(self) -> Surface:
+        """The contact patch in place."""
+        return Surface.of(self.fem.points, self.contact, self.position)
+
+    @property
+    def contact(self) -> Patch:
+        """The contact patch."""
+        return self.partition.patches[self.partition.patch(self.patch)]
+
+    def on_dofs(self, rows: sp.csr_matrix) -> sp.csr_matrix:
+        """Rows on all dofs of the FE model, (m, 3n), of rows on the dofs of the patch's nodes, (m, 3np)."""
+        dofs = node_dofs(self.contact.nodes)
+        pick = (np.ones(len(dofs)), (np.arange(len(dofs)), dofs))
+        return sp.csr_matrix(rows @ sp.csr_matrix(pick, shape=(len(dofs), self.fem.n_dofs)))
