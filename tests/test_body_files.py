@@ -5,6 +5,7 @@ import inspect
 import json
 import multiprocessing
 import os
+import shutil
 import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -484,13 +485,25 @@ def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed,
 
     for owner, name, value in (
         (cache, "__version__", "99"),
-        (cache, "_code", lambda: "other"),
+        (cache, "code_digest", lambda: "other"),
         (reduction, "FILE", replace(reduction.FILE, version=99)),
     ):
         monkeypatch.setattr(owner, name, value)
         ep.reduce(block, top, **options, cache=tmp_path)
         variants.append(name)
         assert len(computed) == len(variants), name
+
+
+def test_the_key_changes_with_the_source_of_every_folder(tmp_path):
+    package = tmp_path / "package"
+    shutil.copytree(Path(ep.__file__).parent, package)
+    keys = [cache.code_digest(), cache.code_digest(package)]
+    assert keys[0] == keys[1]
+    for folder in sorted({path.parent for path in package.rglob("*.py")}):
+        source = min(folder.glob("*.py"))
+        source.write_text(source.read_text() + "# changed\n")
+        keys.append(cache.code_digest(package))
+    assert len(set(keys)) == len(keys) - 1 > 10
 
 
 def test_the_key_changes_with_all_fields_of_patches_and_interfaces(block, top):

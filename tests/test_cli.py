@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
-from exudyn_partition import cli
+from exudyn_partition.cli import commands, doctor, main
 
 BLOCK = ["--material", "steel", "--scale", "1e-3", "--maxh", "5e-3", "--at", "0", "0", "0.03", "--radius", "6e-3"]
 
@@ -26,7 +26,7 @@ def step_file(tmp_path_factory):
 
 def call(capsys, *arguments):
     """Exit code, what stdout holds as JSON, and stderr."""
-    code = cli.main([*map(str, arguments), "--json"])
+    code = main([*map(str, arguments), "--json"])
     out, err = capsys.readouterr()
     return code, json.loads(out), err
 
@@ -116,14 +116,14 @@ def test_the_doctor_says_what_is_missing(monkeypatch, capsys):
 
 def test_a_self_test_that_fails_fails(monkeypatch, capsys):
     """Told half the stiffness, Hertz's peak is further off than a mesh can be."""
-    real, soft = cli.impact, ep.Material(E=105e9, nu=0.3, rho=7800.0)
-    monkeypatch.setattr(cli, "impact", lambda *scene: real(*scene[:-1], soft))
+    real, soft = doctor.impact, ep.Material(E=105e9, nu=0.3, rho=7800.0)
+    monkeypatch.setattr(doctor, "impact", lambda *scene: real(*scene[:-1], soft))
     code, found, _ = call(capsys, "doctor")
     assert (code, found["self_test"]["passed"]) == (1, False)
 
 
 def test_errors_go_to_stderr_and_warnings_too(tmp_path, capsys):
-    assert cli.main(["info", str(tmp_path / "nothing.npz")]) == 1
+    assert main(["info", str(tmp_path / "nothing.npz")]) == 1
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("error: path: expected a saved reduced body, but there is no file")
@@ -148,7 +148,7 @@ def test_errors_go_to_stderr_and_warnings_too(tmp_path, capsys):
 )
 def test_wrong_calls_end_with_2(arguments, message, capsys):
     with pytest.raises(SystemExit) as ended:
-        cli.main(arguments)
+        main(arguments)
     assert ended.value.code == 2
     assert message in capsys.readouterr().err
 
@@ -171,18 +171,18 @@ def test_bodies_of_an_estimate_that_are_none_end_with_2(first, message, capsys):
 @pytest.mark.parametrize("command", [[], ["reduce"], ["info"], ["estimate"], ["doctor"]])
 def test_help_has_examples_that_parse(command, capsys):
     with pytest.raises(SystemExit) as ended:
-        cli.main([*command, "--help"])
+        main([*command, "--help"])
     assert ended.value.code == 0
     text = capsys.readouterr().out
     examples = text.split("examples:")[1].replace("\\\n", " ").splitlines()
     calls = [line.split()[1:] for line in examples if line.strip().startswith("exudyn-partition")]
     assert calls
     for call_ in calls:
-        cli._parser().parse_args(call_)
+        commands.parser().parse_args(call_)
 
 
 def test_a_table_is_readable(capsys):
-    assert cli.main(["estimate", "--first", "0.03", "0.01", "steel", "--speed", "1"]) == 0
+    assert main(["estimate", "--first", "0.03", "0.01", "steel", "--speed", "1"]) == 0
     lines = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines())
     assert float(lines["peak force [N]"]) > 100
     assert float(lines["contact radius [m]"]) < 1e-3
@@ -193,7 +193,7 @@ def test_a_source_is_not_replaced_by_its_body(step_file, tmp_path, capsys, monke
     """It was, after the whole reduction: -o block.step."""
     content, link = step_file.read_bytes(), tmp_path / "link.npz"
     link.symlink_to(step_file)
-    monkeypatch.setattr(cli, "fe_model", None)  # nothing is meshed
+    monkeypatch.setattr(commands, "fe_model", None)  # nothing is meshed
     for out in (step_file, step_file.parent / ".." / step_file.parent.name / step_file.name, link):
         code, found, _ = call(capsys, "reduce", step_file, *BLOCK, "--f-cut", 8e4, "-o", out)
         assert (code, found["error"]) == (1, "InputError")
@@ -207,7 +207,7 @@ def test_a_source_is_not_replaced_by_its_body(step_file, tmp_path, capsys, monke
 )
 def test_what_cannot_be_written_is_told_before_the_work(step_file, capsys, monkeypatch, tmp_path, out, kind):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "fe_model", None)
+    monkeypatch.setattr(commands, "fe_model", None)
     code, found, err = call(capsys, "reduce", step_file, *BLOCK, "--f-cut", 8e4, "-o", out)
     assert (code, found["error"]) == (1, kind)
     assert err.startswith("error: --out: ")
@@ -215,14 +215,14 @@ def test_what_cannot_be_written_is_told_before_the_work(step_file, capsys, monke
 
 @pytest.mark.parametrize("x", ["-0.005", "-5e-3", "-5E-03", "-.005"])
 def test_points_may_have_negative_coordinates(capsys, monkeypatch, x):
-    monkeypatch.setattr(cli, "_reduce", lambda options: (0, {"at": options.at}))
+    monkeypatch.setattr(commands, "_reduce", lambda options: (0, {"at": options.at}))
     arguments = ["reduce", "a.step", "--material", "steel", "--at", x, 0, x, "--radius", 6e-3, "--f-cut", 8e4]
     code, found, _ = call(capsys, *arguments, "-o", "b.npz")
     assert (code, found["at"]) == (0, [[-0.005, 0, -0.005]])
 
 
 def test_a_point_that_is_none(step_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(cli, "fe_model", None)
+    monkeypatch.setattr(commands, "fe_model", None)
     arguments = ["reduce", step_file, "--material", "steel", "--at", "nan", 0, 0, "--radius", 1, "--f-cut", 1]
     code, found, _ = call(capsys, *arguments, "-o", tmp_path / "b.npz")
     assert (code, found["message"]) == (1, "--at: expected finite numbers, got nan at index (0,)")

@@ -13,7 +13,7 @@ import matplotlib.image
 import pytest
 
 import exudyn_partition as ep
-from exudyn_partition import cli
+from exudyn_partition.cli.commands import parser
 from exudyn_partition.errors import MissingPackageError
 from exudyn_partition.support.optional import require
 
@@ -76,7 +76,7 @@ def test_outer_packages_have_one_door_each():
         for package in outside & users.keys():
             users[package].add(module)
     assert users["ngsolve"] == {"meshing.netgen_mesh", "meshing.ngsolve_fem"}
-    assert users["netgen"] == {"meshing.netgen_mesh", "meshing.ngsolve_fem", "cli"}  # the doctor tries them
+    assert users["netgen"] == {"meshing.netgen_mesh", "meshing.ngsolve_fem", "cli.doctor"}  # the doctor tries them
     assert users["meshio"] == {"meshing.mesh_files"}
     folders = {module.split(".")[0] for module in users["exudyn"]}
     assert folders == {"exudyn_bodies", "exudyn_contacts", "present", "simulation", "cli"}
@@ -130,7 +130,7 @@ def test_calls_in_the_readme_s_table_of_commands_parse():
     calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", (ROOT / "README.md").read_text(), re.M)
     assert len(calls) == 4
     for call in calls:
-        cli._parser().parse_args(call.split())
+        parser().parse_args(call.split())
 
 
 def test_what_is_published_names_this_version_and_runs_the_same_checks():

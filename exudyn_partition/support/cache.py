@@ -16,6 +16,7 @@ from .archive import Format, digest
 from .checks import validate_path
 
 VARIABLE = "EXUDYN_PARTITION_CACHE"  # environment variable that names the cache folder
+_PACKAGE = Path(__file__).parents[1]
 
 
 def cached(cache: bool | str | Path, inputs: Any, file: Format, make: Callable[[], Any]) -> Any:
@@ -43,7 +44,7 @@ def cached(cache: bool | str | Path, inputs: Any, file: Format, make: Callable[[
     if cache is False:
         return make()
     folder = user_folder() if cache is True else validate_path("cache", cache)
-    key = digest({"inputs": inputs, "format": file.version, "library": __version__, "code": _code()})
+    key = digest({"inputs": inputs, "format": file.version, "library": __version__, "code": code_digest()})
     try:
         path = folder / f"{key}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -82,10 +83,10 @@ def user_folder() -> Path:
     return (Path(named) if Path(named).is_absolute() else Path.home().joinpath(*default)) / "exudyn_partition"
 
 
-def _code() -> str:
+def code_digest(package: Path = _PACKAGE) -> str:
     """SHA-256 of the library's own source: between two releases its version stays, its results may not."""
     sha = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
+    for path in sorted(package.rglob("*.py")):
         sha.update(path.read_bytes())
     return sha.hexdigest()
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
 import json
 import math
 import os
@@ -16,28 +15,27 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from importlib import metadata
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ._version import __version__
-from .errors import CallError, InputError, OutputError, PartitionError, PartitionWarning
-from .fe.material import ALUMINIUM, STEEL, Material
-from .fe.partition import Partition
-from .meshing.ngsolve_fem import Refine, fe_model
-from .prediction.default_step import STEPS_A_PERIOD
-from .prediction.hertz import effective, impact
-from .reduction.body import ReducedBody, load_body
-from .reduction.reduction import BASES, reduce
-from .support.checks import validate_vector
-from .support.files import writable
-from .support.optional import require
+from .._version import __version__
+from ..errors import CallError, InputError, OutputError, PartitionError, PartitionWarning
+from ..fe.material import ALUMINIUM, STEEL, Material
+from ..fe.partition import Partition
+from ..meshing.ngsolve_fem import Refine, fe_model
+from ..prediction.default_step import STEPS_A_PERIOD
+from ..prediction.hertz import effective, impact
+from ..reduction.body import ReducedBody, load_body
+from ..reduction.reduction import BASES, reduce
+from ..support.checks import validate_vector
+from ..support.files import writable
+from .doctor import doctor
+from .printing import show
 
 MATERIALS = {"steel": STEEL, "aluminium": ALUMINIUM}
-_PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "threadpoolctl")
 _EXAMPLES = {
     "": """examples:
   exudyn-partition reduce rod.step --scale 1e-3 --material steel --at 0 0 0 --radius 1e-3 --h 2e-4 --maxh 6e-3 \\
@@ -79,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # A space in front: argparse takes -5e-3 for an option.
     words = [f" {word}" if _is_negative(word) else word for word in (sys.argv[1:] if argv is None else argv)]
-    options = _parser().parse_args(words)
+    options = parser().parse_args(words)
     with warnings.catch_warnings():
         warnings.simplefilter("always", PartitionWarning)
         warnings.showwarning = _warn
@@ -97,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.json:
             print(json.dumps(found, indent=2))
         elif "error" not in found:
-            _show(found)
+            show(found)
         sys.stdout.flush()
     except OSError as error:  # whoever reads it has gone, or the disk that it goes to is full
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python tries again as it ends
@@ -114,7 +112,9 @@ def _is_negative(word: str) -> bool:
         return False
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """Parser of all commands; the function of each is `run` of what it returns."""
+
     def command(name: str, run: Any, said: str) -> argparse.ArgumentParser:
         one = commands.add_parser(
             name,
@@ -127,14 +127,14 @@ def _parser() -> argparse.ArgumentParser:
         one.set_defaults(run=run)
         return one
 
-    parser = argparse.ArgumentParser(
+    result = argparse.ArgumentParser(
         prog="exudyn-partition",
         description="Partitioned flexible bodies with contact for Exudyn. All lengths in metres, all units SI.",
         epilog=_EXAMPLES[""],
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    result.add_argument("--version", action="version", version=__version__)
+    commands = result.add_subparsers(required=True, metavar="COMMAND")
 
     one = command("reduce", _reduce, "Reduce a mesh or STEP file to a body file.")
     one.add_argument("source", help="STEP file, or a mesh of tetrahedra or hexahedra: VTU, Gmsh, Abaqus, Nastran")
@@ -170,8 +170,8 @@ def _parser() -> argparse.ArgumentParser:
         "--impedance", type=_limit, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
     )
 
-    command("doctor", _doctor, "Check the installation by versions and by a small impact.")
-    return parser
+    command("doctor", doctor, "Check the installation by versions and by a small impact.")
+    return result
 
 
 def _positive(text: str) -> float:
@@ -322,99 +322,6 @@ def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Mater
         raise CallError(f"{option}: expected MASS RADIUS MATERIAL, such as 0.03 0.01 steel: {error}") from error
 
 
-def _doctor(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
-    wanted = {}
-    for line in _requirements():
-        name = line.split(">")[0].strip()
-        wanted[name] = line
-    versions, missing = {"python": sys.version.split()[0], "exudyn-partition": __version__}, {}
-    for package in _PACKAGES:
-        try:
-            importlib.import_module(package)
-            versions[package] = metadata.version(package)
-        except ImportError as error:  # also PackageNotFoundError
-            missing[wanted.get(package, package)] = str(error)  # it may be there and lack a library of its own
-    found: dict[str, Any] = {"versions": versions}
-    if missing:
-        line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
-        return 1, found | {"missing": missing, "install": line}
-    found["self_test"] = test = _self_test()
-    return int(not test["passed"]), found
-
-
-def _requirements() -> list[str]:
-    try:
-        return [line for line in metadata.requires("exudyn-partition") or [] if "extra" not in line]
-    except metadata.PackageNotFoundError:
-        return []
-
-
-def _self_test() -> dict[str, Any]:
-    """Impact of a small steel ball on a rigid plane: against Hertz, momentum and energy."""
-    from .contact.rigid import RigidPlane
-    from .exudyn_bodies.create_body import CreatePartitionBody
-    from .exudyn_contacts.contact_items import CreatePartitionContact
-    from .simulation.solve import solve_dynamic
-
-    begin, R, speed, pole = time.perf_counter(), 0.010, 0.5, np.zeros(3)
-    occ = require("netgen.occ")
-    ball = occ.Sphere(occ.Pnt(0, 0, R), R)
-    fem = fe_model(ball, STEEL, maxh=4e-3, refine=[Refine(pole, 0.5e-3, 0.15e-3)], grading=0.7)
-    body = reduce(fem, Partition.ball(fem, pole, 0.6e-3), f_cut=150e3)
-    mbs = require("exudyn").SystemContainer().AddSystem()
-    item = CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -speed])
-    contact = CreatePartitionContact(mbs, item, RigidPlane(pole, np.array([0.0, 0.0, 1.0])))
-    mbs.Assemble()
-    result = solve_dynamic(mbs, end_time=100e-6, progress=lambda share: None)
-    hertz = impact(body.total_mass, speed, R, math.inf, STEEL)
-    energy = item.energy(result) + contact.energy(result)
-    momentum, impulse = item.momentum(result)[:, 2], result.history(contact).impulse
-    errors = {
-        "peak_force_to_hertz": float(contact.force(result).max() / hertz.peak_force - 1),
-        "momentum": float((momentum[-1] - momentum[0]) / impulse - 1),
-        "energy": float(abs(energy / energy[0] - 1).max()),
-    }
-    limits = {"peak_force_to_hertz": 0.1, "momentum": 1e-6, "energy": 1e-2}
-    return {
-        "passed": all(abs(errors[key]) < limit for key, limit in limits.items()),
-        "errors": errors,
-        "limits": limits,
-        "time_s": time.perf_counter() - begin,
-    }
-
-
 def _warn(message: Any, category: Any, *unused: Any, **also: Any) -> None:
     if issubclass(category, PartitionWarning):
         print(f"warning: {message}", file=sys.stderr)
-
-
-def _show(found: dict[str, Any]) -> None:
-    """Print what a command found as a table."""
-    table = require("rich.table").Table(show_header=False, box=None, pad_edge=False)
-    for key, value in _flat(found):
-        table.add_row(*map(require("rich.markup").escape, (key, value)))
-    require("rich.console").Console(soft_wrap=False).print(table)
-
-
-def _flat(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Rows of a table: names in words, one for each entry of what is nested."""
-    for key, value in found.items():
-        name, _, unit = key.rpartition("_")
-        known = unit in ("Hz", "kg", "m", "s", "N")
-        label = f"{name} [{unit}]".replace("_", " ") if known else key.replace("_", " ")
-        if isinstance(value, dict):
-            yield from ((f"{label}: {inner}", text) for inner, text in _flat(value))
-        elif isinstance(value, list) and value and not isinstance(value[0], float):
-            for i, entry in enumerate(value):
-                said = ", ".join(f"{k} {v}" for k, v in _flat(entry)) if isinstance(entry, dict) else str(entry)
-                yield (label if i == 0 else "", said)
-        else:
-            yield label, _text(value)
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return "(" + ", ".join(_text(x) for x in value) + ")" if value else "none"
-    if value is None:
-        return "without end"
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
