@@ -1,0 +1,39 @@
+"""Names for values of packages that have no types, or are imported only when they are needed.
+
+A checker of types knows nothing of them; the names tell a reader what they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+_Unknown = Any
+
+# Exudyn.
+Exudyn = _Unknown  # the module itself, or its itemInterface
+SystemContainer = _Unknown
+MainSystem = _Unknown
+MainSolver = _Unknown
+SimulationSettings = _Unknown
+ItemIndex = _Unknown  # a number of any kind of item; those of one kind follow
+NodeIndex = _Unknown
+ObjectIndex = _Unknown
+MarkerIndex = _Unknown
+LoadIndex = _Unknown
+SensorIndex = _Unknown
+ItemEntry = dict[str, _Unknown]  # what Exudyn tells of an item, by its own keys
+Coordinates = _Unknown  # what Exudyn hands to a user function: a list of numbers
+MatrixContainer = _Unknown
+
+# NGSolve and Netgen.
+NGSolve = _Unknown  # the module itself
+Shape = _Unknown  # netgen.occ.TopoDS_Shape
+ShapeSurface = _Unknown  # of a face of a shape
+NGSolveMesh = _Unknown  # ngsolve.Mesh
+NGSolveObject = _Unknown  # a vector, matrix or coefficient function
+
+# Others.
+MeshioMesh = _Unknown  # meshio.Mesh
+Axes = _Unknown  # matplotlib.axes.Axes
+ProgressBar = _Unknown  # rich.progress.Progress
+JSON = _Unknown  # a value in the types of JSON, from a file
