@@ -78,3 +78,10 @@ def test_what_a_public_name_says(name):
             kind.__name__ for kind in getattr(ep.errors, error).__mro__ if issubclass(kind, ep.errors.PartitionError)
         }
         assert any(kind in text for kind in kinds), f"{error} is not among what it raises"
+
+
+def test_every_public_name_is_there():
+    for name in ep.__all__:
+        assert getattr(ep, name).__doc__, name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        ep.nothing  # noqa: B018

@@ -1,36 +1,75 @@
-"""The examples as a user runs them; rod_on_plate and existing_model are in test_package."""
+"""The examples as a user runs them, with `--quick`."""
 
+import importlib
 import json
-import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import matplotlib.image
+import matplotlib.pyplot as plt
 import pytest
 
 import exudyn_partition as ep
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-def run_quick(name, folder):
-    """Run an example with --quick; its result.json, and the path of the picture that it printed last."""
-    command = [sys.executable, str(EXAMPLES / f"{name}.py"), "--quick", "--out", str(folder)]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+def check_files(name, folder, printed):
+    """Result of a run: what it wrote, beside the picture whose path it printed last."""
     picture = Path(printed.strip().splitlines()[-1])
     assert picture == folder.resolve() / f"{name}.png"
     assert matplotlib.image.imread(picture).std() > 0.05
-    result = json.loads((folder / "result.json").read_text())
-    assert result["dofs"] < 150 < result["fe_dofs"]
-    assert result["peak_force_N"]
-    assert {"time", "steps", "step_s", "versions"} <= set(result)
+    return json.loads((folder / "result.json").read_text())
+
+
+def run_quick(name, folder, capsys):
+    """Call an example's `main`; imports of a process of its own would take as long as a small mesh."""
+    returned = importlib.import_module(name).main(["--quick", "--out", str(folder)])
+    plt.close("all")
+    result = check_files(name, folder, capsys.readouterr().out)
+    assert result == json.loads(json.dumps(returned))
     return result
 
 
-def test_two_spheres(tmp_path):
-    result = run_quick("two_spheres", tmp_path)
+def check_impact(result):
+    """What every example of an impact says of itself."""
+    assert result["dofs"] < 150 < result["fe_dofs"]
+    assert result["peak_force_N"]
+    assert {"time", "steps", "step_s", "versions"} <= set(result)
+
+
+def test_rod_on_plate_as_a_script(tmp_path):
+    """In a process of its own, as the README calls it."""
+    command = [sys.executable, str(EXAMPLES / "rod_on_plate.py"), "--quick", "--end-time", "0.34e-3"]
+    command += ["--out", str(tmp_path)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    result = check_files("rod_on_plate", tmp_path, printed)
+    assert result["error"]["force"] < 0.01
+    assert result["error"]["velocity_p1"] < 0.01
+    assert result["error"]["velocity_p2"] < 0.03
+    assert result["dofs"] <= 150 < result["fe_dofs"]
+    assert result["momentum_error"] < 1e-6
+    assert abs(result["energy_error"]) < 1e-3
+    # A wave returns from the rod's far end after 0.31 ms; until the plate answers, the force is that of two impedances.
+    assert 450 < result["peak_force_N"] < 800
+    assert result["time"]["reference_s"] > 50 * result["time"]["online_s"]
+    assert set(result["time"]) == {"mesh_s", "fem_s", "reduce_s", "online_s", "reference_s"}
+
+
+def test_existing_model(tmp_path, capsys):
+    result = run_quick("existing_model", tmp_path, capsys)
+    assert result["error"]["tip_displacement"] < 1e-3
+    assert result["error"]["deflection"] < 0.02
+    assert result["largest_deflection_m"] > 1e-4
+    assert result["dofs"] < 60 < result["fe_dofs"]
+    assert set(result["time"]) == {"reduce_s", "online_s", "cms_reduce_s", "cms_online_s"}
+
+
+def test_two_spheres(tmp_path, capsys):
+    result = run_quick("two_spheres", tmp_path, capsys)
+    check_impact(result)
     # A mesh of two to three elements in the radius of contact; whole balls are 1 % stiffer than Hertz's half spaces.
     assert abs(result["error"]["peak_force"]) < 0.04
     assert abs(result["error"]["duration"]) < 0.08
@@ -39,16 +78,18 @@ def test_two_spheres(tmp_path):
     assert abs(result["energy_error"]) < 1e-4
 
 
-def test_newtons_cradle(tmp_path):
-    result = run_quick("newtons_cradle", tmp_path)
+def test_newtons_cradle(tmp_path, capsys):
+    result = run_quick("newtons_cradle", tmp_path, capsys)
+    check_impact(result)
     assert result["error"]["force"] < 0.08
     assert result["error"]["velocity_after"] < 0.01
     assert result["momentum_error"] < 1e-9
     assert abs(result["energy_error"]) < 1e-4
 
 
-def test_own_part(tmp_path):
-    result = run_quick("own_part", tmp_path)
+def test_own_part(tmp_path, capsys):
+    result = run_quick("own_part", tmp_path, capsys)
+    check_impact(result)
     assert result["error"]["mesh_file"] < 1e-6  # the same mesh, written and read
     assert result["mass_kg"] == pytest.approx(0.113, abs=5e-4)  # the unit was right
     assert result["momentum_error"] < 1e-9
@@ -56,15 +97,17 @@ def test_own_part(tmp_path):
     assert len(list((tmp_path / "frames").glob("*.vtu"))) == 20
 
 
-def test_gauge_and_vibrometer(tmp_path):
-    result = run_quick("gauge_and_vibrometer", tmp_path)
+def test_gauge_and_vibrometer(tmp_path, capsys):
+    result = run_quick("gauge_and_vibrometer", tmp_path, capsys)
+    check_impact(result)
     assert result["error"]["force_by_gauges"] < 0.02
     assert result["error"]["force_by_laser"] < 0.02
     assert result["loudest_frequency_Hz"] == pytest.approx(result["bar_theory_Hz"], rel=5e-3)
 
 
-def test_choose_accuracy(tmp_path):
-    result = run_quick("choose_accuracy", tmp_path)
+def test_choose_accuracy(tmp_path, capsys):
+    result = run_quick("choose_accuracy", tmp_path, capsys)
+    check_impact(result)
     for run in result["runs"]:
         assert run["true"]["force"] < run["tolerance"]
         assert max(run["estimated"].values()) < run["tolerance"]
@@ -73,8 +116,9 @@ def test_choose_accuracy(tmp_path):
     assert coarse["dofs"] < fine["dofs"]
 
 
-def test_crank_slider(tmp_path):
-    result = run_quick("crank_slider", tmp_path)
+def test_crank_slider(tmp_path, capsys):
+    result = run_quick("crank_slider", tmp_path, capsys)
+    check_impact(result)
     assert result["energy_error"] < 1e-3  # work of the drive against what is stored and dissipated
     assert result["dissipated_J"] > 10
     # Hertz on the masses of the blocks, which the link pushes besides.
@@ -84,17 +128,19 @@ def test_crank_slider(tmp_path):
     assert result["first_contact_s"] == pytest.approx(0.2e-3, abs=4e-6)
 
 
-def test_the_tutorial_runs_from_first_to_last_cell(tmp_path):
+def test_the_tutorial_runs_from_first_to_last_cell(tmp_path, monkeypatch):
     notebook = json.loads((EXAMPLES / "tutorial.ipynb").read_text())
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert not any(cell["outputs"] or cell["execution_count"] for cell in cells)  # stored as it is written
+    monkeypatch.chdir(tmp_path)
     try:
         import nbclient
         import nbformat
-    except ImportError:  # the extra `tutorial` is not installed: the same cells as a script, without a kernel
-        script = "\n\n".join("".join(cell["source"]) for cell in cells)
-        environment = os.environ | {"MPLBACKEND": "agg"}
-        subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True, timeout=300)
+    except ImportError:  # the extra `tutorial` is not installed: the same cells one after the other, without a kernel
+        names = {}
+        for cell in cells:
+            exec("".join(cell["source"]), names)
+        plt.close("all")
     else:
         resources = {"metadata": {"path": str(tmp_path)}}
         read = nbformat.read(EXAMPLES / "tutorial.ipynb", as_version=4)

@@ -1,0 +1,94 @@
+"""Architecture: which module may import which, and how large files and folders may grow."""
+
+import ast
+import graphlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "exudyn_partition"
+LAYERS = [  # lowest first; a package may import those before it, and so may what is imported for type checking
+    "_version", "errors", "support", "algebra", "fe", "meshing", "surfaces", "prediction", "reduction", "frames",
+    "contact", "contact.formulations", "results", "exudyn_bodies", "exudyn_contacts", "present", "simulation",
+    "reference", "cli", "__main__", "__init__",
+]  # fmt: skip
+
+
+class Imports(NamedTuple):
+    """Modules of the package, and packages outside, that a module imports, also through `require`."""
+
+    inside: set[str]
+    outside: set[str]
+
+
+def imports_of(module, path):
+    inside, outside = set(), set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = module.split(".")[: -node.level]
+            names = [node.module] if node.module else [alias.name for alias in node.names]
+            inside |= {".".join([*base, name]) for name in names}
+        elif isinstance(node, ast.ImportFrom):
+            outside.add(node.module.split(".")[0])
+        elif isinstance(node, ast.Import):
+            outside |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "require":
+            outside.add(node.args[0].value.split(".")[0])
+    return Imports(inside, outside)
+
+
+@pytest.fixture(scope="module")
+def modules():
+    """What each module of the package imports, by its dotted name."""
+    paths = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in PACKAGE.rglob("*.py")}
+    return {module: imports_of(module, path) for module, path in paths.items()}
+
+
+def layer(module):
+    """Number of the layer of a module: that of the longest name in `LAYERS` that it begins with."""
+    return LAYERS.index(max((name for name in LAYERS if f"{module}.".startswith(f"{name}.")), key=len))
+
+
+def test_imports_point_to_lower_layers(modules):
+    assert {layer(module) for module in modules} == set(range(len(LAYERS)))
+    upward = {
+        (module, name) for module, found in modules.items() for name in found.inside if layer(name) > layer(module)
+    }
+    assert not upward
+
+
+def test_no_modules_import_each_other(modules):
+    order = graphlib.TopologicalSorter({module: found.inside for module, found in modules.items()})
+    order.prepare()  # raises CycleError, which names them
+
+
+def test_outer_packages_have_one_door_each(modules):
+    users = {
+        package: {module for module, found in modules.items() if package in found.outside}
+        for package in ("ngsolve", "netgen", "meshio", "exudyn")
+    }
+    assert users["ngsolve"] == {"meshing.netgen_mesh", "meshing.ngsolve_fem"}
+    assert users["netgen"] == {"meshing.netgen_mesh", "meshing.ngsolve_fem", "cli.doctor"}  # the doctor tries them
+    assert users["meshio"] == {"meshing.mesh_files"}
+    folders = {module.split(".")[0] for module in users["exudyn"]}
+    assert folders == {"exudyn_bodies", "exudyn_contacts", "present", "simulation", "cli"}
+    assert {module for module in users["exudyn"] if module.startswith("present.")} == {"present.view"}
+
+
+def test_import_needs_neither_exudyn_nor_ngsolve():
+    code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"exudyn", "ngsolve", "netgen", "meshio", "matplotlib", "scipy.sparse", "rich"} & set(loaded)
+
+
+def test_folders_and_files_stay_small():
+    folders = {path.parent for path in PACKAGE.rglob("*.py")}
+    for folder in folders:
+        assert len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 12, folder
+    files = [*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]
+    long = {str(path.relative_to(ROOT)): n for path in files if (n := len(path.read_text().splitlines())) > 400}
+    assert not long

@@ -1,0 +1,66 @@
+"""The README and what is published with it: its programs run, its links lead somewhere, its commands parse."""
+
+import importlib
+import re
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text()
+
+
+def test_it_starts_with_two_shell_blocks_that_name_what_exists():
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", README, re.M | re.S)
+    assert [language for language, _ in blocks[:2]] == ["sh", "sh"]
+    assert sum(language == "sh" for language, _ in blocks) == 2
+    assert "python examples/rod_on_plate.py" in blocks[0][1]
+    assert blocks[1][1].strip().splitlines()[-1] == "python -m pytest"
+
+
+def test_its_programs_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    programs = re.findall(r"^```python\n(.*?)^```", README, re.M | re.S)
+    assert len(programs) == 2
+    for program in programs:
+        exec(compile(program, "README.md", "exec"), {"__name__": "__main__"})
+    plt.close("all")
+    assert (tmp_path / "balls.html").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("page", ["README.md", "examples/README.md"])
+def test_links_lead_somewhere(page):
+    text = (ROOT / page).read_text()
+    anchors = {title.lower().replace(" ", "-") for title in re.findall(r"^#+ ([\w ]+)$", text, re.M)}
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if not link.startswith("http")]
+    assert links
+    for link in links:
+        assert link[1:] in anchors if link.startswith("#") else ((ROOT / page).parent / link).exists(), link
+
+
+def test_calls_in_the_table_of_commands_are_understood(tmp_path, monkeypatch, capsys):
+    """A call that does not parse ends the program with 2; a file that is not there, as here, with 1."""
+    monkeypatch.chdir(tmp_path)
+    calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", README, re.M)
+    assert len(calls) == 4
+    for call in calls:
+        code = cli.main(call.split())
+        assert code == (1 if call.startswith(("reduce", "info")) else 0)
+        assert ("there is no file" in capsys.readouterr().err) == (code == 1)
+
+
+def test_what_is_published_names_this_version_and_runs_the_same_checks():
+    citation = (ROOT / ".github" / "CITATION.cff").read_text()
+    assert re.search(r"^version: (.+)$", citation, re.M)[1] == ep.__version__
+    assert f"**{ep.__version__}**" in README
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    assert workflow.rstrip().endswith("- run: .ci/run")
+    project = (ROOT / "pyproject.toml").read_text()
+    module, function = re.search(r'^exudyn-partition = "(.+):(.+)"$', project, re.M).groups()
+    assert callable(getattr(importlib.import_module(module), function))
+    assert 'exudyn_partition = ["py.typed"]' in project
+    assert (ROOT / "exudyn_partition" / "py.typed").is_file()
