@@ -81,10 +81,28 @@ def marble(marble_parts):
 
 
 @pytest.fixture(scope="session")
-def bodies(ball, block, top):
+def kept(tmp_path_factory, worker_id):
+    """Folder of reduced bodies that all workers share: what one has reduced, the others read."""
+    folder = tmp_path_factory.getbasetemp()
+    return (folder if worker_id == "master" else folder.parent) / "reduced"
+
+
+@pytest.fixture(scope="session")
+def pair_of(ball, block, top, kept):
+    """Ball and block, reduced, by the name of a basis."""
+    return lambda basis: tuple(ep.reduce(*pair, basis=basis, f_cut=150e3, cache=kept) for pair in (ball, (block, top)))
+
+
+@pytest.fixture(scope="session")
+def bodies(pair_of):
     """Ball and block, reduced."""
-    options = {"basis": "residual", "f_cut": 150e3}
-    return ep.reduce(*ball, **options), ep.reduce(block, top, **options)
+    return pair_of("residual")
+
+
+@pytest.fixture(scope="session")
+def reduced_sphere(sphere, kept):
+    """The fine sphere with its modes below 200 kHz."""
+    return ep.reduce(*sphere, f_cut=200e3, cache=kept)
 
 
 @pytest.fixture

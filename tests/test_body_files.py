@@ -79,14 +79,14 @@ def assert_same(x, y):
 
 
 @pytest.fixture(scope="module", params=BASES)
-def pair(request, ball, block, top):
+def pair(request, pair_of):
     """Ball and block."""
-    return tuple(ep.reduce(*parts, basis=request.param, f_cut=F_CUT) for parts in (ball, (block, top)))
+    return pair_of(request.param)
 
 
 @pytest.fixture(scope="module")
-def small(block, top):
-    return ep.reduce(block, top, f_cut=F_CUT)
+def small(pair_of):
+    return pair_of("contact-adapted")[1]
 
 
 def reloaded(body, folder):

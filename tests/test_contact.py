@@ -273,9 +273,9 @@ def test_no_force_without_contact(law, bodies):
 
 
 @pytest.fixture(scope="module")
-def nodal(ball, block, top):
+def nodal(pair_of):
     """Ball and block in the paper's basis."""
-    return [ep.reduce(fem, p, basis="free", f_cut=150e3) for fem, p in (ball, (block, top))]
+    return pair_of("free")
 
 
 def placed(mbs, bodies, position=TOP):

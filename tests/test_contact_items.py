@@ -177,9 +177,9 @@ def test_a_rotating_body_strikes_obliquely(mbs, tilted, basis, options, step):
     assert abs(energy / energy[0] - 1).max() < 2e-3
 
 
-def test_multipliers_follow_a_sliding_tip(mbs, ball, block, top):
+def test_multipliers_follow_a_sliding_tip(mbs, pair_of):
     """The paper's basis: gaps stay closed, and the frictionless contact takes nothing of the sliding."""
-    bodies = [ep.reduce(fem, p, basis="free", f_cut=150e3) for fem, p in (ball, (block, top))]
+    bodies = pair_of("free")
     tip = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[300.0, 0, -1.0])
     target = ep.CreatePartitionBody(mbs, bodies[1])
     contact = ep.CreatePartitionContact(mbs, tip, target, formulation="lagrange")

@@ -18,9 +18,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:.* rows is closed:exudyn_partiti
 
 
 @pytest.fixture(scope="module")
-def with_mass(ball, block, top):
+def with_mass(pair_of):
     """Ball and block whose patches have mass, for multipliers."""
-    return [ep.reduce(*one, basis="craig-bampton", f_cut=150e3) for one in (ball, (block, top))]
+    return pair_of("craig-bampton")
 
 
 def ctrl_c():

@@ -25,9 +25,9 @@ def basis(request):
 
 
 @pytest.fixture(scope="module")
-def nodal(basis, ball, block, top):
+def nodal(basis, pair_of):
     """Ball and block whose patches have mass."""
-    return [ep.reduce(fem, partition, basis=basis, f_cut=150e3) for fem, partition in (ball, (block, top))]
+    return pair_of(basis)
 
 
 def strike(nodal, assemble=True, frame="inertial"):
@@ -78,9 +78,9 @@ def test_against_explicit_multipliers_at_twenty_and_forty_times_the_step(nodal):
     assert not contact.gap(result)[force > 0].any()
 
 
-def test_floating_frames_as_inertial_ones(ball, block, top):
+def test_floating_frames_as_inertial_ones(pair_of):
     """Pairs of floating bodies are followed; nothing turns, so that the forces are the same."""
-    nodal = [ep.reduce(fem, part, basis="craig-bampton", f_cut=150e3) for fem, part in (ball, (block, top))]
+    nodal = pair_of("craig-bampton")
     forces = []
     for frame in ("inertial", "floating"):
         mbs, striker, target, contact = strike(nodal, frame=frame)

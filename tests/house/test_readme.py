@@ -50,7 +50,7 @@ def test_calls_in_the_table_of_commands_are_understood(tmp_path, monkeypatch, ca
     for call in calls:
         code = cli.main(call.split())
         assert code == (1 if call.startswith(("reduce", "info")) else 0)
-        assert ("there is no file" in capsys.readouterr().err) == (code == 1)
+        assert ("(working directory" in capsys.readouterr().err) == (code == 1)
 
 
 def test_what_is_published_names_this_version_and_runs_the_same_checks():
