@@ -21,7 +21,6 @@ Names are imported on first use, so that importing the package is instant and ne
 from __future__ import annotations
 
 import importlib
-from typing import Any
 
 from ._version import __version__ as __version__
 
@@ -65,7 +64,7 @@ _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = sorted([*_HOME_OF, *_MODULES])
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name in _MODULES:
         return importlib.import_module(f".{_MODULES[name]}", __name__)
     if name in _HOME_OF:

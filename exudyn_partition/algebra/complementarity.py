@@ -77,7 +77,8 @@ class Complementarity:
 
     def solve_active(self, rhs: Array) -> Array:
         """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
-        return lapack.dpotrs(self._factor, rhs, lower=1)[0]
+        solution: Array = lapack.dpotrs(self._factor, rhs, lower=1)[0]
+        return solution
 
     def solve(self, h: Array) -> Array:
         """Return lambda, (nc,), for h, (nc,).

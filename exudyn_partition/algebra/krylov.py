@@ -48,7 +48,8 @@ def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
 def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
     """Combine the columns of `vectors`, (n, k), to V with V' M V = 1 in the same span (Cholesky; well-conditioned)."""
     gram = vectors.T @ (mass @ vectors)
-    return scipy.linalg.solve_triangular(np.linalg.cholesky(gram), vectors.T, lower=True).T
+    normalised: Array = scipy.linalg.solve_triangular(np.linalg.cholesky(gram), vectors.T, lower=True).T
+    return normalised
 
 
 def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> Array:

@@ -15,9 +15,8 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,8 @@ from .._version import __version__
 from ..errors import CallError, InputError, OutputError, PartitionError, PartitionWarning
 from ..fe.material import ALUMINIUM, STEEL, Material
 from ..fe.partition import Partition
-from ..meshing.ngsolve_fem import Refine, fe_model
+from ..meshing.mesh_size import Refine
+from ..meshing.ngsolve_fem import fe_model
 from ..prediction.default_step import STEPS_A_PERIOD
 from ..prediction.hertz import effective, impact
 from ..reduction.body import ReducedBody, load_body
@@ -34,6 +34,8 @@ from ..support.checks import validate_vector
 from ..support.files import writable
 from .doctor import doctor
 from .printing import show
+
+Command = Callable[[argparse.Namespace], tuple[int, dict[str, object]]]  # exit code, and what it found
 
 MATERIALS = {"steel": STEEL, "aluminium": ALUMINIUM}
 _EXAMPLES = {
@@ -78,12 +80,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     # A space in front: argparse takes -5e-3 for an option.
     words = [f" {word}" if _is_negative(word) else word for word in (sys.argv[1:] if argv is None else argv)]
     options = parser().parse_args(words)
+    run: Command = options.run
     with warnings.catch_warnings():
         warnings.simplefilter("always", PartitionWarning)
         warnings.showwarning = _warn
         try:
             with contextlib.redirect_stdout(sys.stderr):  # Exudyn prints its own warnings there
-                code, found = options.run(options)
+                code, found = run(options)
         except PartitionError as error:
             print(f"error: {error}", file=sys.stderr)
             code = 2 if isinstance(error, CallError) else 1
@@ -115,7 +118,7 @@ def _is_negative(word: str) -> bool:
 def parser() -> argparse.ArgumentParser:
     """Parser of all commands; the function of each is `run` of what it returns."""
 
-    def command(name: str, run: Any, said: str) -> argparse.ArgumentParser:
+    def command(name: str, run: Command, said: str) -> argparse.ArgumentParser:
         one = commands.add_parser(
             name,
             help=said,
@@ -206,7 +209,7 @@ def _material(text: str) -> Material:
         ) from error
 
 
-def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     if len(options.radius) not in (1, len(options.at)):
         raise CallError(f"--radius: expected one, or one for each of {len(options.at)} --at, got {len(options.radius)}")
     radii = options.radius * (len(options.at) if len(options.radius) == 1 else 1)
@@ -244,15 +247,15 @@ def _check_out(out: Path, source: str) -> None:
         raise OutputError(f"--out: nothing can be written into {folder}: {error.strerror}; choose another") from error
 
 
-def _info(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+def _info(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     body = load_body(options.body)
     found = {"file": str(options.body), **_described(body)}
     return 0, found | {"coordinates": list(body.labels)} if options.table else found
 
 
-def _described(body: ReducedBody) -> dict[str, Any]:
+def _described(body: ReducedBody) -> dict[str, object]:
     """What a body is, in JSON types."""
-    found: dict[str, Any] = {
+    found: dict[str, object] = {
         "basis": body.basis.name,
         "f_cut_Hz": body.f_cut,
         "dofs": body.n_dofs,
@@ -289,7 +292,7 @@ def _kinds(body: ReducedBody) -> Counter[str]:
     return kinds
 
 
-def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     (mass_1, radius_1, material_1), (mass_2, radius_2, material_2) = (
         _hertz_body(f"--{name}", getattr(options, name)) for name in ("first", "second")
     )
@@ -322,6 +325,6 @@ def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Mater
         raise CallError(f"{option}: expected MASS RADIUS MATERIAL, such as 0.03 0.01 steel: {error}") from error
 
 
-def _warn(message: Any, category: Any, *unused: Any, **also: Any) -> None:
+def _warn(message: object, category: type[Warning], *unused: object, **also: object) -> None:
     if issubclass(category, PartitionWarning):
         print(f"warning: {message}", file=sys.stderr)

@@ -8,7 +8,6 @@ import math
 import sys
 import time
 from importlib import metadata
-from typing import Any
 
 import numpy as np
 
@@ -37,7 +36,7 @@ def doctor(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
             versions[package] = metadata.version(package)
         except ImportError as error:  # also PackageNotFoundError
             missing[wanted.get(package, package)] = str(error)  # it may be there and lack a library of its own
-    found: dict[str, Any] = {"versions": versions}
+    found: dict[str, object] = {"versions": versions}
     if missing:
         line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
         return 1, found | {"missing": missing, "install": line}
@@ -52,7 +51,7 @@ def _requirements() -> list[str]:
         return []
 
 
-def _self_test() -> dict[str, Any]:
+def _self_test() -> dict[str, object]:
     """Impact of a small steel ball on a rigid plane: against Hertz, momentum and energy."""
     from ..contact.rigid import RigidPlane
     from ..exudyn_bodies.create_body import CreatePartitionBody

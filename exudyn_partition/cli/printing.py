@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from ..support.optional import require
 
 
-def show(found: dict[str, Any]) -> None:
+def show(found: dict[str, object]) -> None:
     """Print what a command found as a table."""
     table = require("rich.table").Table(show_header=False, box=None, pad_edge=False)
     for key, value in _flat(found):
@@ -16,7 +15,7 @@ def show(found: dict[str, Any]) -> None:
     require("rich.console").Console(soft_wrap=False).print(table)
 
 
-def _flat(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _flat(found: dict[str, object]) -> Iterator[tuple[str, str]]:
     """Rows of a table: names in words, one for each entry of what is nested."""
     for key, value in found.items():
         name, _, unit = key.rpartition("_")
@@ -32,7 +31,7 @@ def _flat(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield label, _text(value)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if isinstance(value, list):
         return "(" + ", ".join(_text(x) for x in value) + ")" if value else "none"
     if value is None:

@@ -45,7 +45,8 @@ def middle(points: Array, facets: Array) -> Array:
 
     def off(x: Array) -> Array:
         point, direction = axis(x)
-        return np.linalg.norm(np.cross(local - point, direction), axis=1) / radius - x[4]
+        misses: Array = np.linalg.norm(np.cross(local - point, direction), axis=1) / radius - x[4]
+        return misses
 
     fit = scipy.optimize.least_squares(off, np.r_[np.zeros(4), 1.0], method="lm", xtol=1e-15, ftol=1e-15)
     if abs(fit.fun).max() > _ROUND:

@@ -52,12 +52,12 @@ class Material:
     @property
     def bar_wave_speed(self) -> float:
         """Speed of longitudinal waves in a thin bar, sqrt(E / rho) [m/s]."""
-        return (self.E / self.rho) ** 0.5
+        return float((self.E / self.rho) ** 0.5)
 
     @property
     def shear_wave_speed(self) -> float:
         """Speed of shear waves, sqrt(mu / rho) [m/s]."""
-        return (self.shear_modulus / self.rho) ** 0.5
+        return float((self.shear_modulus / self.rho) ** 0.5)
 
 
 STEEL = Material(E=210e9, nu=0.3, rho=7800.0)

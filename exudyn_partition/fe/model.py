@@ -184,7 +184,7 @@ class FEModel:
     def facets(self) -> Array:
         """(nf, 3), (nf, 6) or (nf, 4) int array: outward surface triangles, corners before mid-sides, or quads."""
         faces, number = self._faces
-        facets = faces[np.bincount(number.ravel())[number.ravel()] == 1]
+        facets: Array = faces[np.bincount(number.ravel())[number.ravel()] == 1]
         read_only(facets)
         return facets
 
@@ -230,7 +230,8 @@ class FEModel:
         """(3,) array: centre of mass [m], from the consistent mass."""
         ones = np.tile([1.0, 0, 0], self.n_nodes)
         weight = (self.mass @ ones)[::3]
-        return weight @ self.points / weight.sum()
+        centre: Array = weight @ self.points / weight.sum()
+        return centre
 
     @cached_property
     def rigid_modes(self) -> Array:

@@ -342,8 +342,8 @@ def _facing(normals: Array, within: Array, direction: Array | None) -> Array:
 
 
 def _direction(normals: Array, direction: Array | None) -> Array:
-    mean = normals.sum(axis=0)
-    mean = mean / np.linalg.norm(mean)
+    total = normals.sum(axis=0)
+    mean: Array = total / np.linalg.norm(total)
     if direction is None:
         return mean
     given = validate_vector("direction", direction)
@@ -353,7 +353,8 @@ def _direction(normals: Array, direction: Array | None) -> Array:
             f"direction: expected a vector that points out of the patch, whose mean normal is {_show(mean)}, "
             f"got {_show(given)}"
         )
-    return given / length
+    line: Array = given / length
+    return line
 
 
 def _show(vector: Array) -> str:

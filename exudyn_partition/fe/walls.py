@@ -133,7 +133,8 @@ def _lengths(points: Array, facets: Array) -> Array:
     # Neighbours together follow a wave, not each by itself.
     weight = np.bincount(facets.ravel(), minlength=len(points))
     at_nodes = np.bincount(facets.ravel(), np.repeat(length, facets.shape[1]), minlength=len(points))
-    return (at_nodes / np.maximum(weight, 1))[facets].mean(axis=1)
+    lengths: Array = (at_nodes / np.maximum(weight, 1))[facets].mean(axis=1)
+    return lengths
 
 
 def _thickness(points: Array, corners: Array, facets: Array, number: Array, limit: Array) -> Array:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import MeshError
 from ..support.arrays import Array
+from ..support.foreign import MeshioMesh
 
 NASTRAN_ENDINGS = (".bdf", ".nas", ".fem")
 
@@ -43,7 +44,7 @@ class _Keyword(NamedTuple):
     data_lines: int
 
 
-def check_deck(path: Path, mesh: Any) -> None:
+def check_deck(path: Path, mesh: MeshioMesh) -> None:
     """Refuse decks of Abaqus and Nastran of which meshio drops, moves or duplicates something without a word.
 
     Raises
@@ -132,7 +133,7 @@ def _cards(text: str) -> list[list[str]]:
     return cards
 
 
-def _check_nastran(path: Path, mesh: Any, cards: list[list[str]]) -> None:
+def _check_nastran(path: Path, mesh: MeshioMesh, cards: list[list[str]]) -> None:
     names = [card[0].rstrip("*") for card in cards]
     if any(name.startswith("INCLUDE") for name in names):
         raise MeshError(f"{path}: expected all nodes and elements in it, got INCLUDE, which meshio ignores")
@@ -159,7 +160,7 @@ def _refuse_structure(path: Path, found: list[str], mark: str) -> None:
         )
 
 
-def check_regions(path: Path, mesh: Any) -> None:
+def check_regions(path: Path, mesh: MeshioMesh) -> None:
     """Refuse a mesh whose volume elements are of several regions, for there is one material.
 
     Looked at are the numbers that meshio keeps for each element: Gmsh's physical groups, or its volumes where there
@@ -191,12 +192,12 @@ def check_regions(path: Path, mesh: Any) -> None:
             refuse_regions(path, name, [called.get(int(region), str(region)) for region in regions])
 
 
-def _groups(mesh: Any) -> dict[str, tuple[int, int]]:
+def _groups(mesh: MeshioMesh) -> dict[str, tuple[int, int]]:
     """Tag and dimension of Gmsh's named groups; other formats keep other things there."""
     return {name: tuple(value) for name, value in mesh.field_data.items() if np.shape(value) == (2,)}
 
 
-def _values(blocks: Any, volumes: list[int]) -> Array:
+def _values(blocks: Sequence[object], volumes: list[int]) -> Array:
     """Whole numbers of the volume elements; results of an analysis are none, and give no values."""
     found = [np.asarray(blocks[i]) for i in volumes if i < len(blocks)]
     values = np.concatenate(found) if found and all(part.ndim == 1 for part in found) else np.zeros(0)

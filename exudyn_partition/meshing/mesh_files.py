@@ -8,7 +8,7 @@ import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..errors import InputError, MeshError, MissingPackageError
 from ..fe.shapes import integration_gradients
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
+from ..support.foreign import MeshioMesh
 from ..support.optional import require
 from .input_decks import check_deck, check_regions
 
@@ -98,7 +99,7 @@ def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[s
     meshio.Mesh(points, [(kind, cells)], point_data=fields).write(path, file_format="vtu")
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path) -> MeshioMesh:
     """Read a file as a `meshio.Mesh`."""
     validate_file("path", path)
     meshio = require("meshio")
@@ -179,7 +180,7 @@ def inverted(points: Array, cells: Array) -> Array:
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
 
-def _named_faces(mesh: Any, corners: int) -> dict[str, Array]:
+def _named_faces(mesh: MeshioMesh, corners: int) -> dict[str, Array]:
     """Corner nodes of the faces with so many corners in named sets and in Gmsh's named physical groups."""
     sets = {name: members for name, members in mesh.cell_sets_dict.items() if not name.startswith("gmsh:")}
     for kind, tags in mesh.cell_data_dict.get("gmsh:physical", {}).items():

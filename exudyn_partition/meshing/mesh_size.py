@@ -53,7 +53,8 @@ class Refine:
         """(n, 3) array: a grid of spacing h that fills the ball [m]."""
         n = int(np.ceil(self.radius / self.h))
         grid = self.h * np.stack(np.meshgrid(*[np.arange(-n, n + 1)] * 3), axis=-1).reshape(-1, 3)
-        return self.center + grid[np.linalg.norm(grid, axis=1) <= self.radius]
+        points: Array = self.center + grid[np.linalg.norm(grid, axis=1) <= self.radius]
+        return points
 
     def n_elements(self, maxh: float, grading: float) -> float:
         """Number of elements, about, in the half ball of a body whose surface its centre is on, and around it.

@@ -8,13 +8,13 @@ import threading
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, MeshError, UnitsWarning
 from ..support.arrays import Array
 from ..support.checks import validate_file, validate_number, validate_positive
+from ..support.foreign import NGSolveMesh, Shape, ShapeSurface
 from ..support.optional import require
 from ..support.progress import pulsing
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
@@ -28,7 +28,7 @@ _GRADINGS = (0.05, 1.0)  # below, Netgen forgets local sizes or crashes; above, 
 ONE_AT_A_TIME = threading.RLock()
 
 
-def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), grading: float = GRADING) -> Any:
+def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), grading: float = GRADING) -> NGSolveMesh:
     """Mesh an OCC shape with tetrahedra.
 
     Parameters
@@ -68,7 +68,7 @@ def generate_mesh(shape: Any, *, maxh: float, refine: Iterable[Refine] = (), gra
         return meshed(shape, maxh, refine, grading, 1)
 
 
-def meshed(shape: Any, maxh: Any, refine: Any, grading: Any, order: int) -> Any:
+def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: int) -> NGSolveMesh:
     """What `generate_mesh` does, as far from the caller's line, which warnings name, as from that of `fe_model`."""
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
     maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
@@ -113,7 +113,7 @@ def meshed(shape: Any, maxh: Any, refine: Any, grading: Any, order: int) -> Any:
     return mesh
 
 
-def _check_tips(shape: Any, size: float) -> None:
+def _check_tips(shape: Shape, size: float) -> None:
     """Refuse the tips of sharp cones, on which Netgen fails, often after it has written where it must not.
 
     A cone is a surface whose straight lines, along its second parameter, meet in a point.
@@ -136,21 +136,22 @@ def _check_tips(shape: Any, size: float) -> None:
             )
 
 
-def _derivatives(surface: Any, v: float) -> list[Array]:
+def _derivatives(surface: ShapeSurface, v: float) -> list[Array]:
     """Place on a surface at (0, v), and its derivatives by both parameters."""
     return [np.array([x.x, x.y, x.z]) for x in surface.D1(0.0, v)]
 
 
-def regions_of(refine: Any) -> list[Refine]:
+def regions_of(refine: object) -> list[Refine]:
     """Balls of an option `refine`, one or several."""
     regions = [refine] if isinstance(refine, Refine) or not isinstance(refine, Iterable) else list(refine)
-    for region in regions:
-        if not isinstance(region, Refine):
-            raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {region!r}")
-    return regions
+    found = [region for region in regions if isinstance(region, Refine)]
+    if len(found) < len(regions):
+        wrong = next(region for region in regions if not isinstance(region, Refine))
+        raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {wrong!r}")
+    return found
 
 
-def read_step(path: Path) -> Any:
+def read_step(path: Path) -> Shape:
     """OCC shape of a STEP file."""
     occ = require("netgen.occ")
     validate_file("path", path)
@@ -161,6 +162,6 @@ def read_step(path: Path) -> Any:
         return occ.OCCGeometry(str(path)).shape
 
 
-def scaled(shape: Any, scale: float) -> Any:
+def scaled(shape: Shape, scale: float) -> Shape:
     """Shape with all lengths times a factor."""
     return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape

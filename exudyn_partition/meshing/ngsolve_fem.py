@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,6 +18,7 @@ from ..fe.model import FEModel
 from ..fe.shapes import TET_EDGES
 from ..support.arrays import Array
 from ..support.checks import validate_path, validate_positive
+from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.optional import require
 from ..support.progress import pulsing
 from .input_decks import refuse_regions
@@ -32,7 +32,7 @@ _VOLUME_MISSED = 0.05  # relative: by how much a mesh may miss the volume of its
 
 
 def fe_model(
-    source: Any,
+    source: Shape | NGSolveMesh | str | Path,
     material: Material,
     *,
     order: int | None = None,
@@ -138,7 +138,7 @@ def fe_model(
     return fem
 
 
-def _is_geometry(ngsolve: Any, source: Any) -> bool:
+def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
     """Whether `source` is a mesh or a shape; what else it may be is a path."""
     if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape):
         return True
@@ -150,7 +150,7 @@ def _is_geometry(ngsolve: Any, source: Any) -> bool:
     )
 
 
-def _refuse_mesh_options(maxh: Any, refine: Any, grading: Any) -> None:
+def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
     """Refuse options that would have no effect on a mesh."""
     named = {"maxh": maxh is not None, "grading": grading != GRADING}
     named["refine"] = bool(regions_of(refine))
@@ -170,7 +170,7 @@ def _check_regions(source: str, names: Sequence[str | None]) -> None:
         )
 
 
-def _from_mesh(ngsolve: Any, mesh: Any, material: Material, order: int) -> FEModel:
+def _from_mesh(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: int) -> FEModel:
     """FE model with NGSolve's own numbering: vertices, then edges."""
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
@@ -215,7 +215,7 @@ def _check_volume(points: Array, cells: Array) -> None:
 
 
 def _from_file(
-    ngsolve: Any, path: Path, file: VolumeMesh, material: Material, order: int | None, scale: float
+    ngsolve: NGSolve, path: Path, file: VolumeMesh, material: Material, order: int | None, scale: float
 ) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
     file = replace(file, points=scale * file.points)
@@ -234,7 +234,7 @@ def _from_file(
     return fem
 
 
-def _volume_mesh(ngsolve: Any, points: Array, cells: Array) -> Any:
+def _volume_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> NGSolveMesh:
     """`ngsolve.Mesh` of linear elements, its vertices in the order of `points`."""
     mesh = require("netgen.meshing").Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(points))
@@ -242,7 +242,7 @@ def _volume_mesh(ngsolve: Any, points: Array, cells: Array) -> Any:
     return ngsolve.Mesh(mesh)
 
 
-def _isoparametric(ngsolve: Any, file: VolumeMesh, material: Material) -> FEModel:
+def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FEModel:
     """FE model of quadratic tetrahedra with the mid-side nodes of a mesh file."""
     points, cells = file.points, file.cells
     vertices, corners = np.unique(cells[:, :4], return_inverse=True)
@@ -268,14 +268,14 @@ def _isoparametric(ngsolve: Any, file: VolumeMesh, material: Material) -> FEMode
 
 
 def _assemble(
-    ngsolve: Any, mesh: Any, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
+    ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
 ) -> FEModel:
     """Matrices by NGSolve, changed from its hierarchical basis to nodal values and from x..y..z.. to xyz order."""
     check_memory_of_model(len(points))
     space = ngsolve.VectorH1(mesh, order=2 if cells.shape[1] == 10 else 1)
     u, v = space.TnT()
 
-    def strain(w: Any) -> Any:
+    def strain(w: NGSolveObject) -> NGSolveObject:
         return ngsolve.Sym(ngsolve.Grad(w))
 
     with ngsolve.TaskManager():
@@ -297,7 +297,7 @@ def _assemble(
     )
 
 
-def _nodal_basis(ngsolve: Any, mesh: Any, order: int) -> tuple[sp.csr_matrix, Array]:
+def _nodal_basis(ngsolve: NGSolve, mesh: NGSolveMesh, order: int) -> tuple[sp.csr_matrix, Array]:
     """Matrix from nodal values to NGSolve's hierarchical coefficients of one component, and the mesh's edges.
 
     At order 2 an edge function is c times the nodal one, so u_mid = (u_1 + u_2) / 2 + c b, b = (u_mid - ...) / c.
@@ -318,7 +318,7 @@ def _nodal_basis(ngsolve: Any, mesh: Any, order: int) -> tuple[sp.csr_matrix, Ar
     return (weights + sp.diags(np.r_[np.ones(nv), np.full(ne, 1 / c)])).tocsr(), edges
 
 
-def _nodal_values(vector: Any, to_hierarchical: sp.csr_matrix) -> list[Array]:
+def _nodal_values(vector: NGSolveObject, to_hierarchical: sp.csr_matrix) -> list[Array]:
     """Nodal values of the three components of a VectorH1 function; off its diagonal the change reads vertices alone."""
     coefficients = np.array(vector).reshape(3, -1)
     diagonal = to_hierarchical.diagonal()
@@ -357,7 +357,7 @@ def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:
     return {name: np.flatnonzero(np.isin(own, their)) for name, their in zip(faces, theirs, strict=True)}
 
 
-def _csr(matrix: Any) -> sp.csr_matrix:
+def _csr(matrix: NGSolveObject) -> sp.csr_matrix:
     values, columns, starts = matrix.CSR()
     return sp.csr_matrix((np.array(values), np.array(columns), np.array(starts)), shape=(matrix.height, matrix.width))
 

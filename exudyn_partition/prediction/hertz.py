@@ -144,7 +144,7 @@ def contact_radius(
         If a number is not above zero, or both radii are infinite.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
-    return (3 * _positive("force", force, "N") * R / (4 * E)) ** (1 / 3)
+    return float((3 * _positive("force", force, "N") * R / (4 * E)) ** (1 / 3))
 
 
 def effective(first: float, second: float) -> float:
@@ -303,8 +303,8 @@ def _solve(a: float, b: float) -> tuple[float, float, float, Array]:
     def turns(t: float, state: Array) -> Array:
         return rates(t, state)[0]
 
-    def parts(_: float, state: Array) -> Array:
-        return state[0]
+    def parts(_: float, state: Array) -> float:
+        return float(state[0])
 
     turns.direction = parts.direction = -1  # type: ignore[attr-defined]
     parts.terminal = True  # type: ignore[attr-defined]

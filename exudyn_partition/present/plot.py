@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ..results.compare import Comparison, front, validate_runs
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_number, validate_positive, validate_type
+from ..support.foreign import Axes, Figure
 from ..support.optional import require
 from .output import validate_contacts
 from .plot_input import (
@@ -31,6 +32,7 @@ from .plot_input import (
     history_of_point,
     label_of,
     labelled,
+    name_of,
     plain,
     validate_bodies,
 )
@@ -47,8 +49,8 @@ _PREFIXES = {1e9: "G", 1e6: "M", 1e3: "k", 1.0: "", 1e-3: "m", 1e-6: "µ", 1e-9:
 
 
 def force(
-    axes: Any, run: History | Result, reference: History | None = None, *, contact: PartitionContact | None = None
-) -> Any:
+    axes: Axes, run: History | Result, reference: History | None = None, *, contact: PartitionContact | None = None
+) -> Axes:
     """Total contact force [N] over time [ms], the run over its reference.
 
     Parameters
@@ -75,14 +77,14 @@ def force(
 
 
 def velocity(
-    axes: Any,
+    axes: Axes,
     point: str | Sequence[float] | Array,
     run: History | Result,
     reference: History | None = None,
     *,
     axis: int = 2,
     body: PartitionBody | None = None,
-) -> Any:
+) -> Axes:
     """Velocity of a point along one axis [m/s] over time [ms], the run over its reference.
 
     Parameters
@@ -113,7 +115,7 @@ def velocity(
 
 
 def spectrum(
-    axes: Any,
+    axes: Axes,
     run: History | Result,
     point: str | Sequence[float] | Array | None = None,
     *,
@@ -121,7 +123,7 @@ def spectrum(
     contact: PartitionContact | None = None,
     body: PartitionBody | None = None,
     f_cut: float | None = None,
-) -> Any:
+) -> Axes:
     """Amplitude spectrum of the contact force [N s], or of the velocity of a point [m], over frequency [kHz].
 
     It is the magnitude of the Fourier integral, see `spectrum.amplitude_spectrum`; the velocity is faded out at both
@@ -173,12 +175,12 @@ def spectrum(
 
 
 def energy(
-    axes: Any,
+    axes: Axes,
     result: Result,
     *,
     bodies: Sequence[PartitionBody] | None = None,
     contacts: Sequence[PartitionContact] | None = None,
-) -> Any:
+) -> Axes:
     """Energy of bodies, kinetic and strain, in contacts, what damping has taken, and their sum over time [ms].
 
     The sum is constant as far as nothing else in the model does work on the bodies.
@@ -206,8 +208,8 @@ def energy(
     contacts = result.contacts if contacts is None else validate_contacts(contacts)
     if not bodies and not contacts:
         raise InputError("bodies, contacts: expected at least one, for there is no energy without")
-    curves = {_name(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
-    curves |= {_name(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
+    curves = {name_of(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
+    curves |= {name_of(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
     damped = np.sum([item.dissipated_energy(result) for item in bodies], axis=0)
     if np.any(damped):
         curves["taken by damping"] = damped
@@ -219,7 +221,7 @@ def energy(
     return _finish(axes, f"energy [{prefix}J]")
 
 
-def pressure(axes: Any, result: Result, time: float, *, contact: PartitionContact | None = None) -> Any:
+def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionContact | None = None) -> Axes:
     """Contact pressure [MPa] on the slave's patch [mm] at the sample nearest to a time.
 
     Parameters
@@ -254,12 +256,12 @@ def pressure(axes: Any, result: Result, time: float, *, contact: PartitionContac
     axes.figure.colorbar(drawn, ax=axes, label="contact pressure [MPa]")
     axes.set_aspect("equal")
     axes.set_title(f"t = {1e3 * sample.t[0]:.4g} ms", fontsize="medium")
-    axes.set_xlabel(f"across the patch of {plain(_name(item, 'the slave'))} [mm]")
+    axes.set_xlabel(f"across the patch of {plain(name_of(item, 'the slave'))} [mm]")
     axes.set_ylabel("across the patch [mm]")
     return axes
 
 
-def modes(axes: Any, body: ReducedBody | PartitionBody) -> Any:
+def modes(axes: Axes, body: ReducedBody | PartitionBody) -> Axes:
     """Frequencies [kHz] of a body's shapes by their number, each kind with its own marker, and its f_cut.
 
     Parameters
@@ -292,8 +294,8 @@ def modes(axes: Any, body: ReducedBody | PartitionBody) -> Any:
 
 
 def pareto(
-    axes: Any, runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]], quantity: str = "force"
-) -> Any:
+    axes: Axes, runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]], quantity: str = "force"
+) -> Axes:
     """Relative error [%] over run time [s] of several runs against their reference; a line joins those not dominated.
 
     Parameters
@@ -333,7 +335,7 @@ def pareto(
 
 def overview(
     run: History | Result, reference: History | None = None, *, contact: PartitionContact | None = None
-) -> Any:
+) -> Figure:
     """Contact force and the velocities of all named points, one below the other.
 
     Parameters
@@ -369,15 +371,11 @@ def _velocity(history: History, name: str) -> Array:
     return history.velocity[name]
 
 
-def _name(item: Any, otherwise: str) -> str:
-    return item.name or otherwise
-
-
 def _equal_samples(t: Array) -> int:
     step = np.diff(t)
     if np.ptp(step) <= 1e-3 * step.mean():
         return len(t)
-    return min(math.ceil((t[-1] - t[0]) / step.min()) + 1, _MOST_SAMPLES)
+    return int(min(math.ceil((t[-1] - t[0]) / step.min()) + 1, _MOST_SAMPLES))
 
 
 def _prefix(largest: float) -> tuple[float, str]:
@@ -385,14 +383,14 @@ def _prefix(largest: float) -> tuple[float, str]:
     return next(((scale, name) for scale, name in _PREFIXES.items() if largest >= scale), (1.0, ""))
 
 
-def _layers(run: History, reference: History | None) -> list[tuple[History, dict[str, Any]]]:
+def _layers(run: History, reference: History | None) -> list[tuple[History, dict[str, object]]]:
     if reference is not None:
         validate_type("reference", reference, History, "Result.history(), reference.simulate() or History.load()")
     below = [] if reference is None else [(reference.until(float(run.t[-1])), _REFERENCE_STYLE)]
     return [*below, (run, _RUN_STYLE)]
 
 
-def _finish(axes: Any, label: str, x_label: str = "time [ms]") -> Any:
+def _finish(axes: Axes, label: str, x_label: str = "time [ms]") -> Axes:
     axes.set_xlabel(x_label)
     axes.set_ylabel(label)
     axes.grid(alpha=0.3)

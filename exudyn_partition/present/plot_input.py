@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ..exudyn_contacts.contact_items import PartitionContact
 from ..results.compare import Comparison
 from ..results.history import History
 from ..support.checks import validate_choice, validate_items, validate_result, validate_type, validate_vector
+from ..support.foreign import Axes
 from ..support.optional import require
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def validate_bodies(bodies: Sequence[PartitionBody]) -> list[PartitionBody]:
     return validate_items("bodies", bodies, PartitionBody, "CreatePartitionBody()")
 
 
-def axes_of(axes: Any) -> Any:
+def axes_of(axes: Axes) -> Axes:
     """Return the axes, or those of a new figure for None."""
     if axes is None:
         return require("matplotlib.figure").Figure(figsize=_SIZE, layout="constrained").subplots()
@@ -73,7 +74,7 @@ def history_of(run: History | Result, contact: PartitionContact | None) -> Histo
     return run
 
 
-def history_of_point(run: History | Result, point: Any, body: PartitionBody | None) -> tuple[History, str]:
+def history_of_point(run: History | Result, point: object, body: PartitionBody | None) -> tuple[History, str]:
     """History with the velocity of a point, and its name there."""
     if isinstance(run, History):
         if body is not None:
@@ -107,3 +108,8 @@ def labelled(runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]]) 
         raise InputError(
             f"runs: expected a dict of labels and comparisons, or pairs of them, got {type(runs).__name__}"
         ) from error
+
+
+def name_of(item: PartitionBody | PartitionContact, otherwise: str) -> str:
+    """Name of a body or contact, or what it is called without one."""
+    return item.name or otherwise

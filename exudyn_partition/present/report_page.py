@@ -13,7 +13,7 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from ..results.compare import versions
 from ..support.arrays import Array
 from ..support.checks import validate_text
 from ..support.files import replacing, writable
+from ..support.foreign import Axes
 from ..support.optional import require
 from . import plot, view
+from .plot_input import plain
 
 if TYPE_CHECKING:
     from ..simulation.result import Result
@@ -101,7 +103,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
     name, force = contact.name or f"contact {number}", contact.force(result)
     master = contact.sides[1][0].name or "a body" if len(contact.sides) > 1 else type(contact.master).__name__
     history, impacts = result.history(contact), contact.impacts(result)
-    rows: list[tuple[str, Any]] = [
+    rows: list[tuple[str, object]] = [
         ("slave, master", f"{contact.slave.name or 'a body'}, {master}"),
         ("contact law", type(contact.law).__name__),
         ("rows", contact.n_rows),
@@ -134,7 +136,7 @@ def _conservation(result: Result) -> str:
     """Sums over the partition bodies, at start and end."""
     if not result.bodies:
         return "<p>No partition bodies.</p>"
-    rows: list[Sequence[Any]] = []
+    rows: list[Sequence[object]] = []
     bodies, note, with_contacts = np.sum([item.energy(result) for item in result.bodies], axis=0), "", None
     try:
         with_contacts = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
@@ -174,7 +176,7 @@ def _figures(result: Result) -> str:
     with require("matplotlib").rc_context({"font.size": 9}):
         for i, contact in enumerate(result.contacts):
             axes = plot.force(None, result, contact=contact)
-            axes.set_title(plot.plain(contact.name or f"contact {i}"))
+            axes.set_title(plain(contact.name or f"contact {i}"))
             images.append((_png(axes), "contact force over time"))
         if result.bodies:
             with contextlib.suppress(InputError):  # of what is not known after the run; `_conservation` says so
@@ -200,7 +202,7 @@ def _scale(sample: Result) -> float:
     return 10.0 ** max(0, math.floor(math.log10(_VISIBLE * size / largest))) if largest > 0 else 1.0
 
 
-def _png(axes: Any) -> str:
+def _png(axes: Axes) -> str:
     buffer = io.BytesIO()
     axes.figure.savefig(buffer, format="png", dpi=120)
     return base64.b64encode(buffer.getvalue()).decode()
@@ -212,7 +214,7 @@ def _encoded(image: Array) -> str:
     return base64.b64encode(buffer.getvalue()).decode()
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     lines = ["<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"] if head else []
     for first, *others in rows:
         cells = "".join(_cell(value) for value in others)
@@ -220,12 +222,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return "<table>" + "".join(lines) + "</table>"
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     kind = ' class="number"' if isinstance(value, int | float) else ""
     return f"<td{kind}>{html.escape(_text(value))}</td>"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,13 +33,15 @@ from ..support.checks import (
     validate_result,
     validate_vector,
 )
+from ..support.foreign import ItemIndex, MainSystem, ObjectIndex, SystemContainer
 from ..support.optional import require
 from .output import BodyFields, Shown, contact_loads, shown_bodies
 
 if TYPE_CHECKING:
     from ..simulation.result import Result
 
-Fields = Callable[[Any, BodyFields], dict[str, Array]]  # of a body in a model, now
+GraphicsData = dict[str, object]  # Exudyn's
+Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # of a body in a model, now
 
 UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 _COLOURS = "viridis"
@@ -51,13 +53,13 @@ _MARGIN = 0.6  # half of a picture's height, in diagonals of what it shows
 
 
 def CreatePartitionView(
-    mbs: Any,
+    mbs: MainSystem,
     bodies: Sequence[PartitionBody] | None = None,
     *,
     field: str = "deformation",
     scale: float = 1.0,
     limits: Sequence[float] | None = None,
-) -> Any:
+) -> ObjectIndex:
     """Show the surfaces of partition bodies in the renderer of a model.
 
     To be called before `mbs.Assemble()`. It costs nothing while nothing is rendered. After a run,
@@ -97,7 +99,7 @@ def CreatePartitionView(
                 f"bodies: body {piece.item.name!r} belongs to another model, or to this one before a Reset"
             )
 
-    def fields(mbs: Any, piece: BodyFields) -> dict[str, Array]:
+    def fields(mbs: MainSystem, piece: BodyFields) -> dict[str, Array]:
         data, slices = mbs.systemData, coordinate_slices(mbs, piece.item)
         q, q_t = (
             np.concatenate([np.asarray(get(configuration))[s] for s in slices])
@@ -241,7 +243,7 @@ def _scene(
     scale: float,
     limits: Sequence[float] | None,
     turn: Rotation | None = None,
-) -> tuple[Any, Any]:
+) -> tuple[SystemContainer, MainSystem]:
     """System container and model that hold nothing but the bodies, at the sample that `now` names."""
     SC = require("exudyn").SystemContainer()
     mbs = SC.AddSystem()
@@ -249,7 +251,7 @@ def _scene(
     loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
     histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
 
-    def fields(mbs: Any, piece: BodyFields) -> dict[str, Array]:
+    def fields(mbs: MainSystem, piece: BodyFields) -> dict[str, Array]:
         i = now()
         q, q_t = histories[id(piece)]
         return piece.fields(q[i], q_t[i], piece.forces(loads, i))
@@ -260,14 +262,14 @@ def _scene(
 
 
 def _add(
-    mbs: Any,
+    mbs: MainSystem,
     pieces: list[BodyFields],
     fields: Fields,
     field: str,
     scale: float,
     limits: Sequence[float] | None,
     turn: Rotation | None = None,
-) -> Any:
+) -> ObjectIndex:
     """Add the object that draws, for a view that is turned."""
     items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
     if scale > _LARGEST_SCALE:
@@ -278,7 +280,7 @@ def _add(
             f"limits: expected the lower and the upper end of the colours, got {given[0]:g} to {given[1]:g}"
         )
 
-    def draw(mbs: Any, item: Any) -> list[dict[str, Any]]:
+    def draw(mbs: MainSystem, item: ItemIndex) -> list[GraphicsData]:
         return _graphics(pieces, partial(fields, mbs), field, scale, given, turn or Rotation.identity())
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
@@ -291,7 +293,7 @@ def _graphics(
     scale: float,
     limits: Array | None,
     turn: Rotation,
-) -> list[dict[str, Any]]:
+) -> list[GraphicsData]:
     """Exudyn's graphics data of the deformed surfaces, and a text that says what the colours mean."""
     places, values = [], []
     for piece in pieces:
@@ -303,7 +305,7 @@ def _graphics(
         (min(v.min() for v in values), max(v.max() for v in values)) if limits is None else map(float, limits)
     )
     colours = require("matplotlib").colormaps[_COLOURS]
-    drawn: list[dict[str, Any]] = []
+    drawn: list[GraphicsData] = []
     for piece, place, value in zip(pieces, places, values, strict=True):
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
@@ -317,4 +319,5 @@ def _corner(places: list[Array], turn: Rotation) -> list[float]:
     """Place above the bodies, as they are seen, (3,) [m]."""
     seen = turn.apply(np.vstack(places))  # to the right, up, and towards the eye
     low, high = seen.min(axis=0), seen.max(axis=0)
-    return turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()
+    corner: list[float] = turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()
+    return corner

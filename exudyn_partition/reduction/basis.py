@@ -280,7 +280,7 @@ def warn_if_far_below(fem: FEModel, f_cut: float) -> None:
 
 
 def _wave_frequency(fem: FEModel) -> float:
-    return fem.material.bar_wave_speed / (2 * np.ptp(fem.points, axis=0).max())
+    return float(fem.material.bar_wave_speed / (2 * np.ptp(fem.points, axis=0).max()))
 
 
 def _waves(fem: FEModel) -> str:
@@ -311,7 +311,8 @@ def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers
     G = patch_rows(body.fem, body.partition) @ body.model.expand
     at_patch = G @ pairs.vectors
     F = static.at_patches - (at_patch / pairs.omega**2) @ at_patch.T
-    return (F + F.T) / 2
+    flexibility: Array = (F + F.T) / 2
+    return flexibility
 
 
 def _with_residual_flexibility(

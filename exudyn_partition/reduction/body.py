@@ -110,12 +110,12 @@ class ReducedBody:
     @property
     def n_dofs(self) -> int:
         """Number of reduced coordinates."""
-        return self.mass.shape[0]
+        return int(self.mass.shape[0])
 
     @property
     def n_shapes(self) -> int:
         """Number of shape coordinates, rigid ones included; they stand first."""
-        return self.basis.shapes.shape[1]
+        return int(self.basis.shapes.shape[1])
 
     @property
     def fe_dofs(self) -> int:

@@ -89,7 +89,8 @@ def compression(link: Link, t: Array, elastic: Array) -> Array:
     """
     impulse = np.r_[0.0, np.cumsum(np.diff(t) * _middles(-(elastic @ link.force)))]
     # Before the start it was at rest: a run shorter than a period has less than its mean.
-    return (impulse - np.interp(t - link.period, t, impulse)) / link.period
+    compression: Array = (impulse - np.interp(t - link.period, t, impulse)) / link.period
+    return compression
 
 
 def _middles(x: Array) -> Array:

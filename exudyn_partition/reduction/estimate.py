@@ -351,9 +351,9 @@ def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: floa
     return f"the mesh, which resolves motion up to {f_limit:.4g} Hz. Refine it, or accept that estimate{rings}"
 
 
-def warn_if_missed(estimate: Estimate) -> None:
+def warn_if_missed(estimate: Estimate | None) -> None:
     """Warn (`ToleranceWarning`) if something kept an estimate above its tolerance: of a body from the cache, too."""
-    if estimate.limit:
+    if estimate is not None and estimate.limit:
         warnings.warn(
             f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
             f"{estimate.error:.3g}, to a factor of {_AIM}, against {estimate.against} at f_cut = "

@@ -68,7 +68,8 @@ class InertiaIntegrals:
     @property
     def tensor(self) -> Array:
         """(3, 3) array: inertia of the undeformed body about its centre of mass [kg m2]."""
-        return self.inertia[:, 0, 0][PLACE]
+        tensor: Array = self.inertia[:, 0, 0][PLACE]
+        return tensor
 
     def turned(self, axes: Array) -> InertiaIntegrals:
         """Integrals by components along other axes, the columns of (3, 3)."""
@@ -120,12 +121,14 @@ class InertiaIntegrals:
         """
         place = np.concatenate([np.ones((*z.shape[:-1], 1)), z], axis=-1)
         J = forms(self.inertia, place, place)[..., PLACE]
-        return np.einsum("...ab,...b->...a", J, omega) + self.spin(z, z_t)
+        momentum: Array = np.einsum("...ab,...b->...a", J, omega) + self.spin(z, z_t)
+        return momentum
 
     def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Kinetic energy but for that of the centre of mass, (...,) [J]; arguments as for `angular_momentum`."""
         momentum = self.angular_momentum(omega, z, z_t) + self.spin(z, z_t)
-        return (np.sum(omega * momentum, axis=-1) + np.sum(z_t**2, axis=-1)) / 2
+        energy: Array = (np.sum(omega * momentum, axis=-1) + np.sum(z_t**2, axis=-1)) / 2
+        return energy
 
 
 def forms(matrices: Array, x: Array, y: Array) -> Array:

@@ -59,4 +59,5 @@ def resultants(fem: FEModel, partition: Partition) -> Array:
     for patch in partition.patches:
         share = nodal_area(fem.points, patch.facets)[patch.nodes]
         blocks.append(np.kron((share / share.sum())[:, None], np.eye(len(patch.directions))))
-    return scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
+    resultants: Array = scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
+    return resultants

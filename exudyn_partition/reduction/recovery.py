@@ -94,7 +94,8 @@ class StrainGauge:
     @property
     def ends(self) -> Array:
         """(2, 3) array: its two ends [m]."""
-        return self.position + np.outer([-0.5, 0.5], self.length * self.direction)
+        ends: Array = self.position + np.outer([-0.5, 0.5], self.length * self.direction)
+        return ends
 
 
 def gauge_rows(fem: FEModel, gauges: Sequence[StrainGauge]) -> sp.csr_matrix:
@@ -265,7 +266,8 @@ def von_mises(stress: Array) -> Array:
     stress = validate_array("stress", stress, (*[None] * (len(shape) - 1), 6))
     normal, shear = stress[..., :3], stress[..., 3:]
     differences = normal - np.roll(normal, 1, axis=-1)
-    return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
+    mises: Array = np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
+    return mises
 
 
 def _elasticity(material: Material) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import scipy.sparse as sp
@@ -115,7 +115,7 @@ def reduce(
             "truncates, tolerance=1e-2 grows the basis until its estimated error is below 1 %"
         )
     # Whatever changes the body belongs into `inputs`.
-    inputs: dict[str, Any] = {"fem": fem, "partition": partition, "basis": basis}
+    inputs: dict[str, object] = {"fem": fem, "partition": partition, "basis": basis}
     if f_cut is not None:
         for name, value in (("speed", speed), ("duration", duration)):
             if value is not None:
@@ -200,9 +200,9 @@ def reduce_pair(
     models = [slave, master]
     inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
     with shown(progress, "reduce a pair") as report:
-        pair = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
-    warn_if_missed(pair[0].estimate)
-    return pair
+        first, second = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
+    warn_if_missed(first.estimate)
+    return first, second
 
 
 def _validate_progress(progress: Progress | None) -> None:
@@ -233,7 +233,15 @@ def _resolved(fem: FEModel, f_cut: float) -> float:
     return f_cut
 
 
-def _impact_options(tolerance: float | None, speed: float, duration: float | None) -> dict[str, float | None]:
+class ImpactOptions(TypedDict):
+    """The impact that a tolerance is for: relative error, speed [m/s], duration [s] or None."""
+
+    tolerance: float
+    speed: float
+    duration: float | None
+
+
+def _impact_options(tolerance: float | None, speed: float, duration: float | None) -> ImpactOptions:
     tolerance = validate_positive("tolerance", tolerance)
     if tolerance >= 1:
         raise InputError(f"tolerance: expected a relative error below 1, such as 0.01, got {tolerance!r}")
@@ -257,7 +265,7 @@ def _reduce(fem: FEModel, partition: Partition, f_cut: float, basis: str, progre
 def _reduce_to_tolerance(
     models: list[tuple[FEModel, Partition]],
     patches: list[list[int]],
-    options: dict[str, Any],
+    options: ImpactOptions,
     progress: Progress | None,
 ) -> tuple[ReducedBody, ...]:
     begin = time.perf_counter()

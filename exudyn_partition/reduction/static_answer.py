@@ -102,4 +102,5 @@ class StaticAnswer:
         with one_blas_thread():
             expand = self._model.expand
             answer = expand @ self._flexibility((expand.T @ load)[:, None])[:, 0]
-        return (answer - basis.shapes @ amplitude).reshape(-1, 3)
+        lacking: Array = (answer - basis.shapes @ amplitude).reshape(-1, 3)
+        return lacking

@@ -44,7 +44,7 @@ class TiedModel:
     @property
     def n(self) -> int:
         """Number of coordinates z."""
-        return self.mass.shape[0]
+        return int(self.mass.shape[0])
 
     @property
     def interface_columns(self) -> Array:

@@ -27,6 +27,7 @@ from ..errors import InputError
 from .arrays import Array
 from .checks import validate_path
 from .files import replacing
+from .foreign import JSON
 
 _CSR = {"csr_matrix": sp.csr_matrix, "csr_array": sp.csr_array}
 _CSR_PARTS = ("data", "indices", "indptr")
@@ -72,7 +73,7 @@ class Format:
     def _title(self) -> str:
         return f"exudyn_partition {self.name}"
 
-    def save(self, path: str | Path, value: Any) -> None:
+    def save(self, path: str | Path, value: object) -> None:
         """Write `value`; `path` holds it whole or as it was before, whenever the process ends.
 
         Raises
@@ -82,7 +83,7 @@ class Format:
         OutputError
             If the system cannot write; the old file is kept.
         """
-        arrays: dict[str, Any] = {}
+        arrays: dict[str, Any] = {}  # whose names are not those of options
         about = {
             "format": self._title,
             "version": self.version,
@@ -139,7 +140,7 @@ class Format:
                 raise ValueError(f"expected a {kind.__name__} in it, got a {type(item).__name__}")
         return value
 
-    def _content(self, path: Path, archive: zipfile.ZipFile) -> Any:
+    def _content(self, path: Path, archive: zipfile.ZipFile) -> JSON:
         """Description of the value, if the file is of this kind and version."""
         members = archive.namelist()
         about = json.loads(str(_member("about", archive))) if "about.npy" in members else {}
@@ -156,7 +157,7 @@ class Format:
         return about["content"]
 
 
-def digest(value: Any) -> str:
+def digest(value: object) -> str:
     """SHA-256 of a value: of its structure, field by field, and of every array's type, shape and numbers."""
     arrays: dict[str, Array] = {}
     sha = hashlib.sha256(json.dumps(_describe(value, "", arrays)).encode())
@@ -165,10 +166,10 @@ def digest(value: Any) -> str:
     return sha.hexdigest()
 
 
-def _describe(value: Any, name: str, arrays: dict[str, Array]) -> Any:
+def _describe(value: object, name: str, arrays: dict[str, Array]) -> JSON:
     """Description of `value` in JSON types; its arrays are put into `arrays` by their dotted names."""
 
-    def each(children: dict[str, Any]) -> dict[str, Any]:
+    def each(children: dict[str, object]) -> dict[str, JSON]:
         return {key: _describe(x, f"{name}.{key}" if name else key, arrays) for key, x in children.items()}
 
     match value:
@@ -190,10 +191,10 @@ def _describe(value: Any, name: str, arrays: dict[str, Array]) -> Any:
     raise TypeError(f"{name}: a {type(value).__name__} cannot be stored")
 
 
-def _restore(node: Any, archive: zipfile.ZipFile, classes: dict[str, type]) -> Any:
+def _restore(node: JSON, archive: zipfile.ZipFile, classes: dict[str, type]) -> Any:
     """Value that `_describe` described as `node`."""
 
-    def each(nodes: dict[str, Any]) -> dict[str, Any]:
+    def each(nodes: dict[str, JSON]) -> dict[str, Any]:
         return {key: _restore(x, archive, classes) for key, x in nodes.items()}
 
     match node:

@@ -8,18 +8,20 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from .._version import __version__
 from ..errors import CacheWarning, InputError
 from .archive import Format, digest
 from .checks import validate_path
 
+Made = TypeVar("Made")
+
 VARIABLE = "EXUDYN_PARTITION_CACHE"  # environment variable that names the cache folder
 _PACKAGE = Path(__file__).parents[1]
 
 
-def cached(cache: bool | str | Path, inputs: Any, file: Format, make: Callable[[], Any]) -> Any:
+def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callable[[], Made]) -> Made:
     """Return what `make` returned for the same inputs before, or call it and keep the result.
 
     Two processes may make the same at once: both write the whole file, one after the other under its final name. What
@@ -54,7 +56,8 @@ def cached(cache: bool | str | Path, inputs: Any, file: Format, make: Callable[[
         return make()
     if kept:
         try:
-            return file.load(path)
+            result: Made = file.load(path)
+            return result
         except InputError as error:
             _warn(f"{error}. It is computed anew")
     result = make()

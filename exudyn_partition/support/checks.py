@@ -9,17 +9,19 @@ import operator
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from ..errors import InputError
 from .arrays import Array
 
+Item = TypeVar("Item")
+
 _LONGEST_SHOWN = 120  # characters of a wrong value in a message
 
 
-def validate_array(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
+def validate_array(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
     """Return `value` as a read-only float array of `shape` (None: any length), all finite; text is no number."""
     try:
         if np.asarray(value).dtype.kind in "SUc":  # NumPy reads numbers from text, and drops imaginary parts
@@ -36,45 +38,48 @@ def validate_array(name: str, value: Any, shape: tuple[int | None, ...]) -> Arra
     return array
 
 
-def check_floats(name: str, value: Any, shape: tuple[int | None, ...]) -> None:
+def check_floats(name: str, value: object, shape: tuple[int | None, ...]) -> None:
     """Raise unless `value` is an array of floats of `shape` (None: any length), all finite; it is not copied."""
-    _check_array(name, value, shape, "f")
-    if not np.isfinite(value).all():
-        raise InputError(f"{name}: expected finite numbers, got {np.count_nonzero(~np.isfinite(value))} that are not")
+    finite = np.isfinite(_array(name, value, shape, "f"))
+    if not finite.all():
+        raise InputError(f"{name}: expected finite numbers, got {np.count_nonzero(~finite)} that are not")
 
 
-def check_indices(name: str, value: Any, shape: tuple[int | None, ...], below: int | None = None) -> None:
+def check_indices(name: str, value: object, shape: tuple[int | None, ...], below: int | None = None) -> None:
     """Raise unless `value` is an array of whole numbers of `shape`, none negative or from `below` on."""
-    _check_array(name, value, shape, "iu")
-    if value.size and (value.min() < 0 or (below is not None and value.max() >= below)):
+    array = _array(name, value, shape, "iu")
+    if array.size and (array.min() < 0 or (below is not None and array.max() >= below)):
         upwards = "0 upwards" if below is None else f"0 to {below - 1}"
-        raise InputError(f"{name}: expected numbers from {upwards}, got {value.min()} to {value.max()}")
+        raise InputError(f"{name}: expected numbers from {upwards}, got {array.min()} to {array.max()}")
 
 
-def check_tuple(name: str, value: Any, kind: type) -> None:
+def check_tuple(name: str, value: object, kind: type) -> None:
     """Raise unless `value` is a tuple of a kind."""
     if not isinstance(value, tuple) or not all(isinstance(item, kind) for item in value):
         raise InputError(f"{name}: expected a tuple of {kind.__name__}, got {_called(value)}")
 
 
-def _check_array(name: str, value: Any, shape: tuple[int | None, ...], kinds: str) -> None:
+def _array(name: str, value: object, shape: tuple[int | None, ...], kinds: str) -> Array:
+    """Return `value` if it is an array of one of NumPy's kinds and of `shape`."""
     kind = "whole numbers" if "i" in kinds else "floats"
     if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
         got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else _called(value)
         raise InputError(f"{name}: expected an array of {kind} of shape {_show(shape)}, got {got}")
     if value.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, value.shape, strict=True)):
         raise InputError(f"{name}: expected shape {_show(shape)}, got {value.shape}")
+    return value
 
 
-def validate_vector(name: str, value: Any) -> Array:
+def validate_vector(name: str, value: object) -> Array:
     """Return `value` as a read-only vector of three finite floats."""
     return validate_array(name, value, (3,))
 
 
-def validate_number(name: str, value: Any, expected: str = "a finite number") -> float:
+def validate_number(name: str, value: object, expected: str = "a finite number") -> float:
     """Return `value` as a finite float; text that reads like a number is none, nor is a truth value."""
     try:
-        number = float("nan") if isinstance(value, str | bytes | bool | np.bool_) else float(value)
+        # What has no float raises a TypeError.
+        number = float("nan") if isinstance(value, str | bytes | bool | np.bool_) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name}: expected {expected}, got {_called(value)}") from error
     if not np.isfinite(number):
@@ -82,7 +87,7 @@ def validate_number(name: str, value: Any, expected: str = "a finite number") ->
     return number
 
 
-def validate_positive(name: str, value: Any, unit: str = "") -> float:
+def validate_positive(name: str, value: object, unit: str = "") -> float:
     """Return `value` as a finite float above zero."""
     expected = f"a finite number above zero{_in(unit)}"
     number = validate_number(name, value, expected)
@@ -91,7 +96,7 @@ def validate_positive(name: str, value: Any, unit: str = "") -> float:
     return number
 
 
-def validate_integer(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
+def validate_integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
     """Return `value` as an int from `least` to `most`; NumPy's integers are some, 2.0 and True are none."""
     bounds = f" of at least {least}" * (least is not None) + f" of at most {most}" * (most is not None)
     if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
@@ -105,14 +110,14 @@ def validate_integer(name: str, value: Any, least: int | None = None, most: int 
     return number
 
 
-def validate_flag(name: str, value: Any) -> bool:
+def validate_flag(name: str, value: object) -> bool:
     """Return `value` if it is True or False."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name}: expected True or False, got {_called(value)}")
     return bool(value)
 
 
-def validate_text(name: str, value: Any) -> str:
+def validate_text(name: str, value: object) -> str:
     """Return `value` if it is text, without the character NUL, which Exudyn and file systems take for its end."""
     if not isinstance(value, str):
         raise InputError(f"{name}: expected text, got {_called(value)}")
@@ -121,7 +126,7 @@ def validate_text(name: str, value: Any) -> str:
     return value
 
 
-def validate_path(name: str, value: Any) -> Path:
+def validate_path(name: str, value: object) -> Path:
     """Return `value` as a path, if it can be one."""
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{name}: expected a path as text or pathlib.Path, got {_called(value)}")
@@ -141,13 +146,13 @@ def validate_file(name: str, path: Path) -> None:
         raise InputError(f"{name}: expected a file, there is none at {_shown(path)} (working directory {Path.cwd()})")
 
 
-def validate_type(name: str, value: Any, kind: type, source: str) -> None:
+def validate_type(name: str, value: object, kind: type, source: str) -> None:
     """Raise unless `value` is of a kind, which `source` returns."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: expected what {source} returns, a {kind.__name__}, got {type(value).__name__}")
 
 
-def validate_items(name: str, values: Any, kind: type, source: str) -> list[Any]:
+def validate_items(name: str, values: object, kind: type[Item], source: str) -> list[Item]:
     """Return `values` as a list, each of a kind, which `source` returns."""
     expected = f"a list of what {source} returns, each a {kind.__name__}"
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
@@ -159,7 +164,7 @@ def validate_items(name: str, values: Any, kind: type, source: str) -> list[Any]
     return items
 
 
-def validate_result(value: Any) -> None:
+def validate_result(value: object) -> None:
     """Raise unless `value` is a Result, which is known by what it can do: its class comes later in the data flow."""
     if isinstance(value, type) or not hasattr(value, "sensor_of"):
         raise InputError(
@@ -167,13 +172,13 @@ def validate_result(value: Any) -> None:
         )
 
 
-def validate_callable(name: str, value: Any, expected: str) -> None:
+def validate_callable(name: str, value: object, expected: str) -> None:
     """Raise unless `value` can be called; `expected` says with what."""
     if not callable(value):
         raise InputError(f"{name}: expected {expected}, got {_called(value)}")
 
 
-def validate_choice(name: str, value: Any, choices: Iterable[str]) -> str:
+def validate_choice(name: str, value: object, choices: Iterable[str]) -> str:
     """Return `value` if it is one of `choices`."""
     options = list(choices)
     if not isinstance(value, str) or value not in options:
@@ -187,14 +192,14 @@ def read_only(*arrays: Array) -> None:
         array.flags.writeable = False
 
 
-def _called(value: Any) -> str:
+def _called(value: object) -> str:
     """Plain values as they are written, all others by their type: a model says nothing of itself that helps."""
     if isinstance(value, str | bytes | int | float | complex | list | tuple | dict | set | np.ndarray | None):
         return _shown(repr(value))
     return type(value).__name__
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     text = str(value)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}... ({len(text)} characters)"
 

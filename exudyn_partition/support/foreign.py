@@ -35,5 +35,6 @@ NGSolveObject = _Unknown  # a vector, matrix or coefficient function
 # Others.
 MeshioMesh = _Unknown  # meshio.Mesh
 Axes = _Unknown  # matplotlib.axes.Axes
+Figure = _Unknown  # matplotlib.figure.Figure
 ProgressBar = _Unknown  # rich.progress.Progress
 JSON = _Unknown  # a value in the types of JSON, from a file

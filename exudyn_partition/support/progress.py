@@ -6,10 +6,10 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from ..errors import InputError
 from .checks import validate_number, validate_text
+from .foreign import ProgressBar
 from .optional import require
 
 Progress = Callable[[float], None]  # takes the share done, 0 to 1
@@ -81,14 +81,14 @@ def _plain(title: str) -> str:
     return str(require("rich.markup").escape(title))
 
 
-def _bar() -> Any:
+def _bar() -> ProgressBar:
     rich = require("rich.progress")
     console = require("rich.console").Console(stderr=True)
     columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())
     return rich.Progress(*columns, console=console, disable=not console.is_terminal)
 
 
-def _stop(bar: Any) -> None:
+def _stop(bar: ProgressBar) -> None:
     if bar.live.is_started:  # rich 13 prints an empty line for a bar that is stopped without having been shown
         bar.stop()
 

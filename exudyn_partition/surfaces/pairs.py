@@ -117,7 +117,8 @@ def _turns(surface: Surface) -> Array:
     """(nf, number of edges, 2, 2) array: how a step's coordinates change from each facet to that over each edge."""
     middles, n_nodes = _middles(surface.facets), surface.facets.shape[1]
     tangents = np.einsum("ein,fnd->fedi", shape_functions(middles, n_nodes)[:, 1:], surface.points[surface.facets])
-    return np.linalg.pinv(tangents[surface.neighbours]) @ tangents
+    turns: Array = np.linalg.pinv(tangents[surface.neighbours]) @ tangents
+    return turns
 
 
 def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int = _STEPS) -> Projection:

@@ -60,7 +60,7 @@ class ContactPoints:
     @property
     def nodal(self) -> bool:
         """Whether each row is one point."""
-        return self.nodes.shape[1] == 1
+        return bool(self.nodes.shape[1] == 1)
 
     @property
     def dense_mean(self) -> Array | None:

@@ -71,7 +71,8 @@ class ContactRows:
     @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each row."""
-        return self.points.mean @ self.normals
+        normal: Array = self.points.mean @ self.normals
+        return normal
 
     def interpolation(self, n_slave: int, n_master: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         """Weights of the patches' nodes in each row, (nr, n_slave) and (nr, n_master), whatever their direction."""

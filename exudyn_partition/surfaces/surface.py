@@ -67,8 +67,9 @@ class Surface:
     @property
     def normal_here(self) -> Array:
         """Mean normal of the facets as they lie, (3,)."""
-        normal = area_vectors(self.points, self.facets).sum(axis=0)
-        return normal / np.linalg.norm(normal)
+        total = area_vectors(self.points, self.facets).sum(axis=0)
+        normal: Array = total / np.linalg.norm(total)
+        return normal
 
     @cached_property
     def facet_size(self) -> float:
