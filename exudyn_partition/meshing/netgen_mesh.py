@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 import tempfile
 import threading
@@ -19,6 +20,8 @@ from ..support.optional import require
 from ..support.progress import pulsing
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
 from .step_files import ENDINGS, check_step
+
+_LOG = logging.getLogger(__name__)
 
 _SHARP = np.sin(np.radians(44.0))  # of cones' half angles: below, Netgen fails at the tip
 GRADING = 0.3
@@ -110,6 +113,9 @@ def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: i
                 stacklevel=3,
             )
     mesh.Curve(2)
+    _LOG.info(
+        "mesh: %d elements, %d vertices, elements up to %.4g m, finer in %d balls", mesh.ne, mesh.nv, maxh, len(regions)
+    )
     return mesh
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -26,6 +27,8 @@ from .mesh_files import VolumeMesh, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
 from .step_files import ENDINGS
+
+_LOG = logging.getLogger(__name__)
 
 _UNNAMED = (None, "", "default")  # by shapes and meshes
 _VOLUME_MISSED = 0.05  # relative: by how much a mesh may miss the volume of its shape
@@ -125,6 +128,8 @@ def fe_model(
             "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
         ) from error
     check_mesh(fem)
+    _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
+    _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
     if is_shape and fem.order == 2:
         missed = fem.total_mass / material.rho / shape.mass - 1
         if abs(missed) > _VOLUME_MISSED:

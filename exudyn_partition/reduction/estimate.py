@@ -19,6 +19,7 @@ and Weiser 1985), and knows nothing of the error of the mesh.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,6 +41,8 @@ from ..surfaces.surface import Surface
 from .basis import residual_flexibility
 from .free_body import DROP_ABOVE, AdaptedSpace
 from .loads import patch_slice
+
+_LOG = logging.getLogger(__name__)
 
 PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
 
@@ -310,6 +313,7 @@ def grow_to_tolerance(
         flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
         found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])
         good = found.max(axis=2) <= tolerance / _AIM
+        _LOG.info("tolerance: at f_cut = %.4g Hz the estimated error is %.3g", ladder[-1], found[:, -1].max())
         at_end = f_top >= 2 * f_limit * (1 - 1e-9)
         # A plane on a flat patch may make the force ring at any f_top: it is waited for while its errors fall, as the
         # first power of the frequency at least.
@@ -334,6 +338,7 @@ def grow_to_tolerance(
         tolerance=tolerance,
         limit=_limit(bool(good[:, -1].all()), bool(kept[-1]), worst[~flat].max(), f_limit, bool(flat.any())),
     )
+    _LOG.info("tolerance: f_cut = %.4g Hz is kept, its estimated error is %.3g", estimate.f_cut, estimate.error)
     return spaces, estimate
 
 

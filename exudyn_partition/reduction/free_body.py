@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from ..support.arrays import Array
 from ..support.progress import Progress
 from .loads import interface_loads, patch_rows, resultants, unit_loads
 from .tied import tie
+
+_LOG = logging.getLogger(__name__)
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
@@ -147,6 +150,7 @@ class AdaptedSpace(FreeBody):
             if progress:
                 progress(min(1.0, settled / change.max()) if change.any() else 1.0)
             size = krylov.size
+            _LOG.debug("Krylov space: %d vectors, the mobility changed by %.3g", size, change.max())
             if change.max() <= settled:
                 return
             if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import warnings
 from collections.abc import Iterator, Sequence
 
@@ -11,6 +12,8 @@ from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..support.machine import available_memory
 from .free_body import COLUMNS
+
+_LOG = logging.getLogger(__name__)
 
 _GB = 1e9
 # Entries of the factors in the order of nested dissection, over n^(4/3): 45 for a cube of 61 000 dofs, 40 for bodies
@@ -55,6 +58,7 @@ def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator
         If it is above what is free.
     """
     need, (free, most) = needed(models, basis), available_memory()
+    _LOG.info("reduction: needs some %.3g GB, %.3g GB are free, %.3g GB in all", need / _GB, free / _GB, most / _GB)
     sizes = ", ".join(f"{fem.n_dofs} dofs with {len(partition.patch_nodes)} patch nodes" for fem, partition in models)
     remedy = (
         "Coarsen the mesh: three elements per contact radius are enough, and only near the patch (refine= of "

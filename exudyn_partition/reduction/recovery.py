@@ -35,8 +35,20 @@ from ..support.checks import (
     validate_vector,
 )
 from ..surfaces.surface import closest_points
-from .static_answer import StaticAnswer as StaticAnswer
-from .static_answer import static_correction as static_correction
+from .static_answer import StaticAnswer, static_correction
+
+__all__ = [
+    "StaticAnswer",
+    "StrainGauge",
+    "displacement_rows",
+    "gauge_rows",
+    "nodal_strain",
+    "nodal_stress",
+    "static_correction",
+    "strain_rows",
+    "stress_rows",
+    "von_mises",
+]
 
 # eps_v = sum_ab _VOIGT[v, a, b] du_a/dx_b
 _VOIGT = np.zeros((6, 3, 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,8 @@ from .body import FILE, ReducedBody
 from .estimate import Estimate, grow_to_tolerance, warn_if_missed
 from .inertia import InertiaIntegrals
 from .memory import watched
+
+_LOG = logging.getLogger(__name__)
 
 _SPEED = 1.0  # m/s
 _FASTEST = 1e30  # m/s: errors do not depend on the speed of impact, but numbers have an end
@@ -293,6 +296,7 @@ def _body(
             f"wall of {wall.thickness:.3g} m make them more than 8 % too fast (a finer mesh, maxh)"
         )
         reduced = replace(reduced, left_out=(*reduced.left_out, said))
+    _LOG.info("basis %r: %d shapes and %d nodes that stay", reduced.name, reduced.shapes.shape[1], len(reduced.nodal))
     # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
     shapes = reduced.shapes if len(reduced.nodal) else reduced.shapes[:, 6:]
     inertia = InertiaIntegrals.of(fem, shapes, reduced.mass, reduced.nodal)

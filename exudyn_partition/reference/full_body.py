@@ -64,8 +64,9 @@ class FullBody:
         """The contact patch."""
         return self.partition.patches[self.partition.patch(self.patch)]
 
-    def on_dofs(self, rows: sp.csr_matrix) -> sp.csr_matrix:
-        """Rows on all dofs of the FE model, (m, 3n), of rows on the dofs of the patch's nodes, (m, 3np)."""
-        dofs = node_dofs(self.contact.nodes)
-        pick = (np.ones(len(dofs)), (np.arange(len(dofs)), dofs))
-        return sp.csr_matrix(rows @ sp.csr_matrix(pick, shape=(len(dofs), self.fem.n_dofs)))
+
+def rows_on_dofs(body: FullBody, rows: sp.csr_matrix) -> sp.csr_matrix:
+    """Rows on all dofs of the FE model, (m, 3n), of rows on the dofs of the patch's nodes, (m, 3np)."""
+    dofs = node_dofs(body.contact.nodes)
+    pick = (np.ones(len(dofs)), (np.arange(len(dofs)), dofs))
+    return sp.csr_matrix(rows @ sp.csr_matrix(pick, shape=(len(dofs), body.fem.n_dofs)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import sys
 import warnings
@@ -14,6 +15,8 @@ from .._version import __version__
 from ..errors import CacheWarning, InputError
 from .archive import Format, digest
 from .checks import validate_path
+
+_LOG = logging.getLogger(__name__)
 
 Made = TypeVar("Made")
 
@@ -57,12 +60,14 @@ def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callabl
     if kept:
         try:
             result: Made = file.load(path)
+            _LOG.info("%s: read from the cache, %s", file.name, path)
             return result
         except InputError as error:
             _warn(f"{error}. It is computed anew")
     result = make()
     try:
         file.save(path, result)
+        _LOG.info("%s: kept in the cache, %s", file.name, path)
     except (OSError, InputError) as error:
         _warn(f"the result is not kept: {error}. Name a folder that can be written, by cache= or by {VARIABLE}")
     return result

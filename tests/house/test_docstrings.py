@@ -15,6 +15,12 @@ ARRAYS = ("Array", "ndarray", "csr_matrix")
 SHAPE = re.compile(r"\((\d*[a-z]?\w*,[^()]*|\.\.\.[^()]*)\)")  # (n, 3), (3,), (...)
 
 
+def exported(module):
+    """Names that a module offers: those it says, or all that are defined in it."""
+    own = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
+    return getattr(module, "__all__", own)
+
+
 def classes_behind(names):
     """Public classes and functions: exported ones, those of exported modules, and classes that they return."""
     found = {}
@@ -22,7 +28,7 @@ def classes_behind(names):
         thing = getattr(ep, name)
         members = vars(thing) if isinstance(thing, ModuleType) else {name: thing}
         for key, value in members.items():
-            own = not isinstance(thing, ModuleType) or getattr(value, "__module__", "") == thing.__name__
+            own = not isinstance(thing, ModuleType) or key in exported(thing)
             if own and not key.startswith("_") and (inspect.isclass(value) or inspect.isfunction(value)):
                 found[f"{value.__module__}.{value.__qualname__}"] = value
     return found

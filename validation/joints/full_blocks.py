@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.factorisation import one_blas_thread
 from exudyn_partition.fe.model import node_dofs
-from exudyn_partition.reference import HHT, FullBody
+from exudyn_partition.reference.full_body import FullBody, rows_on_dofs
+from exudyn_partition.reference.integrator import HHT
 from exudyn_partition.surfaces.rows import pair_surfaces
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
@@ -61,7 +62,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     contact = pair_surfaces(*(bodies[i].surface for i in order), rows_kind)
     G = contact.matrices(*(len(bodies[i].contact.nodes) for i in order))
     G = [G[order.index(i)] for i in (0, 1)]
-    wide = [body.on_dofs(g) for body, g in zip(bodies, G, strict=True)]
+    wide = [rows_on_dofs(body, g) for body, g in zip(bodies, G, strict=True)]
     along = np.asarray(G[0] @ np.tile([1.0, 0, 0], G[0].shape[1] // 3)).ravel()  # gaps by the slider's motion
     nc = len(contact)
 

@@ -25,7 +25,7 @@ def public():
         thing = getattr(ep, name)
         members = vars(thing) if isinstance(thing, ModuleType) else {name: thing}
         for key, value in members.items():
-            own = not isinstance(thing, ModuleType) or getattr(value, "__module__", "") == thing.__name__
+            own = not isinstance(thing, ModuleType) or key in exported(thing)
             if not own or key.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
                 continue
             if inspect.isclass(value) and issubclass(value, BaseException):
@@ -37,6 +37,12 @@ def public():
             if inspect.isclass(value):
                 found |= _methods(full, value)
     return {name: value for name, value in found.items() if _takes_something(value)}
+
+
+def exported(module):
+    """Names that a module offers: those it says, or all that are defined in it."""
+    own = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
+    return getattr(module, "__all__", own)
 
 
 def _methods(full, kind):
