@@ -57,7 +57,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     spring = back4[:1]
 
     heads = x + LENGTHS[0], slider(CONTACT_ANGLE)[0] + LENGTHS[0]
-    bodies = [FullBody(*part, position=(head, 0, 0)) for part, head in zip(parts, heads, strict=True)]
+    bodies = [FullBody(*part, position=(head, 0, 0), patch=0) for part, head in zip(parts, heads, strict=True)]
     order = (0, 1) if slave_is_3 else (1, 0)
     contact = pair_surfaces(*(bodies[i].surface for i in order), rows_kind)
     G = contact.matrices(*(len(bodies[i].contact.nodes) for i in order))
