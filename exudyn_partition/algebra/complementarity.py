@@ -11,13 +11,14 @@ from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
 
 _REGULARISATION = 1e-9  # of the mean diagonal
-_PATIENCE = 10  # block steps without progress before single pivots, which are finite
+_PATIENCE = 10  # block steps without progress before single pivots begin
 
 
 def regularised(F: Array) -> Array:
-    """F and a billionth of its mean diagonal on the diagonal: redundant rows share their force in the least-norm way.
+    """F with a billionth of its mean diagonal added to the diagonal.
 
-    Sums of the forces, and what the bodies feel of them, change by as little; without it they are not defined.
+    With redundant rows the single forces are not unique. The added term selects those of least norm, and changes their
+    sum and their effect on the bodies by about a billionth.
     """
     result = F.copy()
     result.flat[:: len(F) + 1] += _REGULARISATION * np.trace(F) / max(len(F), 1)
@@ -27,10 +28,10 @@ def regularised(F: Array) -> Array:
 class Complementarity:
     """Warm-started block principal pivoting (Júdice and Pires 1994).
 
-    All rows that violate their condition change sides at once, as in a primal-dual active set (semi-smooth Newton);
-    when their number does not fall for some steps, only the one with the largest index changes (Murty), which ends
-    after finitely many steps for every symmetric positive definite F. The active set and its Cholesky factor are kept
-    between calls: a call with an unchanged set costs one product and two triangular solves.
+    All rows that violate their condition change sides at once, as in a primal-dual active set (semi-smooth Newton). If
+    their number does not fall for some steps, only the row with the largest index changes (Murty). That ends after
+    finitely many steps for every symmetric positive definite F. The active set and its Cholesky factor are kept between
+    calls: with an unchanged set, a call costs one product and two triangular solves.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ class Complementarity:
         self.reset()
 
     def replace(self, F: Array, active: Array) -> None:
-        """Go on with other rows, F (nc, nc) taken as it is, and a guess of those that are active, (nc,) bool."""
+        """Go on with other rows: their F, (nc, nc), which is not checked, and a guess of the active ones, (nc,)."""
         self.F = F
         self._set(active)
 

@@ -17,18 +17,17 @@ from ..errors import IndefiniteMatrixError
 from ..support.arrays import Array
 from .ordering import nested_dissection
 
-_BLOCK = 48  # right-hand sides a call: enough for BLAS 3 inside SuperLU, and little memory
-
+_BLOCK = 48  # right-hand sides in a call: enough for BLAS 3 inside SuperLU, with little memory
 
 _LIMITING = threading.Lock()
 
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Context or decorator in which BLAS uses one thread: SuperLU calls it on such small blocks that more only wait.
+    """Context or decorator in which BLAS uses one thread: the blocks of SuperLU are too small for more.
 
-    The limit belongs to the process. So the first thread that comes sets it and lifts it, and others that come
-    meanwhile leave it alone: had they found it set, they would set it again when they leave.
+    The limit is one of the whole process. The first thread that enters sets it and lifts it. Threads that enter
+    meanwhile leave it alone; otherwise they would set it again when they leave.
     """
     if not _LIMITING.acquire(blocking=False):
         yield
@@ -43,9 +42,9 @@ def one_blas_thread() -> Iterator[None]:
 class Factorisation:
     """LU factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
 
-    SuperLU in the order of nested dissection, with pivots on the diagonal: without `diag_pivot_thresh=0` partial
-    pivoting destroys the order, and the fill grows a hundredfold. SciPy frees its memory only if the last reference is
-    dropped in the thread that made it: so leave factors to one thread. Solving is free to use others.
+    SuperLU works in the order of nested dissection, with pivots on the diagonal. Without `diag_pivot_thresh=0` partial
+    pivoting destroys the order, and the fill grows a hundredfold. SciPy frees the memory only if the last reference is
+    dropped in the thread that made the factors, so make and drop them in one thread. Any thread may solve.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ class Factorisation:
             ) from error
 
     def solve(self, rhs: Array, threads: int = 2) -> Array:
-        """Solve for one, (n,), or many, (n, k), right-hand sides, these in blocks, as many at a time as `threads`."""
+        """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks, `threads` of them at a time."""
         result = np.empty(rhs.shape, order="F")
         if rhs.ndim == 1:
             result[self._order] = self._lu.solve(rhs[self._order])
@@ -93,12 +92,12 @@ class Factorisation:
     def negative_pivots(self) -> int:
         """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia).
 
-        SuperLU shows its pivots only in a copy of the factors, which it keeps.
+        SuperLU copies its factors to show the pivots, and keeps the copy.
 
         Raises
         ------
         IndefiniteMatrixError
-            If a zero on the diagonal made SuperLU exchange rows; the signs then say nothing.
+            If SuperLU exchanged rows because of a zero on the diagonal; then the signs mean nothing.
         """
         if (self._lu.perm_r != self._lu.perm_c).any():
             raise IndefiniteMatrixError(

@@ -1,4 +1,4 @@
-"""Sparse symmetric factorisation, blocked solves, block Krylov vectors and eigenmodes of free bodies."""
+"""Elastic flexibility, block Krylov vectors and eigenmodes of free bodies."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ..support.arrays import Array
 from ..support.progress import Progress
 from .factorisation import Factorisation
 
-_DEPENDENT = 1e-10  # of a vector's length: what is left of it beyond the basis, below which it is dropped
-_TOO_CLOSE = 1e-9  # relative distance of a mode from the shift at which the solves answer with that mode alone
-_ENERGY_OFF = 1e-7  # of omega_max^2: error of the modes' strain energy; below 1e-9 where all is well
+_DEPENDENT = 1e-10  # a vector is dropped if less than this of its length lies outside the basis
+_TOO_CLOSE = 1e-9  # relative distance from the shift, below which a mode hides all others in the solves
+_ENERGY_OFF = 1e-7  # largest error of the modes' strain energy, by omega_max^2; it is below 1e-9 in sound models
 
 
 def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
@@ -46,16 +46,16 @@ def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
 
 
 def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
-    """Combine the columns of `vectors`, (n, k), to V with V' M V = 1 in the same span (Cholesky; well-conditioned)."""
+    """V with V' M V = 1 in the span of well-conditioned `vectors`, (n, k), by Cholesky."""
     gram = vectors.T @ (mass @ vectors)
     normalised: Array = scipy.linalg.solve_triangular(np.linalg.cholesky(gram), vectors.T, lower=True).T
     return normalised
 
 
 def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> Array:
-    """What `vectors`, (n, k), hold beyond a mass-orthonormal `basis`, (n, m): (n, at most k), mass-orthonormal.
+    """Mass-orthonormal vectors, (n, at most k), that extend `basis`, (n, m), by the span of `vectors`, (n, k).
 
-    Directions that are in the span of the basis to 1e-6 of their length are dropped.
+    The basis is mass-orthonormal. Directions in its span, to 1e-6 of their length, are dropped.
     """
     lengths = np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
     vectors = vectors[:, lengths > 0] / lengths[lengths > 0]
@@ -65,7 +65,7 @@ def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> A
     values, combination = np.linalg.eigh(vectors.T @ (mass @ vectors))
     keep = values > 1e-12
     vectors = vectors @ (combination[:, keep] / np.sqrt(values[keep]))
-    # Normalising may amplify what was left of the basis.
+    # Normalising may amplify a rest of the basis in them.
     vectors -= basis @ (mass_basis.T @ vectors)
     return mass_normalised(vectors, mass) if vectors.shape[1] else vectors
 
@@ -73,8 +73,8 @@ def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> A
 class FreeBodyFlexibility:
     """Elastic (inertia-relief) flexibility of a free body, F_e = P' Kc^-1 P with P = 1 - M R R' (method.md, section 2).
 
-    Kc holds six statically determinate dofs, chosen so that the rigid modes are as independent there as can be.
-    F_e answers a load balanced by the inertia of rigid motion, and its answer contains no rigid motion.
+    In Kc six statically determinate dofs are held; they are chosen such that the rigid modes there are as independent
+    as possible. F_e first balances a load by the inertia of rigid motion. Its answer contains no rigid motion.
 
     Parameters
     ----------
@@ -129,13 +129,14 @@ class BlockKrylov:
         (n, p) array -> (K + s M)^-1 of it.
     mass : (n, n) csr matrix
     shift : float
-        s, negative too but not minus an eigenvalue [rad2/s2].
+        s [rad2/s2]; it may be negative, but not minus an eigenvalue.
     rigid : (n, 6) array
         Mass-normalised rigid modes, kept out of the basis.
     start : (n, p) array
         Loads [N]; the first block is the answer to them.
     lead : (n, m) array, optional
-        Mass-orthonormal vectors without rigid motion that lead the basis; Ritz pairs are by `rayleigh_ritz` then.
+        First vectors of the basis, mass-orthonormal and without rigid motion. Ritz pairs are then those of
+        `rayleigh_ritz` only.
     """
 
     def __init__(
@@ -179,10 +180,10 @@ class BlockKrylov:
         independent = lengths > _DEPENDENT * norms
         new = new[:, independent] / lengths[independent]
         values, vectors = np.linalg.eigh(new.T @ (self._mass @ new))
-        # Of unit vectors; what is smaller is round-off of the eigenvalues.
+        # The vectors have unit length; smaller eigenvalues are round-off.
         keep = values > 1e-14
         new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
-        # The second pass: normalising amplifies what the first left of the basis.
+        # The second pass: normalising amplifies the rest of the basis that the first has left.
         new -= self._rigid @ (self._mass_rigid.T @ new)
         new -= basis @ (mass_basis.T @ new)
         mass_new = self._mass @ new
@@ -212,7 +213,7 @@ class BlockKrylov:
         return True
 
     def finish(self) -> None:
-        """Let the operator go, with its factors: the basis stays as it is, and does not grow any more."""
+        """Release the operator and its factors: the basis stays, but cannot grow any more."""
         self._apply = _finished
 
     @property
@@ -221,14 +222,14 @@ class BlockKrylov:
         return self._store[:, : self.size]
 
     def ritz_values(self) -> tuple[Array, Array, Array]:
-        """Frequencies ascending [rad/s], residuals and combinations of `vectors`, from the shifted operator.
+        """Frequencies ascending [rad/s], residuals and combinations of `vectors`, by the shifted operator.
 
-        A residual is relative to the Ritz value of (K + s M)^-1 M; the relative error of that value is below it.
+        A residual is relative to the Ritz value of (K + s M)^-1 M. The relative error of that value is smaller.
         """
         theta, combination = np.linalg.eigh(self._operator)
         omega_squared = 1 / theta - self._shift
         order = np.argsort(omega_squared)
-        order = order[omega_squared[order] > 0]  # others have not settled: K has no negative eigenvalue
+        order = order[omega_squared[order] > 0]  # others have not converged: K has no negative eigenvalue
         combination = combination[:, order]
         last = self._coupling.shape[1]
         residual = np.linalg.norm(self._coupling @ combination[-last:], axis=0) / abs(theta[order])
@@ -237,7 +238,7 @@ class BlockKrylov:
     def rayleigh_ritz(self, stiffness: sp.csr_matrix) -> tuple[Array, Array]:
         """Frequencies ascending [rad/s] and combinations of `vectors` by projecting K itself.
 
-        Unlike those of `ritz_values`, which lie anywhere until settled, these frequencies are never below the true.
+        These frequencies are never below the exact ones. Those of `ritz_values` may be, until they have converged.
         """
         known = len(self._projected)
         if known < self.size:
@@ -263,9 +264,9 @@ def eigenmodes(
 ) -> RitzPairs:
     """All elastic modes of a free body below `omega_max`.
 
-    K - omega_max^2 M is factorised once. The signs of its pivots count the modes in the band; its solves are the
-    operator of a block Krylov basis from a random block, wider than any multiplicity that symmetry brings. The basis
-    grows until as many Ritz pairs as were counted have converged: then none is missing.
+    K - omega_max^2 M is factorised once. The signs of its pivots count the modes in the band, and its solves are the
+    operator of a block Krylov basis. The first block is random, and wider than the multiplicities that symmetry causes.
+    The basis grows until as many Ritz pairs have converged as were counted, so none is missing.
 
     Parameters
     ----------
@@ -277,7 +278,7 @@ def eigenmodes(
     tolerance : float
         Bound on each pair's residual.
     block : int
-        Vectors a block.
+        Vectors in a block.
     progress : callable, optional
         Called with the converged share of the band, 0 to 1.
 
@@ -289,8 +290,8 @@ def eigenmodes(
     Raises
     ------
     ModeAccuracyError
-        If Phi' K Phi of the modes is not diag(omega^2) to 1e-7 omega_max^2: the factors have lost accuracy, which
-        pivots on the diagonal of an indefinite matrix can.
+        If Phi' K Phi of the modes is not diag(omega^2) to 1e-7 omega_max^2. Then the factors have lost accuracy, which
+        can happen with pivots on the diagonal of an indefinite matrix.
 
     Warns
     -----
@@ -317,7 +318,7 @@ def eigenmodes(
             progress(min(1.0, float(settled[:inside].sum()) / expected))
         if inside == expected and settled[:inside].all():
             break
-        # Pairs far above the band converge after those within, so these have all been found.
+        # Pairs far above the band converge last. If they have converged, all pairs in the band are found.
         above = int(np.searchsorted(omega, 1.5 * omega_max))
         if (len(omega) > above and settled[: above + 1].all()) or not more:
             _warn_of_count(omega_max, expected, inside)
@@ -329,7 +330,7 @@ def eigenmodes(
 
 
 def _check_strain_energy(modes: RitzPairs, stiffness: sp.csr_matrix, omega_max: float) -> None:
-    """Phi' K Phi = diag(w^2), with K itself: the residuals know the factors alone, which small pivots spoil unseen."""
+    """Check Phi' K Phi = diag(w^2) with K itself: the residuals do not show factors that small pivots have spoilt."""
     energy = modes.vectors.T @ (stiffness @ modes.vectors)
     off = abs(energy - np.diag(modes.omega**2)).max(initial=0.0) / omega_max**2
     if not off <= _ENERGY_OFF:

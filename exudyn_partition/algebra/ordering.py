@@ -9,16 +9,17 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 
 from ..support.arrays import Array
 
-_LEAF = 500  # nodes of a part that is not cut any more
-_BALANCE = 0.25  # least share of the nodes on either side of a cut
+_LEAF = 500  # parts with fewer nodes are not cut any more
+_BALANCE = 0.25  # least share of the nodes on each side of a cut
 
 
 def nested_dissection(matrix: sp.spmatrix) -> Array:
     """Order the rows of a symmetric matrix so that its factors fill little.
 
-    A small set of nodes cuts the graph in two, each half is cut again, and every cut comes after what it separates
-    (George 1973). Cuts follow the fronts of a breadth-first search between far ends of the graph and are as small as a
-    vertex cover can be; the last parts are ordered by minimum degree. Solid bodies gain most over minimum degree alone.
+    A small set of nodes cuts the graph in two, and each half is cut again. A cut is eliminated after the parts that it
+    separates (George 1973). Cuts follow the fronts of a breadth-first search between far ends of the graph, and are
+    least vertex covers there. The last parts are ordered by minimum degree. The gain over minimum degree alone is
+    largest for solid bodies.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def _least_cover(graph: sp.csr_matrix, left: Array, right: Array) -> Array:
 
 
 def _minimum_degree(graph: sp.csr_matrix) -> Array:
-    """Order of SuperLU, which gives it with the factors of a matrix alone."""
+    """Minimum degree order of SuperLU, which returns it only together with the factors of a matrix."""
     dominant = (graph.shape[0] + 1) * sp.identity(graph.shape[0]) - graph
     factors = scipy.sparse.linalg.splu(sp.csc_matrix(dominant), permc_spec="MMD_AT_PLUS_A")
     return np.argsort(factors.perm_c)

@@ -1,4 +1,4 @@
-"""Checks of a finished mesh against itself: what a damaged file can change without breaking its format."""
+"""Checks of a finished mesh: they find damage that does not break the format of a file."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from ..support.arrays import Array
 from .model import FEModel
 from .shapes import TET_EDGES, shape_functions
 
-_VOLUME, _INERTIA = 1e-6, 1e-3  # relative: by how much elements and surface may differ
-_FAR = 3.0  # times the edges opposite to a node is how far the nearest neighbour may be
-_BENT = 0.35  # of its edge's length is how far a mid-side node may lie from the middle of its ends
-_FLAT = 0.01  # times the mean of its neighbours is the least shape quality of an element
+_VOLUME, _INERTIA = 1e-6, 1e-3  # allowed relative difference of elements and surface
+_FAR = 3.0  # largest distance of a node from its nearest neighbour, by the longest edge opposite to it
+_BENT = 0.35  # largest distance of a mid-side node from the middle of its edge, by the edge's length
+_FLAT = 0.01  # least shape quality of an element, by the mean of its neighbours
 _EDGES = {8: np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])}
 
 
 def check_mesh(fem: FEModel) -> None:
-    """Check a mesh by what its own parts say of each other.
+    """Check that the parts of a mesh fit together.
 
-    Checked are: the volume of the elements, and their second moments of volume from the consistent mass, against
-    those of the space inside the surface (divergence theorem); nodes far outside of the nodes around them; elements
-    far flatter than their neighbours; mid-side nodes far from the middle of their edge. A node that is moved by less
-    than an element's size is not found.
+    Volume and second moments of the elements must be those of the space inside the surface, which the divergence
+    theorem gives. Then there are warnings of nodes far from all nodes around them, of elements much flatter than their
+    neighbours, and of mid-side nodes far from the middle of their edge. A node that was moved by less than the size of
+    an element is not found.
 
     Raises
     ------
     MeshError
-        If elements and surface do not enclose the same.
+        If elements and surface have different volumes or second moments.
 
     Warns
     -----
@@ -54,7 +54,7 @@ def check_mesh(fem: FEModel) -> None:
                 MeshQualityWarning,
                 stacklevel=3,
             )
-            return  # what follows has the same cause
+            return  # other findings have the same cause
 
 
 def _check_inside(fem: FEModel) -> None:
@@ -82,7 +82,7 @@ def _inside(points: Array, facets: Array) -> tuple[float, Array]:
     x, w = np.polynomial.legendre.leggauss(6)
     r, s = (grid.ravel() for grid in np.meshgrid((x + 1) / 2, (x + 1) / 2))
     weight = np.outer(w, w).ravel() / 4
-    if facets.shape[1] != 4:  # a square collapsed to a triangle
+    if facets.shape[1] != 4:  # map the square to the triangle
         weight, s = weight * (1 - r), s * (1 - r)
     values, *derivatives = shape_functions(np.column_stack([r, s]), facets.shape[1]).swapaxes(0, 1)
     nodes = points[facets]
@@ -93,7 +93,7 @@ def _inside(points: Array, facets: Array) -> tuple[float, Array]:
 
 
 def _far_nodes(fem: FEModel) -> tuple[Array, Array]:
-    """Corner nodes that are far from all neighbours, beside how far those are from each other, and their points."""
+    """Corner nodes much farther from all neighbours than these are from each other, and their points."""
     edges = _EDGES.get(fem.cells.shape[1], TET_EDGES)
     ends = fem.cells[:, edges]  # (ne, edges, 2)
     length = np.linalg.norm(fem.points[ends[:, :, 1]] - fem.points[ends[:, :, 0]], axis=2)
@@ -108,7 +108,7 @@ def _far_nodes(fem: FEModel) -> tuple[Array, Array]:
 
 
 def _flat_cells(fem: FEModel) -> tuple[Array, Array]:
-    """Elements far flatter than their neighbours, by volume over the cube of their longest edge, and their centres."""
+    """Elements much flatter than their neighbours, and their centres; measured by volume over the cube of the size."""
     corners = fem.points[fem.cells[:, : 8 if fem.cells.shape[1] == 8 else 4]]
     extent = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
     quality = fem.cell_mass / fem.material.rho / extent**3

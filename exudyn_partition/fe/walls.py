@@ -1,4 +1,4 @@
-"""Thin walls of a body, and the bending waves that elements longer than a wall is thick can follow."""
+"""Thin walls of a body, and the bending waves that their elements resolve."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .material import Material
 
 _STEPS = 40  # elements that a ray may cross before it leaves a wall
 _OPPOSITE = -0.9  # cosine between the normals of the two sides of a wall
-_THICK = 2.0  # elements across a wall from which on it counts as solid
-_SEEN, _FOLLOWED = 1.3, 4.0  # quadratic elements a bending wave
-_LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # times the wall's thickness is the length from which on they lock
+_THICK = 2.0  # a wall with more elements than this across it counts as solid
+_SEEN, _FOLLOWED = 1.3, 4.0  # quadratic elements in the length of a bending wave
+_LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # elements lock if they are longer than this many thicknesses
 _SHEAR = 5 / 6  # Mindlin's shear coefficient
 
 
@@ -39,16 +39,16 @@ class Wall:
 
     @property
     def frequency(self) -> float:
-        """Highest frequency at which its elements see bending waves at all; no promise of how well [Hz]."""
+        """Highest frequency of bending waves that its elements resolve at all, however inaccurately [Hz]."""
         return float(_resolved(self.element, self.thickness, self.order, self.material, _SEEN))
 
     @property
     def accurate_frequency(self) -> float:
-        """Frequency up to which its elements follow bending waves within 8 % of their frequency [Hz]."""
+        """Frequency up to which its elements give bending waves a frequency within 8 % [Hz]."""
         return float(_resolved(self.element, self.thickness, self.order, self.material, _FOLLOWED))
 
     def element_for(self, frequency: float) -> float:
-        """Length of elements that would see bending waves up to `frequency` [Hz], in [m]."""
+        """Length of elements that resolve bending waves up to `frequency` [Hz], in [m]."""
         lengths = self.element * np.geomspace(1, 1e-4, 1000)
         return float(
             lengths[_resolved(lengths, self.thickness, self.order, self.material, _SEEN) >= frequency].max(
@@ -58,13 +58,13 @@ class Wall:
 
 
 def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, order: int, material: Material) -> Wall:
-    """Wall that is worst resolved by its elements; of infinite thickness if there is none.
+    """Wall whose bending waves its elements resolve worst; with infinite thickness if there is no thin wall.
 
-    An element of length L sees the bending waves of a wall of thickness t down to 1.3 elements a wave, little above
-    two nodes a wave, and follows them with four, or with two where several span the wall. Beyond L = 5 t quadratic
-    elements lock in shear, and need (L / 5 t)^2 times as many. `tests/test_walls.py` holds that against the exact
-    waves of Rayleigh and Lamb, and against a free plate. Linear elements lock at once: longer than the wall is thick
-    they follow none, and beyond L = 3 t they are refused.
+    Let L be the length of a quadratic element and t the thickness of the wall. A bending wave needs at least 1.3
+    elements in its length to be resolved, little more than two nodes. It needs four to be accurate, or two where
+    several elements span the wall. Beyond L = 5 t the elements lock in shear, and a wave needs (L / 5 t)^2 times as
+    many. `tests/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and with a free plate.
+    Linear elements lock at once. If they are longer than t, no wave is accurate; beyond L = 3 t they are refused.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
 def _resolved(
     length: Array | float, thickness: Array | float, order: int, material: Material, elements: float
 ) -> Array:
-    """Frequency of the bending waves that are so many elements long [Hz]; more of them where elements are long."""
+    """Frequency of bending waves with that many elements in their length [Hz]; long elements need more."""
     ratio = length / thickness
     needed = np.clip(elements * ratio, min(2.0, elements), elements) * np.maximum(1, (ratio / _LOCKS) ** 2)
     frequency = bending_frequency(2 * np.pi / (needed * length), thickness, material)
@@ -125,12 +125,12 @@ def bending_frequency(wavenumber: Array | float, thickness: Array | float, mater
 
 
 def _lengths(points: Array, facets: Array) -> Array:
-    """(nf,) array: lengths of facets [m], of equilateral triangles and squares their edges, mean of the neighbours'."""
+    """(nf,) array: mean length of each facet and its neighbours [m]; of an equilateral triangle or square, its edge."""
     nodes = points[facets]
     arms = nodes - nodes.mean(axis=1, keepdims=True)
     largest = np.linalg.eigvalsh(np.einsum("fki,fkj->fij", arms, arms))[:, -1]
     length = np.sqrt(largest * (2 if facets.shape[1] == 3 else 1))
-    # Neighbours together follow a wave, not each by itself.
+    # Several neighbours together resolve a wave.
     weight = np.bincount(facets.ravel(), minlength=len(points))
     at_nodes = np.bincount(facets.ravel(), np.repeat(length, facets.shape[1]), minlength=len(points))
     lengths: Array = (at_nodes / np.maximum(weight, 1))[facets].mean(axis=1)
@@ -138,9 +138,9 @@ def _lengths(points: Array, facets: Array) -> Array:
 
 
 def _thickness(points: Array, corners: Array, facets: Array, number: Array, limit: Array) -> Array:
-    """(nf,) array: way from the middle of each facet through the cells to the opposite side [m].
+    """(nf,) array: distance from the middle of each facet, through the body, to the opposite side [m].
 
-    Infinite where it is above `limit`, or where what lies there is not nearly parallel.
+    Infinite where it is above `limit`, or where the opposite side is not nearly parallel.
     """
     nodes = points[corners]
     middle = nodes.mean(axis=2)

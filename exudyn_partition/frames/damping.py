@@ -1,7 +1,7 @@
 """Damping of a body's vibration: a ratio for each kept mode, or Rayleigh's proportional damping.
 
-In modal coordinates the damping force on a mode of circular frequency omega is 2 zeta omega times its velocity. Rigid
-motion is not damped: the force acts on the deformation alone.
+The damping force on a mode of circular frequency omega is 2 zeta omega times the velocity of its coordinate. Rigid
+motion is not damped, because the force acts on the deformation only.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ class Damping(Protocol):
     """Damping of one body in its frame."""
 
     def force(self, q_t: Array) -> Array:
-        """Generalised forces that velocities q_t, (..., n_dofs), meet, (..., n_dofs)."""
+        """Generalised forces against velocities q_t; both (..., n_dofs)."""
 
     def matrix(self) -> sp.csr_matrix:
         """(n_dofs, n_dofs) derivative of `force`."""
 
     def largest_rate(self, omega: float) -> float:
-        """Upper bound of the eigenvalues of D by the mass [1/s], for a body without frequencies above `omega`."""
+        """Upper bound of the eigenvalues of M^-1 D [1/s], for a body without frequencies above `omega` [rad/s]."""
 
 
 class ModeDamping:
@@ -90,7 +90,7 @@ class ModeDamping:
 
 
 class ProportionalDamping:
-    """Rayleigh damping of a basis that keeps nodes, whose coordinates are no modes."""
+    """Rayleigh damping of a basis that keeps nodes; the coordinates of nodes are no modes."""
 
     def __init__(self, kinematics: Kinematics, rayleigh: Rayleigh) -> None:
         self._kinematics, self._rayleigh = kinematics, rayleigh
@@ -115,14 +115,14 @@ def damping_of(kinematics: Kinematics, damping: Ratios) -> Damping:
     ----------
     kinematics : Kinematics
     damping : float, (n_elastic,) sequence, callable or Rayleigh
-        A ratio for all modes, one for each elastic mode in their order, a function from frequencies (n_elastic,) [Hz]
-        to ratios, or Rayleigh's.
+        One ratio for all modes; one for each elastic mode, in order; a function that returns the ratios for
+        frequencies (n_elastic,) [Hz]; or Rayleigh damping.
 
     Raises
     ------
     InputError
-        If ratios are negative, not finite or of another number than the modes, or the basis keeps nodes, which have no
-        ratio.
+        If a ratio is negative or not finite, if there are more or fewer ratios than modes, or if the basis keeps nodes,
+        which have no ratio.
     """
     body = kinematics.body
     if len(body.basis.nodal):

@@ -25,12 +25,11 @@ class FloatingKinematics:
 
     Coordinates are q = (r - r0, rotation vector - that at the start, z), with r the centre of mass.
 
-    Rotation vector and angular velocity are those of a node which is fixed to the frame, with axes of its own.
-    Velocities q_t are (r_t, angular velocity in the node's axes, z_t), as Exudyn's NodeRigidBodyRotVecLG has them;
-    generalised forces and `inertia` have the node's axes too, all else those of the body.
+    The frame's Exudyn node, a NodeRigidBodyRotVecLG, has axes of its own. Rotation vector and angular velocity are
+    those of the node: velocities are q_t = (r_t, angular velocity in the node's axes, z_t). Generalised forces and
+    `inertia` are in the node's axes too; everything else is in the body's axes.
 
-    Deformation z is that of `mean_axes`: the elastic shapes', and with nodal columns the shapes and displacements that
-    are left of those without rigid motion, mass-normalised.
+    Deformation z is that of module `mean_axes`, with unit mass.
 
     Parameters
     ----------
@@ -172,9 +171,9 @@ class FloatingKinematics:
         return directions @ self.frame(q)[1]
 
     def on_constant_mass(self, q: Array, force: Array) -> Array:
-        """Forces that give the constant mass diag(m, J, 1) the accelerations which `force` gives the true one.
+        """Forces that act on the constant mass diag(m, J, 1) as `force` acts on the true mass: same accelerations.
 
-        See `floating.InertiaForces`, which does the same for inertia and elastic forces.
+        `InertiaForces` does the same for inertia and elastic forces.
         """
         q_tt = self.accelerations(q, force)
         return np.concatenate([force[:3], self.inertia.tensor @ q_tt[3:6], q_tt[6:]])

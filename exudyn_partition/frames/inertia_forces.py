@@ -4,8 +4,8 @@ With x = r + A (X - c + Phi z), shapes Phi mass-normalised and orthogonal to rig
 
     T = m r_t^2 / 2 + omega' J(z) omega / 2 + omega' C(z) z_t + z_t' z_t / 2,
 
-angular velocity omega and all else but r in the body's axes. J is quadratic and C linear in z, so that integrals over
-the body of products of two shapes hold all of it. Lagrange's equations, with the outer forces (tau, f):
+where omega is the angular velocity. All components but those of r are in the body's axes. J is quadratic in z and C is
+linear, so integrals of products of two shapes are enough. Lagrange's equations, with outer forces (tau, f), are:
 
     J(z) omega_t + C(z) z_tt  = tau - omega x (J(z) omega + C(z) z_t) - J_t omega
     z_tt + C(z)' omega_t + K z = f + d(omega' J(z) omega)/dz / 2 + 2 (omega . N) z_t
@@ -30,7 +30,7 @@ TERMS = {
     "centrifugal": "centrifugal forces: rotation does not stretch the body",
     "coupling": "inertia that changes with deformation, but for that of gyroscopic, Coriolis and centrifugal forces",
 }
-"""Inertia forces of a floating frame, and what a body is without each."""
+"""Inertia forces of a floating frame, and what the model lacks without each of them."""
 
 
 class Inertia(Protocol):
@@ -71,10 +71,10 @@ class Inertia(Protocol):
 class InertiaForces:
     """Inertia forces on constant mass diag(J, 1): what a solver is given instead of the equations above.
 
-    Mass that changes with deformation would have to be factorised in every step. Instead the accelerations that the
-    true mass gives to inertia and elastic forces are computed here, by a 3 x 3 solve as the elastic mass is the
-    identity, and returned times the constant mass. Outer forces, which are not known here, act on the constant mass:
-    they lack the change of inertia, which is of the relative size of the deformation.
+    The true mass changes with deformation and would have to be factorised in every step. Instead, accelerations by
+    inertia and elastic forces are computed here with the true mass, and returned times the constant mass. This takes
+    one 3 x 3 solve, because the elastic mass is the identity. Outer forces are not known here and act on the constant
+    mass. They miss the change of inertia, whose relative size is that of the deformation.
 
     Parameters
     ----------
@@ -127,7 +127,8 @@ class InertiaForces:
     def derivatives(self, omega: Array, z: Array, z_t: Array) -> tuple[Array, Array]:
         """Derivatives of `force` by z, (3 + n, n), and by omega and z_t, (3 + n, 3 + n).
 
-        Those of the coupling are left out: second order in deformation, for Newton's method only.
+        The derivatives of the coupling are left out. They are of second order in the deformation, and only Newton's
+        method uses the result.
         """
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         n = len(z)

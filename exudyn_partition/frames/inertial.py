@@ -115,7 +115,7 @@ class InertialKinematics:
         return energy
 
     def rigid_motion(self, q: Array) -> Array:
-        """See `Kinematics.rigid_motion`; the part of q that is rigid by the mass."""
+        """See `Kinematics.rigid_motion`; found by projection with the mass matrix."""
         M_rigid = self.body.mass @ self.body.rigid
         return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
 

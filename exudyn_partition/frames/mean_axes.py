@@ -1,15 +1,16 @@
 """Coordinates of a body's deformation, apart from its rigid motion: mean axes.
 
-Motion q of a basis with diagonal mass M splits into q = R r + E z, rigid motion and deformation, R' M E = 0. Mean axes
-(Agrawal and Shabana 1985) are those in which all deformation is of that kind. Here E' M E = 1, so that z has unit mass.
+A motion q of a basis with diagonal mass M is split into rigid motion and deformation, q = R r + E z with R' M E = 0.
+Axes in which the deformation has this property are mean axes (Agrawal and Shabana 1985). Here E' M E = 1, so z has unit
+mass.
 
-In scaled coordinates M^1/2 q, with X the orthonormal rigid motion there, E is what the block reflector
+Let X be the orthonormal rigid motion in the scaled coordinates M^1/2 q. There, E consists of all columns but the first
+six of the block reflector
 
     H = 1 - V (1 + P)^-1 V',    V = X + [U; 0],    X_1 = U P (polar decomposition of X's first six rows),
 
-leaves of the identity without its first six columns (Schreiber and Parlett 1988): H takes those onto rigid motion, and
-the others stay what they are but for a motion of rank six. Where six rigid shapes stand first, E is the identity below
-them.
+(Schreiber and Parlett 1988). H maps the first six columns of the identity onto rigid motion, and changes the others by
+a matrix of rank six. If six rigid shapes stand first, E is the identity below them.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ..support.arrays import Array
 
 
 class MeanAxes:
-    """E of a basis, as an operator.
+    """The matrix E of a basis, applied without being formed.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Inertia in a floating frame of a body that keeps nodes: point masses, beside the integrals of its shapes.
 
-Shapes of the paper's basis end where its nodes begin, and the mass is lumped: what `InertiaIntegrals` holds as
-dense matrices is, of the nodes, a sum over masses. Equations: module `floating`.
+In the paper's basis the shapes are zero at the kept nodes, and the mass is lumped. So what `InertiaIntegrals` holds as
+dense matrices is a sum over point masses for these nodes. For the equations see module `inertia_forces`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ for _component, (_a, _b) in zip(_MOMENTS, PAIRS, strict=True):
 
 
 class NodalInertia:
-    """What `InertiaIntegrals` is for a body of shapes, on the deformation z of mean axes.
+    """Inertia of shapes and kept nodes together, as an `Inertia` of the deformation z of mean axes.
 
     Parameters
     ----------

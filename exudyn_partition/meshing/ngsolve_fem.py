@@ -17,7 +17,7 @@ from ..fe.material import Material
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
 from ..fe.shapes import TET_EDGES
-from ..support.arrays import Array
+from ..support.arrays import Array, consecutive
 from ..support.checks import validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.optional import require
@@ -358,7 +358,7 @@ def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:
         return {}
     corners = np.vstack([facet_corners(facets), *faces.values()])
     number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-    own, *theirs = np.split(number, np.cumsum([len(facets), *map(len, faces.values())])[:-1])
+    own, *theirs = (number[part] for part in consecutive([len(facets), *map(len, faces.values())]))
     return {name: np.flatnonzero(np.isin(own, their)) for name, their in zip(faces, theirs, strict=True)}
 
 

@@ -19,15 +19,15 @@ PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of component a, b among t
 
 @dataclass(frozen=True, eq=False)
 class InertiaIntegrals:
-    """Integrals over the body of products of two displacement fields; field 0 is the place X - c, then the n shapes.
+    """Integrals over the body of products of two fields: field 0 is the place X - c, the others are the n shapes.
 
     Parameters
     ----------
     inertia : (6, 1 + n, 1 + n) array
-        Components xx, yy, zz, yz, xz, xy of psi_i . psi_j 1 - psi_i psi_j', symmetrised; the integral for i = j = 0 is
-        the inertia tensor of the undeformed body about its centre of mass [kg m2].
+        Components xx, yy, zz, yz, xz, xy of psi_i . psi_j 1 - psi_i psi_j', symmetrised. For i = j = 0 that is the
+        inertia tensor of the undeformed body about its centre of mass [kg m2].
     cross : (3, n, n) array
-        Components x, y, z of psi_i x psi_j, shapes only: mean axes let it vanish for the place.
+        Components x, y, z of psi_i x psi_j, of shapes only: with the place it is zero in mean axes.
     """
 
     inertia: Array
@@ -44,7 +44,7 @@ class InertiaIntegrals:
     def of(
         cls, fem: FEModel, shapes: Array, mass: str = "consistent", nodal: Sequence[int] | Array = ()
     ) -> InertiaIntegrals:
-        """Integrals by a mass that weighs the three directions alike.
+        """Integrals with the mass of an FE model, which must be the same in all three directions.
 
         Parameters
         ----------
@@ -53,7 +53,7 @@ class InertiaIntegrals:
             Orthogonal to rigid motion, or zero at `nodal`.
         mass : {"consistent", "lumped"}
         nodal : (k,) int array
-            Nodes whose mass is left out; it must be lumped.
+            Nodes whose mass is left out. The mass must then be lumped.
         """
         weights = fem.mass[::3, ::3] if mass == "consistent" else sp.diags(fem.lumped_mass)
         arms = fem.points - fem.centre_of_mass
@@ -106,7 +106,7 @@ class InertiaIntegrals:
         return np.tensordot(omega, self.cross, 1)
 
     def spin(self, z: Array, z_t: Array) -> Array:
-        """C(z) z_t, the part of the angular momentum that vibration has by itself, (..., 3)."""
+        """C(z) z_t, (..., 3): the part of the angular momentum that comes from vibration alone."""
         return forms(self.cross, z, z_t)
 
     def angular_momentum(self, omega: Array, z: Array, z_t: Array) -> Array:
@@ -125,7 +125,7 @@ class InertiaIntegrals:
         return momentum
 
     def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
-        """Kinetic energy but for that of the centre of mass, (...,) [J]; arguments as for `angular_momentum`."""
+        """Kinetic energy without that of the centre of mass, (...,) [J]; arguments as for `angular_momentum`."""
         momentum = self.angular_momentum(omega, z, z_t) + self.spin(z, z_t)
         energy: Array = (np.sum(omega * momentum, axis=-1) + np.sum(z_t**2, axis=-1)) / 2
         return energy

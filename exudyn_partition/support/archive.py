@@ -1,7 +1,7 @@
 """Values of the library as npz files: dataclasses of arrays, sparse matrices, numbers and text, without pickle.
 
-A file holds every array as a member of its own, and a member `about`: JSON that names format, version and units and
-describes the value field by field. So NumPy alone is enough to look into it.
+A file holds each array as a member of its own. The member `about` is JSON: it names format, version and units, and
+describes the value field by field. So NumPy is enough to look into a file.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _CSR = {"csr_matrix": sp.csr_matrix, "csr_array": sp.csr_array}
 _CSR_PARTS = ("data", "indices", "indptr")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _ZIP_START = b"PK\x03\x04"
-# What zipfile, NumPy and JSON raise on bytes that are not what they were.
+# Errors that zipfile, NumPy and JSON raise for a damaged file.
 _DAMAGE = (
     OSError,
     EOFError,
@@ -60,8 +60,8 @@ class Format:
     units : str
         Note for people who look into a file.
     classes : tuple of type
-        Dataclasses that may occur in it: first the value's own, or that of each value of a tuple, then nested ones. All
-        their fields are stored. What they check when they are made is checked when they are read.
+        Dataclasses that may occur in it: first that of the value, or of each value of a tuple, then nested ones. All
+        fields are stored. A file that is read passes the same checks as a value that is made.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Format:
         return f"exudyn_partition {self.name}"
 
     def save(self, path: str | Path, value: object) -> None:
-        """Write `value`; `path` holds it whole or as it was before, whenever the process ends.
+        """Write `value`. Even if the process is killed, `path` holds the complete new file or the old one.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Format:
             ) from error
 
     def _check_file(self, path: Path) -> None:
-        """Refuse a pipe, which would wait for a writer, and a device, which may never end; a folder says so itself."""
+        """Refuse a pipe, which would wait for a writer, and a device, which may never end."""
         kind = path.stat().st_mode
         if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
             raise InputError(f"path: expected a saved {self.name}, got {path}, a device or a pipe")

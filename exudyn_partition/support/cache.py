@@ -1,4 +1,4 @@
-"""Results that are kept from one run to the next, in files named by what they were made from."""
+"""Results that are kept from one run to the next, in files whose names depend on the inputs."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _PACKAGE = Path(__file__).parents[1]
 def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callable[[], Made]) -> Made:
     """Return what `make` returned for the same inputs before, or call it and keep the result.
 
-    Two processes may make the same at once: both write the whole file, one after the other under its final name. What
-    goes wrong with the files warns and costs the time to compute anew, nothing else.
+    Two processes may compute the same result at once: each writes a complete file, and the later one stays. If a file
+    cannot be read or written, there is a warning, and the result is computed.
 
     Parameters
     ----------
     cache : bool or path
         Whether to keep results, in `user_folder()`; or the folder to keep them in.
     inputs : dict, dataclass, array, ...
-        All that the result depends on beside the library's own code.
+        Everything that the result depends on, except the code of this library.
     file : Format
     make : callable
 
@@ -74,9 +74,9 @@ def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callabl
 
 
 def user_folder() -> Path:
-    """Folder of `cache=True`: what EXUDYN_PARTITION_CACHE names, else one in the platform's folder for caches.
+    """Folder of `cache=True`: that of EXUDYN_PARTITION_CACHE, or else one in the platform's folder for caches.
 
-    Any file in it may be deleted at any time.
+    Its files may be deleted at any time.
     """
     if os.environ.get(VARIABLE):
         return Path(os.environ[VARIABLE])
@@ -87,12 +87,12 @@ def user_folder() -> Path:
     else:
         variable, default = "XDG_CACHE_HOME", (".cache",)
     named = os.environ.get(variable, "")
-    # The XDG specification has relative paths ignored.
+    # The XDG specification says to ignore relative paths.
     return (Path(named) if Path(named).is_absolute() else Path.home().joinpath(*default)) / "exudyn_partition"
 
 
 def code_digest(package: Path = _PACKAGE) -> str:
-    """SHA-256 of the library's own source: between two releases its version stays, its results may not."""
+    """SHA-256 of the library's own source: between two releases results may change, while the version does not."""
     sha = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         sha.update(path.read_bytes())

@@ -1,6 +1,6 @@
 """Validation of user input: small functions that return the checked value or raise `InputError`.
 
-Every public function calls them before it does anything, so that a wrong argument is named and nothing is half done.
+Every public function calls them before it does anything else. So a wrong argument is named, and nothing is half done.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _LONGEST_SHOWN = 120  # characters of a wrong value in a message
 
 
 def validate_array(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
-    """Return `value` as a read-only float array of `shape` (None: any length), all finite; text is no number."""
+    """Return `value` as a read-only float array of `shape` (None: any length); finite numbers only, no text."""
     try:
         if np.asarray(value).dtype.kind in "SUc":  # NumPy reads numbers from text, and drops imaginary parts
             raise TypeError
@@ -76,7 +76,7 @@ def validate_vector(name: str, value: object) -> Array:
 
 
 def validate_number(name: str, value: object, expected: str = "a finite number") -> float:
-    """Return `value` as a finite float; text that reads like a number is none, nor is a truth value."""
+    """Return `value` as a finite float; text and truth values are refused."""
     try:
         # What has no float raises a TypeError.
         number = float("nan") if isinstance(value, str | bytes | bool | np.bool_) else float(value)  # type: ignore[arg-type]
@@ -97,7 +97,7 @@ def validate_positive(name: str, value: object, unit: str = "") -> float:
 
 
 def validate_integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
-    """Return `value` as an int from `least` to `most`; NumPy's integers are some, 2.0 and True are none."""
+    """Return `value` as an int from `least` to `most`; integers of NumPy will do, 2.0 and True will not."""
     bounds = f" of at least {least}" * (least is not None) + f" of at most {most}" * (most is not None)
     if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
         raise InputError(f"{name}: expected a whole number{bounds}, got {_called(value)}")
@@ -118,7 +118,7 @@ def validate_flag(name: str, value: object) -> bool:
 
 
 def validate_text(name: str, value: object) -> str:
-    """Return `value` if it is text, without the character NUL, which Exudyn and file systems take for its end."""
+    """Return `value` if it is text without the character NUL, which ends a text in Exudyn and in file systems."""
     if not isinstance(value, str):
         raise InputError(f"{name}: expected text, got {_called(value)}")
     if "\0" in value:
@@ -147,13 +147,13 @@ def validate_file(name: str, path: Path) -> None:
 
 
 def validate_type(name: str, value: object, kind: type, source: str) -> None:
-    """Raise unless `value` is of a kind, which `source` returns."""
+    """Raise unless `value` is of a kind; `source` is the function that makes such values, for the message."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: expected what {source} returns, a {kind.__name__}, got {type(value).__name__}")
 
 
 def validate_items(name: str, values: object, kind: type[Item], source: str) -> list[Item]:
-    """Return `values` as a list, each of a kind, which `source` returns."""
+    """Return `values` as a list of values of a kind; for `source` see `validate_type`."""
     expected = f"a list of what {source} returns, each a {kind.__name__}"
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
         raise InputError(f"{name}: expected {expected}, got {_called(values)}")
@@ -165,7 +165,7 @@ def validate_items(name: str, values: object, kind: type[Item], source: str) -> 
 
 
 def validate_result(value: object) -> None:
-    """Raise unless `value` is a Result, which is known by what it can do: its class comes later in the data flow."""
+    """Raise unless `value` is a Result. It is known by its methods, since its class is in a higher layer."""
     if isinstance(value, type) or not hasattr(value, "sensor_of"):
         raise InputError(
             f"result: expected what solve_dynamic() or collect() returns, a Result, got {type(value).__name__}"
@@ -193,7 +193,7 @@ def read_only(*arrays: Array) -> None:
 
 
 def _called(value: object) -> str:
-    """Plain values as they are written, all others by their type: a model says nothing of itself that helps."""
+    """Text for a wrong value in a message: plain values as they are written, all others by their type."""
     if isinstance(value, str | bytes | int | float | complex | list | tuple | dict | set | np.ndarray | None):
         return _shown(repr(value))
     return type(value).__name__

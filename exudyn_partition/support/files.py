@@ -1,4 +1,4 @@
-"""Files that are whole or not there: what is written takes its final name only once all of it is on the disk."""
+"""Files that are complete or not there: a new file gets its final name when all of it is on the disk."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _KEPT_NAME = 40  # characters of the final name in the temporary one, which must
 def replacing(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a new file; it replaces the one at `path` when the block ends, and disappears if the block raises.
 
-    Whenever the process ends, `path` holds the old file or the new one, whole. A symbolic link stays, and what it leads
-    to is replaced; the new file has the old one's mode.
+    Even if the process is killed, `path` holds the old file or the complete new one. A symbolic link stays, and the
+    file that it leads to is replaced. The new file has the mode of the old one.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def replacing(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f".{target.name[:_KEPT_NAME]}.{secrets.token_hex(8)}.tmp")
     try:
-        # Not tempfile: its files are for their owner's eyes alone, and stay so under their final name.
+        # Not tempfile: only the owner may read its files, and that would not change with the final name.
         with temporary.open(mode.replace("w", "x"), encoding=None if "b" in mode else "utf-8") as file:
             if target.exists():
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
@@ -72,14 +72,14 @@ def replacing(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
 
 @contextlib.contextmanager
 def filling(folder: str | Path, last: str) -> Iterator[Path]:
-    """Give a new folder, whose files go into `folder` when the block ends, and disappear if the block raises.
+    """Yield a new folder. Its files are moved into `folder` when the block ends, or deleted if the block raises.
 
     Parameters
     ----------
     folder : str or Path
-        Made if it is not there; files of the same names are replaced, links and modes as by `replacing`.
+        Made if it is not there. Files of the same names are replaced; for links and modes see `replacing`.
     last : str
-        The file that lists the others: it goes after them.
+        The file that lists the others: it is moved after them.
 
     Yields
     ------
@@ -113,7 +113,7 @@ def filling(folder: str | Path, last: str) -> Iterator[Path]:
 
 
 def writable(path: str | Path, name: str = "path") -> Path:
-    """Return `path` if a file can be written there, as far as can be told without writing.
+    """Return `path` if a file can be written there, as far as one can tell without writing.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Ctrl-C as a question that a loop asks between its steps: what was computed until then is kept."""
+"""Ctrl-C for loops: a loop asks between its steps whether to stop, so what it has computed is kept."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Interrupt:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[Interrupt]:
-    """Take Ctrl-C until the end of the block; within another such block, that one's answer counts.
+    """Handle Ctrl-C until the end of the block; within another such block, the outer one handles it.
 
-    Python lets only the main thread do that. Elsewhere nothing changes, and nobody ever asks.
+    Python allows that in the main thread only. In other threads nothing changes, and `asked` stays False.
     """
     previous = signal.getsignal(signal.SIGINT)
     if isinstance(previous, Interrupt):

@@ -1,4 +1,4 @@
-"""What the machine lets a process have."""
+"""Memory that this process may use."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def available_memory() -> tuple[float, float]:
-    """Memory that is free, and all that this process may have [bytes]; infinite where the system does not tell."""
+    """Free memory, and the most that this process may have [bytes]; infinite if the system does not tell."""
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         about = {line.split(":")[0]: 1024.0 * int(line.split()[1]) for line in lines}

@@ -1,4 +1,4 @@
-"""Progress on the terminal, quiet where there is none."""
+"""Progress bars on the terminal; nothing is shown if there is no terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .optional import require
 
 Progress = Callable[[float], None]  # takes the share done, 0 to 1
 
-LONG = 2.0  # what takes longer shows its progress [s]
+LONG = 2.0  # work that takes longer shows a bar [s]
 
 
 @contextlib.contextmanager
@@ -60,7 +60,7 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
 
 @contextlib.contextmanager
 def pulsing(title: str) -> Iterator[None]:
-    """Show a bar that only moves while something runs whose share done nobody knows, once it takes long."""
+    """Show a bar that moves while something runs; for work that takes long and cannot tell the share done."""
     bar = _bar()
     bar.add_task(title, total=None)
     timer = threading.Timer(LONG, bar.start)
@@ -95,7 +95,7 @@ def _stop(bar: ProgressBar) -> None:
 
 @contextlib.contextmanager
 def shown(given: Callable[[float], None] | None, title: str) -> Iterator[Callable[[float], None]]:
-    """Yield the caller's own function to report to, or that of a bar that appears where it takes long."""
+    """Yield the function to report to: the one that is given, or that of a bar that appears if the work takes long."""
     if given is not None:
         yield given
         given(1.0)
