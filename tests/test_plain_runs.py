@@ -160,5 +160,5 @@ def test_the_edge_of_a_patch_is_told(mbs, ball):
     mbs.Assemble()
     plain(mbs, 120)
     with pytest.warns(ContactPatchWarning, match="contact 'tip' reached the edge of its patch"):
-        ep.collect(mbs)
-    assert contact.reached_edge_at is not None
+        result = ep.collect(mbs)
+    assert contact.edge_reached(result) is not None

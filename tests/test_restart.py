@@ -135,7 +135,9 @@ def test_a_result_that_is_saved_is_that_of_the_model_built_again(mbs, bodies, tm
     np.testing.assert_array_equal(same_ball.velocity(loaded, point), ball.velocity(result, point))
     np.testing.assert_allclose(same_contact.energy(loaded), contact.energy(result), atol=1e-12)
     assert same_contact.impacts(loaded) == contact.impacts(result)
-    with pytest.raises(InputError, match="forces of rows, pressures and contact areas are kept of the last run only"):
+    with pytest.raises(
+        InputError, match="forces of rows, pressures, contact areas and the edge of a patch are not in files"
+    ):
         same_contact.row_forces(loaded)
     with pytest.raises(InputError, match="expected one of the model that body 'ball' belongs to"):
         ball.momentum(loaded)

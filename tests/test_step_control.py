@@ -65,8 +65,8 @@ def overshoots(contact, result):
     """Depth to which each first touch closes the gap [m]."""
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
     touched = [first for first, _ in contact.closed_samples(result)]
-    contact.law.reset()
-    return np.array([-contact.law.gaps.at(x).min() for x in q[touched]])
+    gaps = contact.law.gaps.fresh()
+    return np.array([-gaps.at(x).min() for x in q[touched]])
 
 
 # Time to contact.

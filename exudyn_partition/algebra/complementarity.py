@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -58,6 +59,13 @@ class Complementarity:
         self.iterations = 0
         self.single_pivots = 0
         self.reset()
+
+    def fresh(self) -> Complementarity:
+        """Return the same problem without an active set; F is shared."""
+        result = copy.copy(self)
+        result.iterations = result.single_pivots = 0
+        result.reset()
+        return result
 
     def replace(self, F: Array, active: Array) -> None:
         """Go on with other rows: their F, (nc, nc), which is not checked, and a guess of the active ones, (nc,)."""

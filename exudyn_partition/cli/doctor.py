@@ -55,7 +55,7 @@ def _self_test() -> dict[str, object]:
     """Impact of a small steel ball on a rigid plane: against Hertz, momentum and energy."""
     from ..contact.rigid import RigidPlane
     from ..exudyn_bodies.create_body import CreatePartitionBody
-    from ..exudyn_contacts.contact_items import CreatePartitionContact
+    from ..exudyn_contacts.create_contact import CreatePartitionContact
     from ..simulation.solve import solve_dynamic
 
     begin, R, speed, pole = time.perf_counter(), 0.010, 0.5, np.zeros(3)

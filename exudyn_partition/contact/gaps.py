@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,6 +20,9 @@ from ..support.arrays import Array
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from ..surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from typing import Self
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close as the surface bulges around a contact
 _NOTHING = np.empty(0)
@@ -115,6 +119,8 @@ class Gaps:
     faced : bool
         Whether the slave faced what it is to meet at the start. If not, rows at the start are those of a pose in which
         it does: they tell flexibility and stiffness, and the first evaluation finds others.
+    carried : bool
+        Whether a body of another kind carries the rigid surface.
     """
 
     sides: tuple[Side, ...]
@@ -129,6 +135,7 @@ class Gaps:
     unpaired: int
     approach: Array
     faced: bool = True
+    carried: bool = False
     H: Any
     _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
@@ -140,8 +147,14 @@ class Gaps:
     _normal: Array
     _normal_of: Array | None = None  # normals that `_normal` is the mean of
 
+    def fresh(self) -> Self:
+        """Return the same rows at the start, for another run; what does not change is shared."""
+        result = copy.copy(self)
+        result.reset()
+        return result
+
     def reset(self) -> None:
-        """Go back to the start, before a new run."""
+        """Go back to the start."""
         raise NotImplementedError
 
     def at(self, q: Array) -> Array:
@@ -194,6 +207,11 @@ class Gaps:
         if self._normal_of is not self.normals:
             self._normal, self._normal_of = self._mean @ self.normals, self.normals
         return self._normal
+
+    @property
+    def bodies(self) -> list[ReducedBody]:
+        """Reduced body of each side."""
+        return [side.kinematics.body for side in self.sides]
 
     def split(self, q: Array) -> list[Array]:
         """Coordinates of each side, of q, (n,)."""

@@ -50,7 +50,7 @@ class PatchGaps(Gaps):
     """
 
     def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
-        self.sides = (slave, master)
+        self.sides, self._kind = (slave, master), kind
         self._all = contact_points(slave.surface, kind)
         self.n = sum(side.n for side in self.sides)
         self._start_q = np.zeros(self.n)
@@ -69,6 +69,11 @@ class PatchGaps(Gaps):
         self._here = np.zeros((3, 3))
         self.held, self.moving = None, True
         self.reset()
+
+    def exchanged(self) -> PatchGaps:
+        """Return gaps with slave and master exchanged."""
+        slave, master = self.sides
+        return PatchGaps(master, slave, self._kind)
 
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""

@@ -8,22 +8,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..errors import InputError, RunError
+from ..support.arrays import Array
 from ..support.optional import require
-
-if TYPE_CHECKING:
-    from .partition_body import PartitionBody
+from .model import BodyItem
 
 _FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # of a body's own axes
 _TORN = 0.5  # rad, of a body in an inertial frame: lengths are 13 % off
 _OF_MASS = ("KineticEnergy", "PotentialEnergy", "Force")
 
 
-def check_attachments(mbs: Any, bodies: list[PartitionBody]) -> None:
+class AttachableBody(BodyItem, Protocol):
+    """A body that carries markers."""
+
+    frame_markers: list[int]
+
+    @property
+    def frame(self) -> str:
+        """The frame, "inertial" or "floating"."""
+
+    def rigid_motion(self, q: Array) -> Array:
+        """Rigid motion in coordinates q, (n, n_dofs): (n, 6)."""
+
+    def __contains__(self, key: object) -> bool:
+        """Whether it has an Exudyn index of this name."""
+
+
+def check_attachments(mbs: Any, bodies: list[AttachableBody]) -> None:
     """Refuse markers and sensors that would act on, or tell of, nothing.
 
     Raises
@@ -69,7 +84,7 @@ def check_attachments(mbs: Any, bodies: list[PartitionBody]) -> None:
             )
 
 
-def _instead(item: PartitionBody) -> str:
+def _instead(item: AttachableBody) -> str:
     names = ", ".join(repr(interface.name) for interface in item.body.partition.interfaces)
     return (
         "take CreateInterfaceMarker"
@@ -78,7 +93,7 @@ def _instead(item: PartitionBody) -> str:
     )
 
 
-def add_guard(mbs: Any, item: PartitionBody, check: Callable[[Any], None]) -> None:
+def add_guard(mbs: Any, item: AttachableBody, check: Callable[[Any], None]) -> None:
     """Add a sensor that stores nothing, for Exudyn to read: it calls `check` at the start of each run.
 
     It also stops runs that turn a body in an inertial frame so far that joints, which turn as it does not, tear it.

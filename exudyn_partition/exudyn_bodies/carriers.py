@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..contact.formulations.formulation import Law
 from ..errors import RunError
 from ..support.arrays import Array
 from ..support.optional import require
-
-if TYPE_CHECKING:
-    from ..exudyn_contacts.contact_items import PartitionContact
 
 
 def weakly(mbs: Any) -> Callable[[], Any]:
@@ -100,8 +98,8 @@ class Carrier:
         return np.array(columns).T
 
 
-def load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
-    """Put the contact's reaction on the body that carries the rigid surface, as loads.
+def load_carrier(mbs: Any, law_now: Callable[[], Law], body: Any) -> None:
+    """Put the reaction of a contact, by its law at present, on the body that carries the rigid surface, as loads.
 
     Exudyn evaluates loads after objects, so that the contact's forces are those of the same coordinates.
     """
@@ -109,10 +107,11 @@ def load_carrier(mbs: Any, contact: PartitionContact, body: Any) -> None:
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
 
     def force(mbs: Any, t: float, load: Any) -> list[float]:
-        return [*map(float, -contact.law.resultant())]
+        return [*map(float, -law_now().resultant())]
 
     def torque(mbs: Any, t: float, load: Any) -> list[float]:
-        return [*map(float, -contact.law.moment(pose_now()[0]))] if contact.law.index.size else [0.0, 0.0, 0.0]
+        law = law_now()
+        return [*map(float, -law.moment(pose_now()[0]))] if law.index.size else [0.0, 0.0, 0.0]
 
     zero = [0.0, 0.0, 0.0]
     mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))

@@ -18,7 +18,7 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_choice, validate_flag, validate_vector
 from ..support.optional import require
-from .model import REGISTRY, coordinate_slices, validate_model, validate_new_name
+from .model import coordinate_slices, registered, validate_model, validate_new_name
 from .partition_body import RIGID, PartitionBody
 
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
@@ -142,7 +142,7 @@ def CreatePartitionBody(
             mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True))
             for n in item.nodes
         ]
-    mbs.sys.setdefault(REGISTRY, ({}, {}))[0][int(item["oGenericODE2"])] = item
+    registered(mbs).bodies[int(item["oGenericODE2"])] = item
     if superElement:
         item._super_element(mbs)
         for interface in body.partition.interfaces:

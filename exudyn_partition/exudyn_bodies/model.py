@@ -2,18 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 from ..errors import InputError
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
 from ..support.checks import validate_text
 from ..support.optional import require
 
-if TYPE_CHECKING:
-    from ..exudyn_contacts.contact_items import PartitionContact
-    from .partition_body import PartitionBody
-
 REGISTRY = "exudynPartition"  # key in mbs.sys
+
+
+class BodyItem(Protocol):
+    """A body in a model, as far as its coordinates go."""
+
+    name: str
+    body: ReducedBody
+
+    @property
+    def nodes(self) -> list[Any]:
+        """Exudyn nodes of the body, in the order of its coordinates."""
+
+    @property
+    def node_sizes(self) -> list[int]:
+        """Number of coordinates of each node."""
+
+    def is_in(self, mbs: Any) -> bool:
+        """Whether the model still holds the body."""
+
+    def __getitem__(self, key: str) -> Any:
+        """Exudyn's indices by name."""
+
+
+class ContactItem(Protocol):
+    """A contact in a model, as far as bodies ask for it."""
+
+    @property
+    def sides(self) -> Sequence[tuple[BodyItem, int]]:
+        """Slave, and master if that is a body too, each with the number of its patch."""
+
+    @property
+    def elastic(self) -> bool:
+        """Whether its forces follow from the coordinates, so that they are known at every node."""
+
+    def force(self, result: Any) -> Array:
+        """Sum of the normal forces, (n,) [N]."""
+
+    def nodal_forces(self, result: Any) -> list[Array]:
+        """Forces on the nodes of each side's patch, (n, np, 3) in space [N]."""
+
+
+class Samples(Protocol):
+    """What items of a model read of a run."""
+
+    @property
+    def t(self) -> Array:
+        """Times of the samples, (n,) [s]."""
+
+    @property
+    def method(self) -> str:
+        """Solver: "explicit", "implicit", "static", or "" if it is not known."""
+
+    @property
+    def contacts(self) -> Sequence[ContactItem]:
+        """Contacts of the model."""
+
+    def sensor_of(self, item: Any, number: Any) -> Array:
+        """Samples of the sensor `number` of `item`, (n, k)."""
+
+
+@dataclass
+class Registry:
+    """Items of this library in a model: bodies by their objects, contacts by their sensors."""
+
+    bodies: dict[int, Any] = field(default_factory=dict)
+    contacts: dict[int, Any] = field(default_factory=dict)
 
 
 def validate_model(mbs: Any) -> None:
@@ -36,22 +101,22 @@ def validate_new_name(mbs: Any, name: Any, kinds: Collection[str]) -> str:
     return str(name)
 
 
-def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
-    """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
+def registered(mbs: Any) -> Registry:
+    """Bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
     validate_model(mbs)
-    bodies, contacts = mbs.sys.setdefault(REGISTRY, ({}, {}))
+    held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
-    for number, item in list(bodies.items()):
+    for number, item in list(held.bodies.items()):
         if number >= objects or not item.is_in(mbs):
-            del bodies[number]
-    for number, contact in list(contacts.items()):
-        both_there = all(any(item is body for body in bodies.values()) for item, _ in contact.sides)
+            del held.bodies[number]
+    for number, contact in list(held.contacts.items()):
+        both_there = all(any(item is body for body in held.bodies.values()) for item, _ in contact.sides)
         if number >= sensors or not both_there:
-            del contacts[number]
-    return list(bodies.values()), list(contacts.values())
+            del held.contacts[number]
+    return held
 
 
-def coordinate_slices(mbs: Any, item: PartitionBody) -> list[slice]:
+def coordinate_slices(mbs: Any, item: BodyItem) -> list[slice]:
     """Places of a body's coordinates in the system vector, asked anew: a model may be assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
     return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]

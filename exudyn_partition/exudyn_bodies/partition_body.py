@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,10 +23,7 @@ from ..support.arrays import Array
 from ..support.checks import validate_result, validate_type, validate_vector
 from .attachments import add_guard, check_attachments
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
-from .model import partition_items
-
-if TYPE_CHECKING:
-    from ..simulation.result import Result
+from .model import Samples, registered
 
 Kinematics = InertialKinematics | FloatingKinematics
 Static = FEModel | StaticAnswer
@@ -184,10 +181,10 @@ class PartitionBody(dict):
         return self["oFFRFreducedOrder"]
 
     def _check_model(self, mbs: Any) -> None:
-        if not any(item is self for item in partition_items(mbs)[0]):
+        if not any(item is self for item in registered(mbs).bodies.values()):
             raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
 
-    def coordinates(self, result: Result) -> Array:
+    def coordinates(self, result: Samples) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`.
 
         Raises
@@ -198,7 +195,7 @@ class PartitionBody(dict):
         validate_result(result)
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates"]])
 
-    def coordinates_t(self, result: Result) -> Array:
+    def coordinates_t(self, result: Samples) -> Array:
         """Velocities of the coordinates, (n, n_dofs), at the times of `result`.
 
         Raises
@@ -209,7 +206,7 @@ class PartitionBody(dict):
         validate_result(result)
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
 
-    def displacement(self, result: Result, point: Array, *, fem: Static | None = None) -> Array:
+    def displacement(self, result: Samples, point: Array, *, fem: Static | None = None) -> Array:
         """Displacement of the node nearest to `point`, (n, 3) [m].
 
         Parameters
@@ -239,7 +236,7 @@ class PartitionBody(dict):
         self._warn_near_contact(result, point, kept, "displacement", lambda force: force)
         return kept
 
-    def velocity(self, result: Result, point: Array, *, fem: Static | None = None) -> Array:
+    def velocity(self, result: Samples, point: Array, *, fem: Static | None = None) -> Array:
         """Velocity of the node nearest to `point`, (n, 3) [m/s]; see `displacement`.
 
         The part that `fem` adds is the rate of change of the contact forces' static answer from sample to sample.
@@ -254,7 +251,7 @@ class PartitionBody(dict):
         self._warn_near_contact(result, point, kept, "velocity", lambda force: rate(force, result.t))
         return kept
 
-    def recover(self, result: Result, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
+    def recover(self, result: Samples, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
         """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
 
         It is that of the kept shapes, and with `fem` (see `displacement`) of what they lack. Displacements are those
@@ -269,11 +266,11 @@ class PartitionBody(dict):
         kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
         return kept if fem is None else kept + self._static_part(result, rows, fem)
 
-    def momentum(self, result: Result) -> Array:
+    def momentum(self, result: Samples) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""
         return self.kinematics.momentum(self.coordinates_t(result))
 
-    def angular_momentum(self, result: Result, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+    def angular_momentum(self, result: Samples, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
         """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
 
         Raises
@@ -284,14 +281,14 @@ class PartitionBody(dict):
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
 
-    def energy(self, result: Result) -> Array:
+    def energy(self, result: Samples) -> Array:
         """Kinetic and strain energy, (n,) [J]."""
         q = self.coordinates(result)
         elastic = self.kinematics.elastic(q)
         strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
         return self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
 
-    def dissipated_energy(self, result: Result) -> Array:
+    def dissipated_energy(self, result: Samples) -> Array:
         """Energy that damping has taken from the body since the start of the result, (n,) [J].
 
         By the trapezoidal rule between samples, which must resolve the vibration.
@@ -324,7 +321,7 @@ class PartitionBody(dict):
         blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
         return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
 
-    def _lacking(self, result: Result, point: Array, fem: Static) -> Array:
+    def _lacking(self, result: Samples, point: Array, fem: Static) -> Array:
         """What the kept shapes lack of the displacement of a node, (n, 3) [m]."""
         own = node_dofs(np.array([self.body.nearest_node(point)]))
         select = sp.csr_matrix((np.ones(3), (np.arange(3), own)), shape=(3, self.body.fe_dofs))
@@ -332,7 +329,7 @@ class PartitionBody(dict):
         return np.einsum("tab,tb->ta", axes, self._static_part(result, select, fem))
 
     def _warn_near_contact(
-        self, result: Result, point: Array, kept: Array, what: str, of_force: Callable[[Array], Array]
+        self, result: Samples, point: Array, kept: Array, what: str, of_force: Callable[[Array], Array]
     ) -> None:
         """Warn if the static answer that `kept`, (n, 3), lacks may show at a point.
 
@@ -342,7 +339,7 @@ class PartitionBody(dict):
         lacking = 0.0
         for contact in result.contacts:
             for item, number in contact.sides:
-                if item is self and self.body.basis.flexibility is not None and not contact.multipliers:
+                if item is self and self.body.basis.flexibility is not None and contact.elastic:
                     patch = self.body.partition.patches[number]
                     area = nodal_area(self.body.points, patch.facets)[patch.nodes]
                     load = np.kron(area / area.sum(), patch.direction if patch.axes == "xyz" else 1.0)
@@ -360,12 +357,12 @@ class PartitionBody(dict):
                 stacklevel=3,
             )
 
-    def _static_part(self, result: Result, rows: sp.csr_matrix, fem: Static) -> Array:
+    def _static_part(self, result: Samples, rows: sp.csr_matrix, fem: Static) -> Array:
         """Rows, (k, 3 nodes), on what the kept shapes lack of the static answer to the contacts' forces, (n, k)."""
         if not isinstance(fem, StaticAnswer):
             validate_type("fem", fem, FEModel, "fe_model()")
         total = np.zeros((len(result.t), rows.shape[0]))
-        own = [c for c in result.contacts if not c.multipliers and any(item is self for item, _ in c.sides)]
+        own = [c for c in result.contacts if c.elastic and any(item is self for item, _ in c.sides)]
         if self.body.basis.flexibility is None or not own:
             return total
         answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, self.body)
@@ -393,4 +390,4 @@ class PartitionBody(dict):
 
 def check_model(mbs: Any) -> None:
     """Refuse what would silently have no effect in a run of the model."""
-    check_attachments(mbs, partition_items(mbs)[0])
+    check_attachments(mbs, [*registered(mbs).bodies.values()])

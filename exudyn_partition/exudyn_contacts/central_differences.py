@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, cast
 
 import numpy as np
 
 from ..contact.formulations.forward_increment import ForwardIncrement
+from ..contact.formulations.lagrange import LagrangeContact
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
-
-if TYPE_CHECKING:
-    from .contact_items import PartitionContact
+from .contact_run import ContactRun
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # last change of the joints' accelerations, relative
@@ -34,41 +33,26 @@ class MultiplierStep:
 
     Parameters
     ----------
-    contacts : list of PartitionContact
-        With formulation "lagrange".
+    contacts : list of ContactRun
+        Whose laws are applied ahead of explicit steps.
     joints : Joints, optional
         Of the whole model.
     """
 
-    def __init__(self, contacts: Sequence[PartitionContact], joints: Joints | None = None) -> None:
+    def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the last run."""
         self._stepped_to: float | None = None
-        self._forward: ForwardIncrement | None = None
-        for contact in self.contacts:
-            contact.laws["explicit"].reset()
-
-    def _begin(self, mbs: Any) -> ForwardIncrement:
-        """Begin a run."""
-        self._dofs = [np.concatenate([np.r_[s] for s in contact.slices(mbs)]) for contact in self.contacts]
-        if self.joints is not None:
-            self._carried, self._usual = np.zeros(self.joints.n), 0.0
-            own = [np.intersect1d(dofs, self.joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
-            self._shared = own
+        self._dofs = [contact.dofs for contact in contacts]
+        self._forward = ForwardIncrement([cast(LagrangeContact, contact.law) for contact in contacts], self._dofs)
+        if joints is not None:
+            self._carried, self._usual = np.zeros(joints.n), 0.0
+            self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
-        return ForwardIncrement([contact.laws["explicit"] for contact in self.contacts], self._dofs)
 
     def before_step(self, mbs: Any, t: float) -> None:
         """Apply multipliers ahead of the step that ends at t, once."""
-        for contact in self.contacts:
-            contact.take_law(mbs)
-        if t == self._stepped_to or not all(contact.ahead for contact in self.contacts):
+        if t == self._stepped_to:
             return
-        if self._forward is None:
-            self._forward = self._begin(mbs)
         data = mbs.systemData
         self._step = step = t - start_of_step(mbs)
         q = data.GetODE2Coordinates(copy=False)

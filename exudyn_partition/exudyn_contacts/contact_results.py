@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..contact.formulations.coupled import CoupledContacts
-from ..contact.formulations.lagrange import LagrangeContact
-from ..contact.rigid import RigidGaps
+from ..contact.formulations.formulation import Formulation, Law, Together
 from ..errors import InputError
+from ..exudyn_bodies.model import Samples, coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
+from .contact_run import ContactRun
 
-if TYPE_CHECKING:
-    from ..simulation.result import Result
-
+# Energies of contacts that are solved together, by the list of these, as long as the result exists.
+_ENERGIES: WeakKeyDictionary[Any, dict[int, Array]] = WeakKeyDictionary()
 _LOOKED_AT = 200  # samples beside an impact, until its surface has opened
 
 
@@ -45,8 +45,15 @@ class SubImpact:
     peak: float
 
 
-class ContactResults(dict):
-    """Results of a contact, by what its sensors and itself have stored.
+class RunSamples(Samples, Protocol):
+    """What a contact reads of a run: samples of sensors, and what it kept itself."""
+
+    def kept(self, contact: Any) -> ContactRun:
+        """What a contact kept of the run."""
+
+
+class ContactResults(dict[str, Any]):
+    """A contact of a model, and its results; what changes in a run is in `contact_run.ContactRun`.
 
     Attributes
     ----------
@@ -54,55 +61,64 @@ class ContactResults(dict):
     slave : PartitionBody
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
-    law : ContactLaw or TwoPass
-    laws : dict of str to ContactLaw
-        Of multipliers, that of explicit runs and that of implicit ones, which take turns as `law`.
-    run : object
-        A new one for each run, by which results know whether what is kept here is theirs.
+    formulation : Formulation
+    law : Law
+        At the start; each run has its own.
     group : list of ContactResults
-        Contacts that are solved together; `together` solves them if there are several.
+        Contacts that are solved together in every run, the same list for all of them.
+    together : Together or None
+        What finds their forces, if there are several and forces are elastic; each run has its own.
+    moment_about : (3,) array or None
+        Point of the moment sensor [m].
     """
 
     name: str
     slave: PartitionBody
     sides: tuple[tuple[PartitionBody, int], ...]
-    run: object
-    law: Any  # which one decides what it can do
-    laws: dict[str, Any]
+    formulation: Formulation
+    law: Law
     group: list[Any]
-    together: CoupledContacts
-    _samples: list[tuple[float, Array, Array]]
-    _areas: Array
+    together: Together | None
+    moment_about: Array | None
+
+    def slices(self, mbs: Any) -> list[slice]:
+        """Where the coordinates of slave and master are among the model's."""
+        return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
+
+    @property
+    def elastic(self) -> bool:
+        """Whether forces follow from the coordinates alone, so that they can be found again at every sample."""
+        return self.law.elastic
 
     @property
     def n_rows(self) -> int:
         """Number of rows that the contact starts with."""
-        return len(self._areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
+        return len(self.law.node_areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
 
     @property
     def slave_facet_size(self) -> float:
         """Mean edge length of the slave's facets [m]."""
         return float(self.law.gaps.slave.surface.facet_size)
 
-    def force(self, result: Result) -> Array:
+    def force(self, result: RunSamples) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
         return self._sampled(result, slice(0, 1), slice(6, 7))[:, 0]
 
-    def force_on_slave(self, result: Result) -> Array:
+    def force_on_slave(self, result: RunSamples) -> Array:
         """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
         return self._sampled(result, slice(2, 5), slice(7, 10))
 
-    def _sampled(self, result: Result, forces: slice, impulses: slice) -> Array:
+    def _sampled(self, result: RunSamples, forces: slice, impulses: slice) -> Array:
         """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
         validate_result(result)
         samples = result.sensor_of(self, self["sForce"])
-        if not self.ahead or len(result.t) < 2:
+        if not self.law.ahead or result.method == "implicit" or len(result.t) < 2:
             return samples[:, forces]
         impulse = samples[:, impulses]
         means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
         return at_times(result.t, means)
 
-    def moment_on_slave(self, result: Result) -> Array:
+    def moment_on_slave(self, result: RunSamples) -> Array:
         """Moment on the slave about the point of `AddMomentSensor`, (n, 3) [N m].
 
         Raises
@@ -115,7 +131,7 @@ class ContactResults(dict):
         validate_result(result)
         return result.sensor_of(self, self["sMoment"])
 
-    def closed_rows(self, result: Result) -> Array:
+    def closed_rows(self, result: RunSamples) -> Array:
         """Number of closed contact rows, (n,).
 
         Raises
@@ -126,7 +142,7 @@ class ContactResults(dict):
         validate_result(result)
         return result.sensor_of(self, self["sForce"])[:, 1].astype(int)
 
-    def gap(self, result: Result) -> Array:
+    def gap(self, result: RunSamples) -> Array:
         """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it.
 
         Integrated rows have mean gaps around nodes: a convex tip touches when the first mean closes, after its lowest
@@ -140,7 +156,7 @@ class ContactResults(dict):
         validate_result(result)
         return result.sensor_of(self, self["sForce"])[:, 5]
 
-    def row_forces(self, result: Result) -> sp.csr_matrix:
+    def row_forces(self, result: RunSamples) -> sp.csr_matrix:
         """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
 
         With two passes, those of the master's patch nodes follow; both halves together are the total force.
@@ -148,18 +164,17 @@ class ContactResults(dict):
         Raises
         ------
         InputError
-            If the model has been run again since `result`: forces of rows are kept of the last run only.
+            If the result was read from a file, which holds no forces of rows.
         """
         validate_result(result)
-        result.check_last_run(self)
-        place = {t: i for i, t in enumerate(result.t)}
-        kept = [(place[t], nodes, lam) for t, nodes, lam in self._samples if t in place]
+        run, place = result.kept(self), {t: i for i, t in enumerate(result.t)}
+        kept = [(place[t], nodes, lam) for t, nodes, lam in run.samples if t in place]
         at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)
         nodes = np.concatenate([np.empty(0, dtype=int), *(nodes for _, nodes, _ in kept)])
         forces = np.concatenate([np.empty(0), *(lam for *_, lam in kept)])
-        return sp.csr_matrix((forces, (at, nodes)), shape=(len(result.t), len(self._areas)))
+        return sp.csr_matrix((forces, (at, nodes)), shape=(len(result.t), len(run.areas)))
 
-    def pressure(self, result: Result) -> sp.csr_matrix:
+    def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
 
         Means over hat functions: with integrated rows over that of each node, with node-to-segment rows over those of
@@ -167,17 +182,17 @@ class ContactResults(dict):
         """
         return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
 
-    def area(self, result: Result) -> Array:
+    def area(self, result: RunSamples) -> Array:
         """Contact area, the sum of the closed rows' areas, (n,) [m2]."""
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
-        return closed @ self._areas
+        return closed @ self.law.node_areas
 
-    def radius(self, result: Result) -> Array:
+    def radius(self, result: RunSamples) -> Array:
         """Radius of a circle of the contact area, (n,) [m]."""
         return np.sqrt(self.area(result) / np.pi)
 
-    def impacts(self, result: Result) -> list[SubImpact]:
+    def impacts(self, result: RunSamples) -> list[SubImpact]:
         """Times of uninterrupted contact, with the impulse and peak of each.
 
         Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
@@ -195,20 +210,24 @@ class ContactResults(dict):
             found.append(SubImpact(start, end, impulse, float(force[around].max())))
         return found
 
-    def closed_samples(self, result: Result) -> list[tuple[int, int]]:
+    def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
         """First and last sample with a force, of each time of uninterrupted contact."""
         edges = np.diff(np.r_[0, self.force(result) > 0, 0].astype(int))
         return [*zip(np.flatnonzero(edges > 0).tolist(), (np.flatnonzero(edges < 0) - 1).tolist(), strict=True)]
 
-    def _surface_gap(self, result: Result) -> Callable[[int], float] | None:
+    def _surface_gap(self, result: RunSamples) -> Callable[[int], float] | None:
         """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
         gaps = self.law.gaps
-        if self.multipliers or (isinstance(gaps, RigidGaps) and gaps.carried):
+        if not self.elastic or gaps.carried:
             return None
         q = np.hstack([item.coordinates(result) for item, _ in self.sides])
         return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
 
-    def energy(self, result: Result) -> Array:
+    def edge_reached(self, result: RunSamples) -> tuple[float, Array] | None:
+        """When and where the contact reached the edge of its patch first, [s] and (3,) [m]; None if it did not."""
+        return result.kept(self).edge
+
+    def energy(self, result: RunSamples) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
         The contact is evaluated again at the stored coordinates, in their order.
@@ -218,17 +237,18 @@ class ContactResults(dict):
         InputError
             If the result is none, or of another model.
         """
-        if self.multipliers:
-            validate_result(result)
+        validate_result(result)
+        if not self.elastic:
             return np.zeros(len(result.t))
-        if len(self.group) == 1:
-            return np.array([self.law.potential(q) for q in self._again(result)])
-        kept = self.together.energies  # of all, which are found together
-        if result not in kept:
-            kept[result] = np.array([[c.law.stored() for c in self.group] for _ in self._again(result)])
-        return kept[result][:, self._place_in_group].copy()
+        if self.together is None:
+            law = self.law.for_run("explicit")
+            return np.array([law.potential(q) for (q,) in self._coordinates(result)])
+        kept = _ENERGIES.setdefault(result, {})  # of all contacts of the group, which are found together
+        if id(self.group) not in kept:
+            kept[id(self.group)] = np.array([[law.stored() for law in laws] for laws in self._again(result)])
+        return kept[id(self.group)][:, self._place_in_group].copy()
 
-    def nodal_forces(self, result: Result) -> list[Array]:
+    def nodal_forces(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
 
         The contact is evaluated again at the stored coordinates, in their order.
@@ -238,44 +258,39 @@ class ContactResults(dict):
         InputError
             If the forces are multipliers, or a body of another kind carries the rigid surface.
         """
-        if self.multipliers:
+        if not self.elastic:
             raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
-        forces = []
-        for q in self._again(result):
-            if len(self.group) == 1:
-                self.law.force(q)
-            forces.append(self.law.nodal_forces())
+        forces = [laws[self._place_in_group].nodal_forces() for laws in self._again(result)]
         return [np.array(side) for side in zip(*forces, strict=True)]
 
-    def _again(self, result: Result) -> Iterator[Array]:
-        """Coordinates of the sides at each time of `result`, with all contacts that are solved together evaluated."""
-        if isinstance(self.law.gaps, RigidGaps) and self.law.gaps.carried:
+    def depth(self, result: RunSamples) -> float:
+        """Depth that the deepest row had been pressed to at the first sample, before it gave way [m]."""
+        laws = next(iter(self._again(result)))
+        return -laws[self._place_in_group].least_gap
+
+    def _again(self, result: RunSamples) -> Iterator[Sequence[Law]]:
+        """Laws of the contacts that are solved together, at each time of `result`."""
+        laws = [contact.law.for_run("explicit") for contact in ([self] if self.together is None else self.group)]
+        together = None if self.together is None else self.together.for_run(laws)
+        for coordinates in self._coordinates(result):
+            if together is None:
+                laws[0].potential(coordinates[0])
+            else:
+                together.forces(coordinates)
+            yield laws
+
+    def _coordinates(self, result: RunSamples) -> Iterator[Sequence[Array]]:
+        """Coordinates of the contacts that are solved together, at each time of `result`."""
+        if self.law.gaps.carried:
             raise InputError(
                 "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
             )
-        histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in self.group]
-        if len(self.group) == 1:
-            self.law.reset()
-        else:
-            self.together.reset()
-        for coordinates in zip(*histories, strict=True):
-            if len(self.group) > 1:
-                self.together.forces(coordinates)
-            yield coordinates[self._place_in_group]
+        group = [self] if self.together is None else self.group
+        return zip(*(np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group), strict=True)
 
     @property
     def _place_in_group(self) -> int:
-        return next(i for i, contact in enumerate(self.group) if contact is self)
-
-    @property
-    def multipliers(self) -> bool:
-        """Whether forces are multipliers, of patches with mass."""
-        return bool(self.laws)
-
-    @property
-    def ahead(self) -> bool:
-        """Whether forces are multipliers that are applied ahead of each explicit step."""
-        return isinstance(self.law, LagrangeContact)
+        return 0 if self.together is None else next(i for i, contact in enumerate(self.group) if contact is self)
 
     @property
     def left_out(self) -> list[str]:

@@ -1,60 +1,52 @@
-"""Contacts that share a body: whether forces of one move the patches of another, and who solves them together."""
+"""Contacts that share a body: which of them are solved together."""
 
 from __future__ import annotations
 
-import warnings
-from typing import TYPE_CHECKING
-
-import numpy as np
-import scipy.sparse as sp
-
-from ..contact.formulations.compliance import ComplianceContact
-from ..contact.formulations.coupled import CoupledContacts
-from ..contact.formulations.two_pass import TwoPass
-from ..errors import InputError, ModelLimitWarning
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..support.arrays import Array
-from .central_differences import MultiplierStep
-
-if TYPE_CHECKING:
-    from .contact_items import PartitionContact
-
-_COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
+from ..contact.formulations.formulation import SharedBody
+from ..support.arrays import Array, consecutive
+from .partition_contact import PartitionContact
 
 
-def check_shared_bodies(contact: PartitionContact, others: list[PartitionContact]) -> None:
-    """Solve contacts together whose forces move each other's patches; refuse what cannot be."""
-    coupled = [contact]
-    for other in others:
-        for item, patch in contact.sides:
-            for other_item, other_patch in other.sides:
-                if item is not other_item or contact.multipliers != other.multipliers:
-                    continue
-                if contact.multipliers:
-                    if patch == other_patch or _moves_nodes_of(contact, other, item):
-                        coupled += [c for c in other.group if c not in coupled]
-                elif patch == other_patch:
-                    raise InputError(
-                        f"body {item.name!r}: its patch {patch} already has the contact {other.name!r}; each would "
-                        "take its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) "
-                        "| Partition.ball(...)), or take basis='free' with formulation='lagrange'"
-                    )
-                elif _coupling(item, patch, other_patch) > _COUPLED:
-                    both = (contact, other)
-                    if all(isinstance(c.law, ComplianceContact) for c in both):
-                        coupled += [c for c in other.group if c not in coupled]
-                    elif all(isinstance(c.law, ComplianceContact | TwoPass) for c in both):
-                        _warn_of_coupled_flexibility(item, patch, other_patch)
-    if len(coupled) == 1:
+def solve_together(contact: PartitionContact, others: list[PartitionContact]) -> None:
+    """Join a new contact with those whose forces move its rows, or whose rows its forces move.
+
+    Raises
+    ------
+    InputError
+        If there is no answer for both.
+    """
+    group = coupled_with(contact, others)
+    if len(group) == 1:
         return
-    if contact.multipliers:
-        stepper = MultiplierStep(coupled)
-        for member in coupled:
-            member.group, member.stepper = coupled, stepper
-    else:
-        together = CoupledContacts([c.law for c in coupled], _links(coupled))
-        for member in coupled:
-            member.group, member.together = coupled, together
+    together = contact.formulation.together([member.law for member in group], lambda: _links(group))
+    for member in group:
+        member.group, member.together = group, together
+
+
+def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:
+    """Return the contact, and those of others that it is solved together with, through others too."""
+    group = [contact]
+    for other in others:
+        for place, (item, patch) in enumerate(contact.sides):
+            for other_place, (other_item, other_patch) in enumerate(other.sides):
+                if item is not other_item or contact.elastic != other.elastic:
+                    continue
+                shared = SharedBody(
+                    item.body,
+                    item.name,
+                    (patch, other_patch),
+                    item.kinematics.mass,
+                    (_columns(contact)[place], _columns(other)[other_place]),
+                    other.name,
+                )
+                if contact.formulation.couples(contact.law, other.law, shared):
+                    group += [member for member in other.group if not any(member is known for known in group)]
+    return group
+
+
+def _columns(contact: PartitionContact) -> list[slice]:
+    """Where the coordinates of each side are among the contact's."""
+    return consecutive([item.body.n_dofs for item, _ in contact.sides])
 
 
 def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, Array]]:
@@ -66,29 +58,3 @@ def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, A
         for k, r, other, other_patch in sides
         if j != k and item is other and item.body.basis.flexibility is not None
     ]
-
-
-def _moves_nodes_of(contact: PartitionContact, other: PartitionContact, item: PartitionBody) -> bool:
-    """Whether multipliers of one contact move gaps of the other, through a body of both."""
-    inverse_mass = sp.diags(1 / item.kinematics.mass)
-    G, others = (c.rows_on(item) for c in (contact, other))
-    coupling = abs(G @ inverse_mass @ others.T).max()
-    return bool(coupling > 1e-9 * abs(G @ inverse_mass @ G.T).max())
-
-
-def _coupling(item: PartitionBody, patch: int, other: int) -> float:
-    """Residual flexibility between two patches, relative to their own."""
-    if item.body.basis.flexibility is None:
-        return 0.0
-    own, others = (np.linalg.norm(item.body.flexibility(i), 2) for i in (patch, other))
-    return float(np.linalg.norm(item.body.flexibility(patch, other), 2) / np.sqrt(own * others))
-
-
-def _warn_of_coupled_flexibility(item: PartitionBody, patch: int, other: int) -> None:
-    warnings.warn(
-        f"body {item.name!r}: the residual flexibility couples its patches {patch} and {other} by "
-        f"{_coupling(item, patch, other):.1%}, which contacts with passes='two' neglect; forces on one may be off by "
-        "about that share of the other's. Take one pass, or a higher f_cut",
-        ModelLimitWarning,
-        stacklevel=4,
-    )

@@ -6,22 +6,17 @@ are asked for forces in every step, so that they can take the state that the ste
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..exudyn_bodies.model import coordinate_slices, partition_items, start_of_step
+from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step
 from ..support.arrays import Array
 from ..support.optional import require
 
-if TYPE_CHECKING:
-    from .contact_items import PartitionContact
-
-RECORD = "exudynPartitionRun"  # key in mbs.sys
 _MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
 _ROUND_OFF = 1e-9  # of a step, in comparisons of periods
 
@@ -76,58 +71,38 @@ class Solver:
 
 
 class RunRecord:
-    """Times, coordinates and contact forces at the ends of the steps of a model's last run.
+    """Times, coordinates and contact forces at the ends of the steps of a run.
 
     The state that a step ended in is the start of the next, and the forces are those that contacts were asked for last:
     explicit solvers ask once a step, Newton's method with the last residual. It is taken when a contact is first asked
     in the next step. The last step of a run is always in Exudyn's sensors.
 
-    Attributes
+    Parameters
     ----------
+    recorded : callable
+        Returns the values of the contacts' sensors by their numbers, for a time and the model's coordinates then.
+    t : float
+        When the run begins [s].
     on : bool
         Whether steps are kept: not where Exudyn's sensors keep each of them.
+
+    Attributes
+    ----------
     overflowed : bool
         Whether the run had too many steps; then none is kept.
     """
 
-    def __init__(self) -> None:
-        self.left_to_sensors = False
-        self._contacts: list[PartitionContact] = []
-        self._solver: Any = None
-        self._latest = -math.inf
-        self._clear(math.inf)
-
-    def _clear(self, t: float) -> None:
-        self.on, self.overflowed = False, False
+    def __init__(self, recorded: Callable[[float, Array], dict[int, list[float]]], t: float, on: bool) -> None:
+        self.on, self.overflowed = on, False
+        self._recorded = recorded
         self._began = self._asked_at = t
         self._start = -math.inf
+        self._clear()
+
+    def _clear(self) -> None:
         self._times: list[float] = []
         self._coordinates: list[tuple[Array, Array]] = []
         self._values: dict[int, list[list[float]]] = {}
-
-    @contextlib.contextmanager
-    def sensors_alone(self) -> Iterator[None]:
-        """Keep nothing beside Exudyn's sensors, whose period the user chose."""
-        self.left_to_sensors = True
-        try:
-            yield
-        finally:
-            self.left_to_sensors = False
-
-    def see(self, mbs: Any, t: float) -> None:
-        """Notice a new run: its sensors are read at its start, before anything else is."""
-        if mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
-            self.begin(mbs, t)
-        self._latest = t
-
-    def begin(self, mbs: Any, t: float) -> None:
-        """Forget the last run; a new one begins at time t [s]."""
-        self._clear(t)
-        self._solver, self._latest = mbs.sys.get("dynamicSolver"), t
-        self._contacts = partition_items(mbs)[1]
-        for contact in self._contacts:
-            contact.restart(t)
-        self.on = not self.left_to_sensors and not _sensors_keep_all(mbs)
 
     def advance(self, mbs: Any, t: float) -> None:
         """Take the state that the last step ended in, before contacts are evaluated at time t; to be asked while `on`.
@@ -149,35 +124,30 @@ class RunRecord:
         both = data.GetODE2Coordinates(configuration), data.GetODE2Coordinates_t(configuration)
         self._times.append(t)
         self._coordinates.append(both)
-        for contact in self._contacts:
-            for number, values in contact.recorded(mbs, t, both[0]).items():
-                self._values.setdefault(number, []).append(values)
+        for number, values in self._recorded(t, both[0]).items():
+            self._values.setdefault(number, []).append(values)
         if 2 * len(self._times) * len(both[0]) > _MOST:
-            self._clear(self._began)
-            self.overflowed = True
+            self._clear()
+            self.on, self.overflowed = False, True
 
-    def times(self, mbs: Any) -> Array:
-        """Ends of the steps that were kept, (n,) [s]: none if the last run was without contacts, after a Reset."""
-        return np.array(self._times if mbs.sys.get("dynamicSolver") is self._solver else [])
+    @property
+    def times(self) -> Array:
+        """Ends of the steps that were kept, (n,) [s]."""
+        return np.array(self._times)
 
     def sensors(self, mbs: Any) -> dict[int, Array]:
         """What the sensors of partition bodies and contacts would have stored at `times`, (n, k), by their numbers."""
         kept = {number: np.array(values) for number, values in self._values.items()}
         q, q_t = (np.array(coordinates) for coordinates in zip(*self._coordinates, strict=True))
-        for item in partition_items(mbs)[0]:
+        for item in registered(mbs).bodies.values():
             slices = coordinate_slices(mbs, item)
             for key, values in (("sCoordinates", q), ("sCoordinates_t", q_t)):
                 kept |= {int(number): values[:, own] for number, own in zip(item[key], slices, strict=True)}
         return kept
 
 
-def run_record(mbs: Any) -> RunRecord:
-    """The record of a model's last run."""
-    record: RunRecord = mbs.sys.setdefault(RECORD, RunRecord())
-    return record
-
-
-def _sensors_keep_all(mbs: Any) -> bool:
+def sensors_keep_all(mbs: Any) -> bool:
+    """Whether Exudyn's sensors store every step of the run at work."""
     settings = mbs.sys.get("simulationSettings")
     if settings is None or mbs.sys.get("dynamicSolver") is None:
         return False

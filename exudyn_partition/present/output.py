@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..fe.model import FEModel
 from ..meshing.mesh_files import write_vtu
 from ..reduction.recovery import nodal_stress, von_mises
@@ -29,7 +29,7 @@ from ..support.files import filling
 from ..support.progress import Progress, shown
 
 if TYPE_CHECKING:
-    from ..simulation.result import Result
+    from ..exudyn_contacts.run_result import RunResult as Result
 
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
 Load = tuple[PartitionContact, list[Array]]  # and its forces on the nodes of each side's patch, (n, np, 3)
@@ -259,7 +259,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     contacts = validate_contacts(contacts)
     validate_result(result)
     try:
-        return [(contact, contact.nodal_forces(result)) for contact in contacts if not contact.multipliers]
+        return [(contact, contact.nodal_forces(result)) for contact in contacts if contact.elastic]
     except InputError as error:
         raise InputError(f"{error}; without FE models, or with static_answer=False, fields do without them") from error
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..prediction.spectrum import amplitude_spectrum
 from ..reduction.body import ReducedBody
 from ..results.compare import Comparison, front, validate_runs
@@ -38,7 +38,7 @@ from .plot_input import (
 )
 
 if TYPE_CHECKING:
-    from ..simulation.result import Result
+    from ..exudyn_contacts.run_result import RunResult as Result
 
 _REFERENCE_STYLE = {"color": "0.6", "linewidth": 3.0}
 _RUN_STYLE = {"color": "C3", "linewidth": 1.0}

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..results.compare import Comparison
 from ..results.history import History
 from ..support.checks import validate_choice, validate_items, validate_result, validate_type, validate_vector
@@ -17,7 +17,7 @@ from ..support.foreign import Axes
 from ..support.optional import require
 
 if TYPE_CHECKING:
-    from ..simulation.result import Result
+    from ..exudyn_contacts.run_result import RunResult as Result
 
 _SIZE = (6.0, 3.4)  # inches: a column and a half
 _LONGEST_LABEL = 50  # characters

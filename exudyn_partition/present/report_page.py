@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..results.compare import versions
 from ..support.arrays import Array
 from ..support.checks import validate_text
@@ -29,7 +29,7 @@ from . import plot, view
 from .plot_input import plain
 
 if TYPE_CHECKING:
-    from ..simulation.result import Result
+    from ..exudyn_contacts.run_result import RunResult as Result
 
 _VISIBLE = 0.03  # of the scene's size: largest deformation in the picture
 _MOST_IMPACTS = 20  # sub-impacts of a contact that are listed
@@ -105,7 +105,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
     history, impacts = result.history(contact), contact.impacts(result)
     rows: list[tuple[str, object]] = [
         ("slave, master", f"{contact.slave.name or 'a body'}, {master}"),
-        ("contact law", type(contact.law).__name__),
+        ("contact law", type(result.kept(contact).law).__name__),
         ("rows", contact.n_rows),
     ]
     said = ""
@@ -124,9 +124,9 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
             said += f"<p>and {len(impacts) - _MOST_IMPACTS} more.</p>"
     else:
         rows.append(("peak force", f"none: the bodies did not touch; smallest gap {contact.gap(result).min():.4g} m"))
-    if contact.reached_edge_at is not None:
+    if (reached := contact.edge_reached(result)) is not None:
         said += (
-            f'<p class="warning">Reached the edge of its patch at {contact.reached_edge_at:.6g} s: '
+            f'<p class="warning">Reached the edge of its patch at {reached[0]:.6g} s: '
             "the force is too small from then on.</p>"
         )
     return f"<h3>{html.escape(name)}</h3>" + _table([], rows) + said

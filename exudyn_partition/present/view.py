@@ -20,8 +20,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError, RunError
-from ..exudyn_bodies.model import coordinate_slices, partition_items, validate_model
+from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import partition_items
 from ..fe.facets import FLAT_TRIANGLES
 from ..support.arrays import Array
 from ..support.checks import (
@@ -38,7 +39,7 @@ from ..support.optional import require
 from .output import BodyFields, Shown, contact_loads, shown_bodies
 
 if TYPE_CHECKING:
-    from ..simulation.result import Result
+    from ..exudyn_contacts.run_result import RunResult as Result
 
 GraphicsData = dict[str, object]  # Exudyn's
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # of a body in a model, now

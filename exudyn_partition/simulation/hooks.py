@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
+from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import partition_items, start_of_step
-from ..exudyn_contacts.central_differences import MultiplierStep
+from ..exudyn_bodies.model import start_of_step
+from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.partition_contact import partition_items
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
@@ -29,44 +31,40 @@ class Watch:
 
 
 @contextlib.contextmanager
-def multipliers(mbs: Any, method: str) -> Iterator[list[MultiplierStep]]:
-    """Multipliers to apply before steps: of contacts, in explicit runs together with those of the model's joints.
+def closed_joints(mbs: Any, method: Method) -> Iterator[None]:
+    """Close the model's joints in explicit runs, together with its contacts.
 
-    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected for joints
-    through its PostStep function, in front of the model's own, which is put back after.
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected through its
+    PostStep function, in front of the model's own, which is put back after.
     """
-    exu = require("exudyn")
-    contacts = [contact for contact in partition_items(mbs)[1] if contact.multipliers]
-    own_steppers = [contact.stepper for contact in contacts]
+    exu, runs = require("exudyn"), runs_of(mbs)
     if method == "implicit" or not mbs.systemData.AEsize():
-        yield own_steppers
+        yield
         return
-    stepper = MultiplierStep(contacts, Joints(mbs))
     own_function = _function(mbs.GetPostStepUserFunction())
 
     def after_step(mbs: Any, t: float) -> bool:
-        stepper.after_step(mbs, t)
+        runs.now(mbs).after_step(mbs, t)
         return own_function is None or own_function(mbs, t)
 
     warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
     mbs.SetPostStepUserFunction(after_step)
-    for contact in contacts:
-        contact.stepper = stepper
     try:
-        yield [stepper]
+        with runs.closing(Joints(mbs)):
+            yield
     finally:
         exu.config.suppressWarnings = warnings_off
         mbs.SetPostStepUserFunction(own_function or 0)
-        for contact, own in zip(contacts, own_steppers, strict=True):
-            contact.stepper = own
 
 
 @contextlib.contextmanager
-def without_stabilised(mbs: Any, method: str) -> Iterator[None]:
-    """Switch off the force elements that multipliers have for implicit runs: explicit ones only pay for their calls."""
-    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if contact.multipliers]
-    if method == "implicit":
-        elements = []
+def begun(mbs: Any, t: float, method: Method) -> Iterator[None]:
+    """Begin a run at time t [s].
+
+    Force elements of contacts whose forces are applied ahead of steps are off meanwhile: a run only pays for calls.
+    """
+    run = runs_of(mbs).begin(mbs, t, method)
+    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if run.of(contact).law.ahead]
     functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
     for element in elements:
         mbs.SetObjectParameter(element, "forceUserFunction", 0)
@@ -78,14 +76,11 @@ def without_stabilised(mbs: Any, method: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def watched(
-    mbs: Any, start_time: float, end_time: float, step: float, progress: Progress, steppers: Sequence[MultiplierStep]
-) -> Iterator[Watch]:
+def watched(mbs: Any, start_time: float, end_time: float, step: float, progress: Progress) -> Iterator[Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
     last_start = None
     own_function = _function(mbs.GetPreStepUserFunction())
-    contacts_alone = [stepper for stepper in steppers if stepper.joints is None]
-    with_joints = [stepper for stepper in steppers if stepper.joints is not None]
+    runs = runs_of(mbs)
     next_report = start_time
 
     def before_step(mbs: Any, t: float) -> bool:
@@ -96,11 +91,9 @@ def watched(
         start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
         if start > end_time - 1e-6 * step:
             return False
-        for stepper in contacts_alone:  # also where the model's own function was set after them
-            stepper.before_step(mbs, t)
+        runs.now(mbs).before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts
         go_on = own_function is None or own_function(mbs, t)
-        for stepper in with_joints:  # which the function may have moved
-            stepper.before_step(mbs, t)
+        runs.now(mbs).before_step(mbs, t, joined=True)  # joints, which the function may have moved
         watch.steps += start != previous  # not those that are taken again, shorter
         last_start = start
         return go_on and not stop  # Exudyn still takes this step, so that all that belongs to one was done above

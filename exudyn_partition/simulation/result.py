@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, RunError
-from ..exudyn_bodies.model import partition_items
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_items import PartitionContact
 from ..exudyn_contacts.contact_results import ContactResults
-from ..exudyn_contacts.run_record import run_record
+from ..exudyn_contacts.contact_run import ContactRun
+from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..present.report_page import write_report
 from ..results.history import History
 from ..support.arrays import Array
@@ -45,9 +45,9 @@ class Result:
     bodies : tuple of PartitionBody
         The model's.
     contacts : tuple of PartitionContact
-        The model's. What they know beside their sensors, such as the forces of rows, is that of the model's last run.
-    runs : tuple of object
-        `run` of each contact when the result was made.
+        The model's.
+    runs : tuple of ContactRun
+        What each contact kept of the run; empty of a result that was read from a file.
     seldom : set of int
         Sensors that Exudyn read less often than the result has times.
     """
@@ -62,7 +62,7 @@ class Result:
     sensors: Mapping[int, Array] = field(repr=False)
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
-    runs: tuple[object, ...] = field(default=(), repr=False)
+    runs: tuple[ContactRun, ...] = field(default=(), repr=False)
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
 
     def __repr__(self) -> str:
@@ -109,22 +109,22 @@ class Result:
             )
         return self.sensor(number)
 
-    def check_last_run(self, contact: ContactResults) -> None:
-        """Raise unless what `contact` keeps itself, beside its sensors, is of this run.
+    def kept(self, contact: ContactResults) -> ContactRun:
+        """Return what a contact kept of the run beside its sensors: its law at the end, and forces of rows.
 
         Raises
         ------
         InputError
-            If the contact is of another model, or this one has been run again.
+            If the contact is of another model, or the result was read from a file, which holds none of it.
         """
         validate_type("contact", contact, ContactResults, "CreatePartitionContact()")
         self.sensor_of(contact, contact["sForce"])
-        runs = [run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact]
-        if runs[0] is not contact.run:
+        if not self.runs:
             raise InputError(
-                "result: forces of rows, pressures and contact areas are kept of the last run only; the model of "
-                f"{called(contact)} has been run again since this one. Ask for them before, or repeat this run"
+                "result: forces of rows, pressures, contact areas and the edge of a patch are not in files. Ask for "
+                "them in the process that runs the model, or repeat this run"
             )
+        return next(run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact)
 
     def at(self, times: Sequence[float] | Array | int) -> Result:
         """Return the samples nearest to some times, each once: for frames of a film.
@@ -217,7 +217,6 @@ class Result:
             sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
             bodies=tuple(bodies),
             contacts=tuple(contacts),
-            runs=tuple(object() for _ in contacts),
             seldom=frozenset(map(int, stored.seldom)),
         )
 
@@ -292,7 +291,7 @@ def samples(mbs: Any) -> Result:
         raise RunError("mbs: no sensor stored anything; run the model first")
     count = min(len(data) for data in sensors.values())
     t = next(iter(sensors.values()))[:count, 0].copy()
-    bodies, contacts = partition_items(mbs)
+    (bodies, contacts), run = partition_items(mbs), runs_of(mbs).last(mbs)
     result = Result(
         t=t,
         status="finished",
@@ -304,11 +303,10 @@ def samples(mbs: Any) -> Result:
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
         bodies=tuple(bodies),
         contacts=tuple(contacts),
-        runs=tuple(contact.run for contact in contacts),
+        runs=() if run is None else tuple(run.of(contact) for contact in contacts),
     )
-    record = run_record(mbs)
-    times = record.times(mbs)
-    return _joined(result, times, record.sensors(mbs)) if len(times) else result
+    times = np.empty(0) if run is None else run.record.times
+    return result if run is None or not len(times) else _joined(result, times, run.record.sensors(mbs))
 
 
 def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:

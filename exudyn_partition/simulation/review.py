@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..contact.rigid import RigidGaps
 from ..errors import ContactPatchWarning, ModelLimitWarning, StoppedRunWarning
-from ..exudyn_bodies.model import partition_items
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..reduction.buckling import compression, links
 from ..support.arrays import Array
 from .result import Result, called, cut
@@ -131,10 +129,10 @@ def _warn_of_compression(item: PartitionBody, result: Result) -> None:
 def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
     """What placing tolerates as round-off of meshes is much energy for slow bodies."""
     placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
-    carried = isinstance(contact.law.gaps, RigidGaps) and contact.law.gaps.carried
-    if contact.multipliers or carried or not placed or not contact.closed_rows(result)[0]:
+    if not contact.elastic or contact.law.gaps.carried or not placed or not contact.closed_rows(result)[0]:
         return
-    stored, depth = contact.energy(result.at(result.t[:1]))[0], -contact.law.least_gap
+    first = result.at(result.t[:1])
+    stored, depth = contact.energy(first)[0], contact.depth(first)
     largest = max(item.energy(result).max() for item, _ in contact.sides)
     if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
         warnings.warn(
@@ -149,7 +147,7 @@ def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
 def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
     """Implicit steps over a contact force that comes and goes within a few of them make energy, however stable."""
     every_step = len(result.t) > 1 and np.diff(result.t).min() < 1.5 * result.step
-    if result.method != "implicit" or contact.multipliers or not every_step:
+    if result.method != "implicit" or not contact.elastic or not every_step:
         return
     force, spans = contact.force(result), contact.closed_samples(result)
     impulses = [float(np.trapezoid(force[first : last + 1], result.t[first : last + 1])) for first, last in spans]
@@ -171,7 +169,7 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
     """A contact smaller than the facets around it is that of one row, whatever its true area."""
     force, closed = contact.force(result), contact.closed_rows(result)
     top = int(force.argmax())
-    if contact.multipliers or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
+    if not contact.elastic or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
         return
     if top == len(force) - 1 and result.method != "static":
         return  # a contact that still grows begins with one row
@@ -189,7 +187,7 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
 def _warn_of_ringing(contact: PartitionContact, result: Result) -> None:
     """Flat ends that meet at once excite the frequency above all modes that residual flexibility has (`bars.py`)."""
     every_step = len(result.t) > 1 and np.diff(result.t).max() < 1.5 * result.step
-    if contact.multipliers or not every_step:
+    if not contact.elastic or not every_step:
         return
     period = 1 / (_RINGS_AT * min(item.body.f_cut for item, _ in contact.sides))
     window = max(3, round(period / result.step))
@@ -246,11 +244,12 @@ def warn_of_turns(result: Result) -> None:
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
-    if contact.reached_edge_at is not None:
+    if (reached := contact.edge_reached(result)) is not None:
+        time, place = reached
         partitions = "both partitions" if len(contact.sides) > 1 else "the partition"
         warnings.warn(
-            f"{called(contact)} reached the edge of its patch at t = {contact.reached_edge_at:.6g} s, "
-            f"{contact.reached_edge} m; the force is too small from then on. Enlarge the contact radius of "
+            f"{called(contact)} reached the edge of its patch at t = {time:.6g} s, "
+            f"{place} m; the force is too small from then on. Enlarge the contact radius of "
             f"{partitions}",
             ContactPatchWarning,
             stacklevel=4,

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.linalg
@@ -16,16 +16,18 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ..algebra.factorisation import one_blas_thread
+from ..contact.formulations.formulation import Law, Method
 from ..errors import (
     InputError,
     ModelLimitWarning,
     RunError,
     StepSizeError,
 )
-from ..exudyn_bodies.model import coordinate_slices, partition_items, validate_model
+from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
-from ..exudyn_contacts.contact_items import PartitionContact
-from ..exudyn_contacts.run_record import Solver, run_record
+from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..exudyn_contacts.run_record import Solver
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
@@ -33,7 +35,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .hooks import controlled, multipliers, watched, without_stabilised
+from .hooks import begun, closed_joints, controlled, watched
 from .joint_checks import OpenJoints, check_joints
 from .result import Result, cut, samples
 from .review import reviewed, warn_of_turns
@@ -78,12 +80,12 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        if not contact.multipliers:
-            contact.law.reset()  # to the pairs at the start, which are all that can close
+        stiffness = contact.law.closed_stiffness()  # of the pairs at the start, which are all that can close
+        if stiffness is not None:
             items = [item for item, _ in contact.sides]
             to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
             dofs = np.concatenate([place[id(item)] for item in items])
-            closed.append((dofs, to_coordinates, contact.law.closed_stiffness()))
+            closed.append((dofs, to_coordinates, stiffness))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
@@ -288,16 +290,15 @@ def _run(
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
     status, message = "finished", f"reached {end_time:.6g} s"
-    for contact in partition_items(mbs)[1]:
-        contact.restart(start)
+    runs, kind = runs_of(mbs), cast(Method, method)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
         one_blas_thread(),
         bar as report,
-        run_record(mbs).sensors_alone(),
-        without_stabilised(mbs, method),
-        multipliers(mbs, method) as steppers,
-        watched(mbs, start, end_time, step, report, steppers) as watch,
+        runs.sensors_alone(),
+        closed_joints(mbs, kind),
+        begun(mbs, start, kind),
+        watched(mbs, start, end_time, step, report) as watch,
         controlled(mbs, control, settings),
     ):
         begin = time.perf_counter()
@@ -351,7 +352,7 @@ def collect(mbs: Any) -> Result:
     validate_model(mbs)
     check_model(mbs)
     result, solver = samples(mbs), Solver.last(mbs)
-    if run_record(mbs).overflowed:
+    if (run := runs_of(mbs).last(mbs)) is not None and run.record.overflowed:
         warnings.warn(
             "the run took more steps than contacts keep beside Exudyn's sensors, so that the result has the times of "
             "these alone: impacts between them are missing. Set settings.solution.sensors.writePeriod to the period "
@@ -458,10 +459,16 @@ def _step_control(
         q, q_t, q_tt = (np.concatenate([view[s] for s in slices]) for view in views)
         return q, q_t, q_tt
 
+    runs = runs_of(mbs)
+
+    def law_of(contact: PartitionContact) -> Law:
+        return runs.at_work(contact).law
+
     return StepControl(
         contacts,
         bodies,
         state,
+        law_of,
         step=step,
         longest=longest,
         gap_tolerance=gap_tolerance,

@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..contact.formulations.law import ElasticContact
-from ..contact.formulations.two_pass import TwoPass
+from ..contact.formulations.formulation import Law
 from ..contact.gaps import dense
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_items import PartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.floating import FloatingKinematics
 from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
 from ..support.arrays import Array
@@ -73,14 +72,17 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     n = sum(item.body.n_dofs for item, _ in contact.sides)
     q, q_t = validate_array("q", q, (n,)), validate_array("q_t", q_t, (n,))
     q_tt = None if q_tt is None else validate_array("q_tt", q_tt, (n,))
-    return _first_touch(contact, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
+    law = contact.law.for_run("explicit")
+    if law.gaps.at(q).min(initial=0.0) < 0.0:
+        return 0.0
+    return _first_touch(law, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
 
 
-def _first_touch(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
+def _first_touch(law: Law, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
     """Time to contact [s] and speed of approach then [m/s]."""
-    if contact.law.index.size:
+    if law.index.size:
         return 0.0, 0.0
-    gap, rate, acceleration = contact.law.closing(q, q_t, q_tt)
+    gap, rate, acceleration = law.closing(q, q_t, q_tt)
     times = first_root(gap, rate, acceleration)
     first = int(times.argmin()) if len(times) else 0
     if not len(times) or not math.isfinite(times[first]):
@@ -96,16 +98,15 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     Parameters
     ----------
     contact : PartitionContact
-        Its law is left in another state; a run begins with a restart.
     q, q_t, q_tt : (n,) arrays
         Coordinates of slave and master, their velocities and accelerations.
     limit : callable
         Returns the stability limit [s].
     """
-    law = contact.law.passes[0] if isinstance(contact.law, TwoPass) else contact.law
-    if not isinstance(law, ElasticContact):
-        return math.inf  # multipliers have no flexibility of their own
-    time, speed = _first_touch(contact, q, q_t, q_tt)
+    if not contact.elastic:
+        return math.inf  # nothing of the contact's own yields
+    law = contact.law.for_run("explicit")
+    time, speed = _first_touch(law, q, q_t, q_tt)
     gap = law.gaps.at(q)
     if not math.isfinite(time) or speed <= 0 or not len(gap):
         return math.inf
@@ -114,11 +115,8 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)
     mobility = _mobility(contact, H[touching.argmin()])
 
-    def press(gap: Array) -> tuple[float, int]:
-        law.answer(gap)
-        return law.stored(), len(law.index)
 
-    return resolving_step(touching, rate, mobility, press, size=law.gaps.size, limit=limit)
+    return resolving_step(touching, rate, mobility, law.press, size=law.gaps.size, limit=limit)
 
 
 def _mobility(contact: PartitionContact, row: Array) -> float:
@@ -145,6 +143,8 @@ class StepControl:
     bodies : sequence of PartitionBody
     state : callable
         Body -> its coordinates now, their velocities and accelerations, (n_dofs,) each.
+    law_of : callable
+        Contact -> its law in the run at work.
     step : float
         In contact [s].
     longest : float
@@ -160,13 +160,14 @@ class StepControl:
         contacts: Sequence[PartitionContact],
         bodies: Sequence[PartitionBody],
         state: State,
+        law_of: Callable[[PartitionContact], Law],
         *,
         step: float,
         longest: float,
         gap_tolerance: float | None = None,
         unresolved: float = UNRESOLVED,
     ) -> None:
-        self.contacts, self.bodies, self._state = contacts, bodies, state
+        self.contacts, self.bodies, self._state, self._law_of = contacts, bodies, state, law_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved = unresolved
         self._was_open = [False] * len(contacts)
@@ -176,7 +177,7 @@ class StepControl:
         """Return the step to take after one of `last`, both in s, from the state that it ended in."""
         limit = self.longest
         for i, contact in enumerate(self.contacts):
-            self._was_open[i] = not contact.law.index.size
+            self._was_open[i] = not self._law_of(contact).index.size
             limit = min(limit, self._until_contact(contact) if self._was_open[i] else self.step)
         if limit > self.step:
             limit = max(self.step, min(limit, self._resolving_step()))
@@ -190,15 +191,16 @@ class StepControl:
         Explicit multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
         """
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
-            if was_open and contact.law.index.size and not contact.ahead:
-                depth, tolerance = -contact.law.least_gap, self.gap_tolerance
+            law = self._law_of(contact)
+            if was_open and law.index.size and not law.ahead:
+                depth, tolerance = -law.least_gap, self.gap_tolerance
                 if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
                     return 0.5 * taken
         return None
 
     def _until_contact(self, contact: PartitionContact) -> float:
         q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
-        time, speed = _first_touch(contact, q, q_t, q_tt)
+        time, speed = _first_touch(self._law_of(contact), q, q_t, q_tt)
         touching = self.step
         if self.gap_tolerance is not None and speed > 0:
             touching = min(touching, self.gap_tolerance / speed)

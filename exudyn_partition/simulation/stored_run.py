@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_results import ContactResults
 from ..support.archive import Format, digest
 from ..support.arrays import Array
 from ..support.checks import read_only
-
-if TYPE_CHECKING:
-    from ..exudyn_bodies.partition_body import PartitionBody
-    from ..exudyn_contacts.contact_results import ContactResults
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +76,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults
     ]
     said += [
         f"contact {contact.name!r} of {[(item.name, patch) for item, patch in contact.sides]}, "
-        f"{[*contact.laws] or type(contact.law).__name__}, sensor {int(contact['sForce'])}"
+        f"{type(contact.law).__name__}, sensor {int(contact['sForce'])}"
         for contact in contacts
     ]
     return tuple(said)

@@ -62,7 +62,7 @@ def impact(bodies, speed, rows):
         "duration": STEP * np.count_nonzero(force),
         "closed_rows": int(contact.closed_rows(result).max()),
         "rows": contact.n_rows,
-        "at_edge": contact.reached_edge_at is not None,
+        "at_edge": contact.edge_reached(result) is not None,
         "online_s": result.time_s,
     }
 

@@ -353,7 +353,7 @@ CALLS = {
     "Result.sensor_of": call(
         of=_result, item=v._own("item", "contact").but(**_foreign_item)(Made(_item)), number=v.count(0).but("zero")
     ),
-    "Result.check_last_run": call(of=_result, contact=v.contact.but(**_foreign_contact)),
+    "Result.kept": call(of=_result, contact=v.contact.but(**_foreign_contact)),
     "Result.at": call(of=_result, times=v.times(2)),
     "Result.report": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "run.html")), title=v.text("")),
     "Result.history": call(of=_result, contact=v.contact.but(**_foreign_contact), points=_body_points),
@@ -550,20 +550,7 @@ NOT_CALLED = {
     "Result": _MADE_BY_US,
     "hertz.HertzImpact": _MADE_BY_US,
     "PartitionBody.is_in": _EVERY_STEP,
-    **{
-        f"PartitionContact.{name}": _EVERY_STEP
-        for name in (
-            "restart",
-            "before_step",
-            "take_law",
-            "stepped",
-            "sample",
-            "slices",
-            "force_in_group",
-            "rows_on",
-            "recorded",
-        )
-    },
+    "PartitionContact.slices": _EVERY_STEP,
     **{f"{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
     "Refine.n_elements": _INSIDE,
     "Partition.is_of": _INSIDE,

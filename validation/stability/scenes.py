@@ -180,22 +180,21 @@ def complementarity(run):
     """
     worst = 0.0
     for contact in run.contacts:
-        law, result = contact.law, run.result
+        gaps, result = contact.gaps.fresh(), run.result
         q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
         forces, total = contact.row_forces(result), contact.force(result)
         closed = np.flatnonzero(total > 1e-3 * total.max())
-        law.reset()
         chosen = set(closed[np.linspace(0, len(closed) - 1, SAMPLED).astype(int)]) if len(closed) else set()
-        for i in range(len(q)) if law.gaps.moving else sorted(chosen):
-            h = law.gaps.at(q[i])
+        for i in range(len(q)) if gaps.moving else sorted(chosen):
+            h = gaps.at(q[i])
             if i not in chosen:
                 continue
             rows = np.arange(len(h))
-            lam = forces[i].toarray().ravel()[law.gaps.row_nodes]
+            lam = forces[i].toarray().ravel()[gaps.row_nodes]
             if h.min() >= 0:
                 worst = max(worst, lam.sum() / total.max())
                 continue
-            w = h + law.gaps.flexibility(rows) @ lam
+            w = h + gaps.flexibility(rows) @ lam
             parts = [-lam.min() / lam.max(), -w.min() / -h.min(), abs(lam @ w) / (lam.sum() * -h.min())]
             worst = max(worst, *parts)
     return float(worst)
@@ -205,15 +204,15 @@ def penetration(run):
     """Deepest gap of rows at the stored coordinates [m]."""
     contact = run.contacts[0]
     q = np.hstack([item.coordinates(run.result) for item, _ in contact.sides])
-    contact.law.gaps.reset()
-    return float(max(-contact.law.gaps.at(x).min(initial=0.0) for x in q))
+    gaps = contact.law.gaps.fresh()
+    return float(max(-gaps.at(x).min(initial=0.0) for x in q))
 
 
 def kept(run, *, energy=2e-3, momentum=None, solve=True):
     """Return what must hold in every run that finishes: name -> (value, limit)."""
     result, contact = run.result, run.contacts[0]
     total = sum(item.momentum(result) for item in run.bodies)
-    if len(contact.sides) == 1 and not contact.multipliers:
+    if len(contact.sides) == 1 and contact.elastic:
         push = sum(c.force_on_slave(result) for c in run.contacts)
         steps = np.diff(result.t)[:, None] * (push[1:] + push[:-1]) / 2
         total = total - np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
@@ -228,10 +227,10 @@ def kept(run, *, energy=2e-3, momentum=None, solve=True):
         "pulling": (float(max(pull, 0.0)), 1e-9),
         "energy": (float(abs(run.energy / run.energy[0] - 1).max()) if run.energy[0] else 0.0, energy),
     }
-    if len(contact.sides) == 2 or not contact.multipliers:
+    if len(contact.sides) == 2 or contact.elastic:
         drift = abs(total - total[0])[:, 2].max() / run.scale
         checks["momentum"] = (float(drift), default if momentum is None else momentum)
-    if solve and hasattr(contact.law, "problem") and not contact.multipliers:
+    if solve and hasattr(contact.law, "problem") and contact.elastic:
         checks["complementarity"] = (complementarity(run), 1e-6)
     return checks
 

@@ -40,14 +40,14 @@ class ComplianceContact(ElasticContact):
     problem: Complementarity
 
     def reset(self) -> None:
-        """Forget the last run."""
+        """Go back to the start."""
         super().reset()
         self._take_held()
 
     def _take_held(self) -> None:
         """Go on with the rows that are frozen, or will be followed from here."""
         if self._held is self.gaps.held is not None:
-            self.problem.reset()
+            self.problem = self.problem.fresh()  # with the same F
             return
         self._held = self.gaps.held
         self.problem = Complementarity(self._flexibility(np.arange(len(self.gaps.row_nodes))))
@@ -55,15 +55,6 @@ class ComplianceContact(ElasticContact):
     def _flexibility(self, index: Array) -> Array:
         """Flexibility of some present rows, (na, na) [m/N]; of those on a few points some are redundant."""
         return regularised(self.gaps.flexibility(index))
-
-    def force(self, q: Array) -> Array:
-        """Generalised contact force H' lambda, (n,), on the coordinates of slave and master, q (n,)."""
-        self.answer(self.gaps.at(q))
-        return self.generalised()
-
-    def generalised(self) -> Array:
-        """Generalised forces, (n,), of the present forces on the rows."""
-        return self.gaps.generalised(self.lam) if self.index.size else self._zero
 
     def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
         """Find the forces on the present rows by their gaps, (nr,), and what other contacts push these further [m]."""
@@ -105,8 +96,3 @@ class ComplianceContact(ElasticContact):
         everything = np.arange(len(self.gaps.row_nodes))
         H = self.gaps.jacobian(everything)
         return H.T @ np.linalg.solve(self._flexibility(everything), H)
-
-    def potential(self, q: Array) -> float:
-        """Energy stored in the contact's flexibility, 1/2 lambda' F lambda = -1/2 lambda' h by complementarity [J]."""
-        self.force(q)
-        return self.stored()

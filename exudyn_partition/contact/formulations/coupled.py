@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -30,30 +30,24 @@ class CoupledContacts:
     laws : list of ComplianceContact
     links : list of (int, int, int, int, (d np, d np) array)
         Law and side, other law and side, and the body's flexibility between the patch of the first and of the other.
-
-    Attributes
-    ----------
-    energies : dict of Result to (n, number of contacts) array
-        Energies stored at the samples of a run [J], as long as its result exists.
     """
 
-    def __init__(self, laws: list[ComplianceContact], links: list[tuple[int, int, int, int, Array]]) -> None:
-        self.laws = laws
+    def __init__(self, laws: Sequence[ComplianceContact], links: list[tuple[int, int, int, int, Array]]) -> None:
+        self.laws = [*laws]
         self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
         for j, side, k, other_side, between in links:
             self._links.setdefault((j, k), []).append((side, other_side, between))
         self._neighbours = [[k for own, k in self._links if own == j] for j in range(len(laws))]
-        self.energies: WeakKeyDictionary[Any, Array] = WeakKeyDictionary()
         self._at: Array | None = None
         self._inverse: Array | None = None
         self._rows: dict[tuple[int, int], Any] = {}
         self._kept: dict[tuple[int, int], tuple[object, object, Array]] = {}
 
-    def reset(self) -> None:
-        """Forget the last run."""
-        self._at = None
-        for law in self.laws:
-            law.reset()
+    def for_run(self, laws: Sequence[ComplianceContact]) -> CoupledContacts:
+        """Return the same for the laws of a run; flexibilities between rows that stay are shared."""
+        result = copy.copy(self)
+        result.laws, result._at, result._inverse, result._rows = [*laws], None, None, {}
+        return result
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
         """Generalised forces of each contact, at the coordinates of each, (n,)."""

@@ -40,12 +40,6 @@ class ForwardIncrement:
                 self._links.append((i, j, own, others))
         self.problem: Any = None
 
-    def reset(self) -> None:
-        """Forget the last run."""
-        self.problem = None
-        for law in self.laws:
-            law.reset()
-
     def increment(self, states: Sequence[tuple[Array, Array, Array]], step: float) -> list[Array]:
         """Accelerations M^-1 G' lambda, (n,) of each contact, that keep all gaps open; none if nothing closes.
 

@@ -10,7 +10,9 @@ from ...algebra.complementarity import regularised
 from ...errors import RunError
 from ...support.arrays import Array
 from ..gaps import dense
+from .formulation import Law, Method
 from .law import ContactLaw
+from .stabilised import StabilisedContact
 
 _CLOSED = 1e-6  # of a facet's size: central differences close gaps to round-off
 
@@ -42,8 +44,14 @@ class LagrangeContact(ContactLaw):
         G M^-1 G', with a trace on the diagonal for rows that are redundant.
     """
 
+    ahead = True
+
+    def for_run(self, method: Method) -> Law:
+        """Return the multipliers of explicit runs, or those that implicit ones take."""
+        return StabilisedContact(self.gaps.fresh()) if method == "implicit" else self.fresh()
+
     def reset(self) -> None:
-        """Forget the last run."""
+        """Go back to the start."""
         super().reset()
         self._expected: Array | None = None
         self._held: Any = None
@@ -104,12 +112,8 @@ class LagrangeContact(ContactLaw):
         if abs(gap - self._expected).max() > 1e-3 * self._scale + round_off:
             raise _not_central_differences("the last step did not close the gaps as predicted")
 
-    def check_gaps(self, q: Array) -> None:
+    def check(self, q: Array) -> None:
         """Refuse coordinates in which a gap is closed further than zero."""
         deepest = self.gaps.of_present(q).min(initial=0.0)
         if deepest < -_CLOSED * self.gaps.size:
             raise _not_central_differences(f"a gap is {deepest:.3g} m")
-
-    def potential(self, q: Array) -> float:
-        """Multipliers store no energy."""
-        return 0.0

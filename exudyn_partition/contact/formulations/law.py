@@ -1,18 +1,23 @@
-"""What all contact laws have in common: rows, their present forces, and the resultants."""
+"""What contact laws have in common: rows, their present forces, and the resultants."""
 
 from __future__ import annotations
 
-from typing import Any
+import copy
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ...support.arrays import Array
 from ..gaps import Gaps
+from .formulation import Law, Method, Motion
+
+if TYPE_CHECKING:
+    from typing import Self
 
 
 class ContactLaw:
-    """Forces on the rows of a contact.
+    """Forces on the rows of a contact in a run; a law that stores no energy and remembers nothing, see `Law`.
 
     Attributes
     ----------
@@ -25,17 +30,73 @@ class ContactLaw:
         Smallest gap of the present rows, before the contact's own flexibility gives way [m].
     """
 
+    elastic = False
+    ahead = False
+    remembers = False
+
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps
-        self._closed_nodes = np.zeros(len(gaps.slave.surface.points), dtype=bool)
         self._zero = np.zeros(gaps.n)
         self.reset()
 
+    def fresh(self) -> Self:
+        """Return the same law at the start, for another run; what does not change is shared."""
+        result = copy.copy(self)
+        result.gaps = self.gaps.fresh()
+        result.reset()
+        return result
+
+    def for_run(self, method: Method) -> Law:
+        """See `Law`."""
+        return self.fresh()
+
     def reset(self) -> None:
-        """Forget the last run."""
+        """Go back to the start."""
         self.gaps.reset()
         self.least_gap = np.inf
+        self._closed_nodes = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
         self._open()
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`; nothing by the force element."""
+        return self._zero
+
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """See `Law`."""
+        return sp.csr_matrix((self.gaps.n,) * 2)
+
+    def commit(self, start: float) -> None:
+        """See `Law`."""
+
+    def rollback(self) -> None:
+        """See `Law`."""
+
+    def closed_stiffness(self) -> Array | None:
+        """See `Law`."""
+        return None
+
+    def potential(self, q: Array) -> float:
+        """See `Law`."""
+        return 0.0
+
+    def stored(self) -> float:
+        """See `Law`."""
+        return 0.0
+
+    def dissipated(self) -> float:
+        """See `Law`."""
+        return 0.0
+
+    def press(self, gap: Array) -> tuple[float, int]:
+        """See `Law`."""
+        raise NotImplementedError(f"{type(self).__name__} is no elastic law")
+
+    def row_stiffness(self) -> Array:
+        """See `Law`."""
+        raise NotImplementedError(f"{type(self).__name__} is no elastic law")
+
+    def check(self, q: Array) -> None:
+        """See `Law`."""
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps, rates and accelerations of an open contact, as `Gaps.closing`."""
@@ -93,7 +154,26 @@ class ContactLaw:
 class ElasticContact(ContactLaw):
     """A contact whose forces follow from the coordinates alone, and so have a stiffness and a potential."""
 
+    elastic = True
     h: Array
+
+    def force(self, q: Array) -> Array:
+        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
+        self.answer(self.gaps.at(q))
+        return self.generalised()
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), of the present forces on the rows."""
+        return self.gaps.generalised(self.lam) if self.index.size else self._zero
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.force(motion.q)
+
+    def press(self, gap: Array) -> tuple[float, int]:
+        """See `Law`."""
+        self.answer(gap)
+        return self.stored(), len(self.index)
 
     def answer(self, gap: Array) -> None:
         """Find the forces on the present rows by their gaps, (nr,) [m]."""
@@ -107,6 +187,23 @@ class ElasticContact(ContactLaw):
         """Stiffness that the closed rows make on some coordinates, (m, m), by their derivatives H, (na, m)."""
         raise NotImplementedError
 
+    def row_stiffness(self) -> Array:
+        """See `Law`."""
+        return np.asarray(self.tangent_of(np.eye(len(self.index))))
+
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q of the closed rows, (n, n), pairs held."""
         return self.tangent_of(self.gaps.jacobian(self.index))
+
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """See `Law`."""
+        return sp.csr_matrix(by_q * self.tangent())
+
+    def closed_stiffness(self) -> Array:
+        """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
+        raise NotImplementedError
+
+    def potential(self, q: Array) -> float:
+        """Energy stored in the contact's own flexibility [J]."""
+        self.force(q)
+        return self.stored()

@@ -30,11 +30,6 @@ class PenaltyContact(ElasticContact):
         self.stiffness = stiffness
         super().__init__(gaps)
 
-    def force(self, q: Array) -> Array:
-        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
-        self.answer(self.gaps.at(q))
-        return self.gaps.generalised(self.lam) if self.index.size else self._zero
-
     def answer(self, gap: Array) -> None:
         """Find the forces on the present rows by their gaps, (nr,) [m]."""
         self.h = gap
@@ -59,11 +54,6 @@ class PenaltyContact(ElasticContact):
     def _tangent(self, index: Array, H: Any) -> Array:
         k = self.stiffness * self.gaps.area[index]
         return (H.T @ sp.diags(k) @ H).toarray() if sp.issparse(H) else H.T @ (k[:, None] * H)
-
-    def potential(self, q: Array) -> float:
-        """Energy stored in the layer [J]."""
-        self.force(q)
-        return self.stored()
 
 
 def bed_stiffness(gaps: Gaps) -> float:

@@ -14,6 +14,7 @@ from ...algebra.factorisation import Factorisation
 from ...errors import ComplementarityError
 from ...support.arrays import Array
 from ..gaps import Side
+from .formulation import Motion
 from .law import ContactLaw
 
 _AHEAD = 2.0  # steps that gaps are predicted
@@ -51,19 +52,24 @@ class StabilisedContact(ContactLaw):
     gaps : Gaps
     """
 
+    remembers = True
+
     def reset(self) -> None:
-        """Forget the last run."""
+        """Go back to the start."""
         super().reset()
         self._step = 0.0
         self._flexibilities: dict[float, list[Array]] = {}
-        self._start = -math.inf
         self._longest = 0.0
         self._evaluations = 0
         self._expected = self._last = np.zeros(len(self._closed_nodes))
         self._held: Any = None
         self.problem: Any = None
 
-    def force(self, q: Array, q_t: Array, step: float, start: float) -> Array:
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.force(motion.q, motion.q_t, motion.step)
+
+    def force(self, q: Array, q_t: Array, step: float) -> Array:
         """Generalised contact force, (n,).
 
         Parameters
@@ -72,16 +78,12 @@ class StabilisedContact(ContactLaw):
             Coordinates of slave and master at the end of the step, and their velocities.
         step : float
             [s]; zero where the solver asks for initial accelerations, in which contact has no part yet.
-        start : float
-            Time at the start of the step [s].
 
         Raises
         ------
         ComplementarityError
             If gaps are not finite.
         """
-        if start != self._start:
-            self._extrapolate(start)
         self._evaluations = self._evaluations + 1 if step == self._step else 0
         if step <= 0.0:
             return self._open()
@@ -104,12 +106,12 @@ class StabilisedContact(ContactLaw):
         self._close(lam, self.problem.index)
         return gaps.generalised(lam)
 
-    def _extrapolate(self, start: float) -> None:
-        """Begin a new step: the forces found last are those of the one before."""
+    def commit(self, start: float) -> None:
+        """Begin a new step: the forces found last are those of the one before, and extrapolated."""
         last = np.zeros(len(self._closed_nodes))
         last[self.gaps.row_nodes[self.index]] = self.lam[self.index]
         self._expected = 2 * last - self._last
-        self._last, self._start, self._evaluations = last, start, 0
+        self._last, self._evaluations = last, 0
 
     def _take_rows(self, step: float) -> None:
         """F of the present rows, if they or the step are others than before."""
@@ -129,7 +131,7 @@ class StabilisedContact(ContactLaw):
         self.problem.replace(F, self._closed_nodes[gaps.row_nodes])
         self._step, self._held = step, gaps.held
 
-    def tangent(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
         """Derivative of minus the force, (n, n), pairs held: that by q times `by_q`, that by q_t times `by_q_t`."""
         n, index = self.gaps.n, self.index
         if not index.size:

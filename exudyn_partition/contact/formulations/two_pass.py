@@ -6,8 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...support.arrays import Array
-from .compliance import ComplianceContact
-from .penalty import PenaltyContact
+from .formulation import Method, Motion
+from .law import ElasticContact
 
 
 class TwoPass:
@@ -17,21 +17,28 @@ class TwoPass:
 
     Parameters
     ----------
-    there, back : ComplianceContact or PenaltyContact
+    there, back : ElasticContact
         The laws of the two passes; the second has slave and master exchanged.
     """
 
-    def __init__(self, there: ComplianceContact | PenaltyContact, back: ComplianceContact | PenaltyContact) -> None:
+    elastic = True
+    ahead = False
+    remembers = False
+
+    def __init__(self, there: ElasticContact, back: ElasticContact) -> None:
         self.passes = (there, back)
         self.gaps = there.gaps
         n, n_back = there.gaps.n, back.gaps.sides[0].n
         self._exchange = np.r_[n - n_back : n, : n - n_back]  # master first
         self._restore = np.argsort(self._exchange)
 
-    def reset(self) -> None:
-        """Forget the last run."""
-        for law in self.passes:
-            law.reset()
+    def for_run(self, method: Method) -> TwoPass:
+        """See `Law`."""
+        return TwoPass(*(law.fresh() for law in self.passes))
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.force(motion.q)
 
     def force(self, q: Array) -> Array:
         """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
@@ -49,6 +56,35 @@ class TwoPass:
         """Contact stiffness -d force / d q, (n, n)."""
         there, back = (law.tangent() for law in self.passes)
         return 0.5 * (there + back[np.ix_(self._restore, self._restore)])
+
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """See `Law`."""
+        return sp.csr_matrix(by_q * self.tangent())
+
+    def row_stiffness(self) -> Array:
+        """See `Law`; a rigid surface, whose carrier asks for it, has one pass."""
+        raise NotImplementedError("contact in two passes has rows of two kinds")
+
+    def commit(self, start: float) -> None:
+        """See `Law`."""
+
+    def rollback(self) -> None:
+        """See `Law`."""
+
+    def check(self, q: Array) -> None:
+        """See `Law`."""
+
+    def dissipated(self) -> float:
+        """See `Law`."""
+        return 0.0
+
+    def stored(self) -> float:
+        """See `Law`."""
+        return 0.5 * sum(law.stored() for law in self.passes)
+
+    def press(self, gap: Array) -> tuple[float, int]:
+        """See `Law`; by the first pass alone, which would carry the whole force."""
+        return self.passes[0].press(gap)
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n)."""

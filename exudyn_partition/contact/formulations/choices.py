@@ -1,0 +1,199 @@
+"""The formulations that a user can choose by name: what each needs of a basis, its law, and what contacts share."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ...errors import InputError, ModelLimitWarning
+from ...reduction.body import ReducedBody
+from ...support.checks import validate_choice, validate_positive
+from ..gaps import Gaps
+from ..patch_gaps import PatchGaps
+from .compliance import ComplianceContact
+from .coupled import CoupledContacts
+from .formulation import Formulation, Law, SharedBody
+from .lagrange import LagrangeContact
+from .law import ElasticContact
+from .penalty import PenaltyContact, bed_stiffness, inertial_stiffness
+from .two_pass import TwoPass
+
+NAMES = ("compliance", "lagrange", "penalty")
+
+_COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
+_MOVED = 1e-9  # the same for accelerations of rows by multipliers of others
+_STIFFEST = 1e6  # of the default penalty: the explicit step is a thousandth of the default's then
+
+
+class Compliance(Formulation):
+    """Contact through the residual flexibility, see `compliance.ComplianceContact`."""
+
+    both_passes = True
+
+    def check(self, bodies: Sequence[ReducedBody]) -> None:
+        """See `Formulation`."""
+        if not any(body.basis.flexibility is not None for body in bodies):
+            raise InputError(
+                f"formulation: 'compliance' needs a residual flexibility, which basis {_names(bodies)} does not have; "
+                "take formulation='lagrange', or basis='contact-adapted' or 'residual'"
+            )
+
+    def law(self, gaps: Gaps) -> ComplianceContact:
+        """See `Formulation`."""
+        return ComplianceContact(gaps)
+
+    def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
+        """See `Formulation`."""
+        super().couples(law, other, shared)
+        coupling = _coupling(shared)
+        if coupling <= _COUPLED:
+            return False
+        if isinstance(law, ComplianceContact) and isinstance(other, ComplianceContact):
+            return True
+        if all(isinstance(one, ComplianceContact | TwoPass) for one in (law, other)):
+            warnings.warn(
+                f"body {shared.name!r}: the residual flexibility couples its patches {shared.patches[0]} and "
+                f"{shared.patches[1]} by {coupling:.1%}, which contacts with passes='two' neglect; forces on one may "
+                "be off by about that share of the other's. Take one pass, or a higher f_cut",
+                ModelLimitWarning,
+                stacklevel=5,
+            )
+        return False
+
+    def together(self, laws: Sequence[Any], links: Callable[[], list[Any]]) -> CoupledContacts:
+        """See `Formulation`."""
+        return CoupledContacts(laws, links())
+
+
+class Lagrange(Formulation):
+    """Multipliers on patches with mass: `lagrange.LagrangeContact`, in implicit runs `stabilised.StabilisedContact`."""
+
+    rows = "node-to-segment"
+
+    def check(self, bodies: Sequence[ReducedBody]) -> None:
+        """See `Formulation`."""
+        if any(body.basis.flexibility is not None for body in bodies):
+            raise InputError(
+                "formulation: 'lagrange' needs contact patches that move by coordinates with mass, which basis "
+                f"{_names(bodies)} does not give them; take formulation='compliance', or basis='free'"
+            )
+
+    def law(self, gaps: Gaps) -> LagrangeContact:
+        """See `Formulation`."""
+        return LagrangeContact(gaps)
+
+    def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
+        """See `Formulation`."""
+        if not isinstance(law, LagrangeContact) or not isinstance(other, LagrangeContact):
+            return False
+        if shared.patches[0] == shared.patches[1]:
+            return True
+        inverse_mass = sp.diags(1 / shared.mass)
+        G, others = (sp.csr_matrix(one.G[:, own]) for one, own in zip((law, other), shared.columns, strict=True))
+        return bool(abs(G @ inverse_mass @ others.T).max() > _MOVED * abs(G @ inverse_mass @ G.T).max())
+
+
+class Penalty(Formulation):
+    """An elastic layer on the slave's patch, see `penalty.PenaltyContact`.
+
+    Parameters
+    ----------
+    stiffness : float, optional
+        Of the layer [N/m3]. Default: what makes it yield under uniform pressure as the residual flexibility does; where
+        patches have mass, what adds a tenth to their highest squared frequency at most.
+    """
+
+    both_passes = True
+
+    def __init__(self, stiffness: float | None = None) -> None:
+        self.stiffness = None if stiffness is None else validate_positive("stiffness", stiffness, "N/m3")
+
+    def check(self, bodies: Sequence[ReducedBody]) -> None:
+        """See `Formulation`; any basis will do."""
+
+    def law(self, gaps: Gaps) -> PenaltyContact:
+        """See `Formulation`."""
+        if any(side.flexibility is not None for side in gaps.sides):
+            usual = bed_stiffness(gaps)
+        else:
+            inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
+            usual = inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
+        if self.stiffness is not None and self.stiffness > _STIFFEST * usual:
+            raise InputError(
+                f"stiffness: expected at most {_STIFFEST * usual:.3g} N/m3, a million times what the bodies ask for, "
+                f"got {self.stiffness:.3g}. A layer so stiff yields by less than round-off and takes steps that never "
+                "end. Take formulation='compliance' or 'lagrange', which keep gaps closed without a layer"
+            )
+        return PenaltyContact(gaps, usual if self.stiffness is None else self.stiffness)
+
+
+class TwoPasses(Formulation):
+    """Half of a formulation with one body as slave, half with the other, see `two_pass.TwoPass`.
+
+    Parameters
+    ----------
+    half : Formulation
+    """
+
+    def __init__(self, half: Formulation) -> None:
+        self.half, self.rows = half, half.rows
+
+    def check(self, bodies: Sequence[ReducedBody]) -> None:
+        """See `Formulation`."""
+        if not self.half.both_passes or len(bodies) < 2:
+            raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
+        self.half.check(bodies)
+
+    def law(self, gaps: Gaps) -> TwoPass:
+        """See `Formulation`."""
+        there, back = self.half.law(gaps), self.half.law(gaps.exchanged() if isinstance(gaps, PatchGaps) else gaps)
+        if not isinstance(there, ElasticContact) or not isinstance(back, ElasticContact):
+            raise InputError("passes: 'two' needs a formulation whose laws are elastic (law.ElasticContact)")
+        return TwoPass(there, back)
+
+    def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
+        """See `Formulation`."""
+        return self.half.couples(law, other, shared)
+
+
+def formulation_of(choice: str | Formulation, stiffness: float | None = None) -> Formulation:
+    """Return the formulation of a name, or the one given.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name, or a stiffness without a penalty.
+    """
+    if stiffness is not None and choice != "penalty":
+        raise InputError(f"stiffness: formulation {choice!r} has none, it is taken only with formulation='penalty'")
+    if not isinstance(choice, str) and all(hasattr(choice, name) for name in ("check", "law", "couples", "together")):
+        return choice
+    name = validate_choice("formulation", choice, NAMES)
+    return Penalty(stiffness) if name == "penalty" else Compliance() if name == "compliance" else Lagrange()
+
+
+def _names(bodies: Sequence[ReducedBody]) -> str:
+    return " and ".join(repr(body.basis.name) for body in bodies)
+
+
+def _coupling(shared: SharedBody) -> float:
+    """Residual flexibility between two patches of a body, relative to their own."""
+    body, (patch, other) = shared.body, shared.patches
+    if body.basis.flexibility is None:
+        return 0.0
+    own, others = (np.linalg.norm(body.flexibility(i), 2) for i in (patch, other))
+    return float(np.linalg.norm(body.flexibility(patch, other), 2) / np.sqrt(own * others))
+
+
+def _highest_frequency(body: ReducedBody) -> float:
+    """Highest circular frequency of a reduced body [rad/s]."""
+    scale = sp.diags(1 / np.sqrt(body.mass.diagonal()))
+    K = scale @ body.stiffness @ scale
+    start = np.ones(K.shape[0])
+    largest = scipy.sparse.linalg.eigsh(K, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
+    return float(np.sqrt(largest))

@@ -1,0 +1,136 @@
+"""State of a contact in one run, and what it keeps of it; the next run has another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..contact.formulations.formulation import Law, Together
+from ..errors import RunError
+from ..exudyn_bodies.model import start_of_step
+from ..support.arrays import Array
+
+
+class ContactRun:
+    """A contact in a run.
+
+    Parameters
+    ----------
+    name : str
+        The contact's.
+    law : Law
+        At the start of the run.
+    slices : list of slice
+        Where the coordinates of slave and master are among the model's.
+    t : float
+        When the run begins [s].
+
+    Attributes
+    ----------
+    samples : list of (float, (na,) int array, (na,) array)
+        Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N].
+    areas : (np,) array
+        Area of the row of each of the slave's patch nodes [m2].
+    edge : (float, (3,) array) or None
+        When and where the contact reached the edge of its patch first [s, m].
+    together, place : Together, int
+        What finds the forces together with those of other contacts, if there are some, and which this one is there.
+    joined : bool
+        Whether its multipliers are found together with those of joints, around the model's own user functions.
+    """
+
+    def __init__(self, name: str, law: Law, slices: Sequence[slice], t: float) -> None:
+        self.name, self.law, self.slices = name, law, [*slices]
+        self.dofs = np.concatenate([np.r_[s] for s in slices])
+        self.together: Together | None = None
+        self.place = 0
+        self.joined = False
+        self.areas = law.node_areas
+        self.samples: list[tuple[float, Array, Array]] = []
+        self.edge: tuple[float, Array] | None = None
+        self._impulse = np.zeros(4)
+        self._stepped_to = t
+        self._start, self._at = -np.inf, t
+        self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
+
+    def of(self, coordinates: Array) -> Array:
+        """Coordinates of slave and master, (n,), of the model's."""
+        return np.concatenate([coordinates[s] for s in self.slices])
+
+    def follow(self, start: float, t: float) -> None:
+        """Tell a law that remembers which step is at work: from `start` to t [s]."""
+        if start != self._start:
+            self.law.commit(start)
+        elif t != self._at:
+            self.law.rollback()
+        self._start, self._at = start, t
+
+    def stepped(self, t: float, step: float) -> None:
+        """Count what multipliers have pushed ahead of the step to t."""
+        if self.law.index.size:
+            self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
+        self._stepped_to = t
+
+    def values(self, t: float, q: Array) -> list[float]:
+        """Values of the sensor `sForce` at t, with the model's coordinates q there."""
+        law = self.law
+        closed = law.index
+        if law.ahead:
+            self._check_step(t)
+            law.check(self.of(q))
+        if closed.size:
+            if closed is not self._closed:  # the active set is kept from step to step
+                self._closed, self._closed_nodes = closed, law.row_nodes[closed]
+                if self.edge is None and (reached := law.edge_reached()) is not None:
+                    self.edge = t, reached
+            lam = law.lam.take(closed)
+            if self.samples and self.samples[-1][0] == t:  # asked for again
+                self.samples.pop()
+            self.samples.append((t, self._closed_nodes, lam))
+            values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
+        else:
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
+        return values if law.elastic else values + self._impulse.tolist()
+
+    def _check_step(self, t: float) -> None:
+        """Refuse a run in which multipliers were not applied."""
+        if t > self._stepped_to and not self.joined:
+            raise RunError(
+                f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
+                "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
+                "CreatePartitionContact, or run the model by solve_dynamic"
+            )
+
+
+class SolverMotion:
+    """What a law may ask of Exudyn's solver at work, see `formulation.Motion`.
+
+    It lives for one evaluation: what is kept for longer may not hold the model, which holds its user functions.
+    """
+
+    __slots__ = ("_mbs", "_run")
+
+    def __init__(self, mbs: Any, run: ContactRun) -> None:
+        self._mbs, self._run = mbs, run
+
+    @property
+    def q(self) -> Array:
+        """See `formulation.Motion`; what a user function receives is a list, and costs more to convert."""
+        return self._run.of(self._mbs.systemData.GetODE2Coordinates(copy=False))
+
+    @property
+    def q_t(self) -> Array:
+        """See `formulation.Motion`."""
+        return self._run.of(self._mbs.systemData.GetODE2Coordinates_t(copy=False))
+
+    @property
+    def step(self) -> float:
+        """See `formulation.Motion`."""
+        return float(self._mbs.sys["dynamicSolver"].it.currentStepSize)
+
+    @property
+    def start(self) -> float:
+        """See `formulation.Motion`."""
+        return start_of_step(self._mbs)

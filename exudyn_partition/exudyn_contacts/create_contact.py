@@ -1,0 +1,168 @@
+"""Contact between partition bodies, or of one and a rigid surface, as objects and sensors of an Exudyn model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..contact.formulations.choices import TwoPasses, formulation_of
+from ..contact.formulations.formulation import Formulation
+from ..contact.gaps import Gaps, Side
+from ..contact.patch_gaps import PatchGaps
+from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
+from ..errors import InputError
+from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose
+from ..exudyn_bodies.model import registered, validate_new_name
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..support.checks import validate_choice
+from ..support.optional import require
+from ..surfaces.points import ROWS
+from .contact_elements import add_element, add_links
+from .coupling import solve_together
+from .model_run import Runs, runs_of
+from .partition_contact import PartitionContact, partition_items
+
+PASSES = ("finer", "given", "two")
+
+_DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
+_FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
+
+
+def CreatePartitionContact(
+    mbs: Any,
+    slave: PartitionBody,
+    master: PartitionBody | RigidSurface,
+    *,
+    formulation: str | Formulation = "compliance",
+    rows: str | None = None,
+    passes: str = "finer",
+    slavePatch: int | str | None = None,
+    masterPatch: int | str | None = None,
+    masterBody: Any = None,
+    stiffness: float | None = None,
+    name: str = "",
+) -> PartitionContact:
+    """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
+
+    The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
+    contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    slave : PartitionBody
+    master : PartitionBody, RigidPlane, RigidSphere or RigidCylinder
+        Rigid surfaces are fixed in space, or to `masterBody`.
+    formulation : {"compliance", "lagrange", "penalty"} or Formulation
+        "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
+        paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
+        (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch; or one of your own, see
+        `contact.formulations.formulation`.
+    rows : {"integrated", "node-to-segment"}, optional
+        What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
+        meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
+        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius. Default:
+        "integrated", but with "lagrange" the paper's "node-to-segment", whose implicit steps converge better.
+    passes : {"finer", "given", "two"}
+        Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
+        the contact each.
+    slavePatch, masterPatch : int or str, optional
+        Number or name of the contact patch, for bodies that have several.
+    masterBody : optional
+        Exudyn body that carries the rigid surface, which is then given in that body's axes.
+    stiffness : float, optional
+        Of the penalty's layer [N/m3]. Default: what makes it yield under uniform pressure as the residual flexibility
+        does; where patches have mass, what adds a tenth to their highest squared frequency at most.
+    name : str
+
+    Returns
+    -------
+    PartitionContact
+
+    Raises
+    ------
+    EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
+    """
+    bodies, contacts = partition_items(mbs)
+    other = master if isinstance(master, PartitionBody) else None
+    rigid = None if isinstance(master, PartitionBody) else master
+    if rigid is not None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder)):
+        raise InputError(
+            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere or RigidCylinder, got "
+            f"{type(master).__name__}"
+        )
+    if not isinstance(slave, PartitionBody):
+        raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")
+    for role, item in (("slave", slave), ("master", other)):
+        if item is not None and not any(item is body for body in bodies):
+            raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
+    if slave is master:
+        raise InputError("slave, master: expected two bodies, got the same twice")
+    validate_new_name(mbs, name, ("Object", "Sensor"))
+    chosen = formulation_of(formulation, stiffness)
+    rows = validate_choice("rows", rows or chosen.rows, ROWS)
+    if validate_choice("passes", passes, PASSES) == "two":
+        chosen = TwoPasses(chosen)
+    if masterBody is not None and rigid is None:
+        raise InputError("masterBody: only a rigid surface is carried by a body")
+    if masterPatch is not None and rigid is not None:
+        raise InputError(f"masterPatch: a {type(rigid).__name__} has no patches, leave it out")
+    sides = [(slave, slave.body.partition.patch(slavePatch))]
+    if other is not None:
+        sides.append((other, other.body.partition.patch(masterPatch)))
+    placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    for side in placed:
+        _check_digits(side)
+    if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
+        sides, placed = sides[::-1], placed[::-1]
+    chosen.check([item.body for item, _ in sides])
+    gaps: Gaps
+    if rigid is not None:
+        gaps = RigidGaps(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody))
+    else:
+        gaps = PatchGaps(placed[0], placed[1], rows)
+    carrier = None if masterBody is None else Carrier(mbs, masterBody)
+    contact = PartitionContact(name, sides, rigid, chosen, chosen.law(gaps), carrier)
+    solve_together(contact, contacts)
+    runs = runs_of(mbs)
+    if contact.law.ahead:
+        _chain_before_step(mbs, runs)
+    contact["oContact"] = add_element(mbs, contact, runs)
+    if masterBody is not None:
+        load_carrier(mbs, lambda: runs.at_work(contact).law, masterBody)
+    add_links(mbs, contact, runs)
+
+    def sample(mbs: Any, t: float, *unused: Any) -> list[float]:
+        run = runs.see(mbs, t).of(contact)
+        return run.values(t, mbs.systemData.GetODE2Coordinates(copy=False))
+
+    items = require("exudyn.itemInterface")
+    contact["sForce"] = mbs.AddSensor(
+        items.SensorUserFunction(name=name, sensorUserFunction=sample, storeInternal=True)
+    )
+    registered(mbs).contacts[int(contact["sForce"])] = contact
+    return contact
+
+
+def _check_digits(side: Side) -> None:
+    """Gaps are differences of places: far from the origin they have no digits left."""
+    reach, size = float(abs(side.surface.points).max()), side.surface.facet_size
+    if np.finfo(float).eps * reach > _DIGITS * size:
+        raise InputError(
+            f"referencePosition: the patch is {reach:.3g} m from the origin, where numbers stand "
+            f"{np.finfo(float).eps * reach:.2g} m apart, expected at most {_DIGITS:g} of its facets' size, {size:.3g} "
+            "m. Move the origin near to the contact"
+        )
+
+
+def _chain_before_step(mbs: Any, runs: Runs) -> None:
+    """Put what contacts do before each step in front of the model's own PreStep function."""
+    own = mbs.GetPreStepUserFunction()
+    own_function = own["function"] if isinstance(own, dict) else None
+
+    def before_step(mbs: Any, t: float) -> bool:
+        runs.before_step(mbs, t)
+        return own_function is None or own_function(mbs, t)
+
+    mbs.SetPreStepUserFunction(before_step)

@@ -1,0 +1,64 @@
+"""What pictures, files and pages read of a run; `simulation.result.Result` has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..results.history import History
+from ..support.arrays import Array
+from .contact_run import ContactRun
+from .partition_contact import PartitionContact
+
+
+class RunResult(Protocol):
+    """Samples of a run, how it ended, and the model's items."""
+
+    @property
+    def t(self) -> Array:
+        """Times of the samples, (n,) [s]."""
+
+    @property
+    def status(self) -> str:
+        """How the run ended: "finished", "interrupted" or "unstable"."""
+
+    @property
+    def message(self) -> str:
+        """Why and where the run ended."""
+
+    @property
+    def step(self) -> float:
+        """Time step [s]."""
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+
+    @property
+    def method(self) -> str:
+        """Solver: "explicit", "implicit", "static", or "" if it is not known."""
+
+    @property
+    def time_s(self) -> float:
+        """Run time of Exudyn's solver [s]."""
+
+    @property
+    def bodies(self) -> tuple[PartitionBody, ...]:
+        """Bodies of the model."""
+
+    @property
+    def contacts(self) -> tuple[PartitionContact, ...]:
+        """Contacts of the model."""
+
+    def history(self, contact: PartitionContact) -> History:
+        """Force of a contact over time."""
+
+    def sensor_of(self, item: Any, number: Any) -> Array:
+        """Samples of the sensor `number` of `item`, (n, k)."""
+
+    def kept(self, contact: Any) -> ContactRun:
+        """What a contact kept of the run."""
+
+    def at(self, times: Sequence[float] | Array | int) -> RunResult:
+        """Return the samples nearest to some times, each once."""
