@@ -9,6 +9,7 @@ from exudyn.utilities import InertiaCuboid
 from scipy.integrate import solve_ivp
 
 import exudyn_partition as ep
+from exudyn_partition.exudyn_bodies.model import coordinate_slices
 
 HEAD = 0.01  # m, from the hammer's face to its centre
 HERTZ = 4 / 3 * ep.STEEL.plane_strain_modulus * np.sqrt(R)
@@ -87,7 +88,7 @@ def test_the_stiffness_has_what_carries_the_surface(mbs, marble, formulation):
     solver = exu.MainSolverStatic()
     solver.InitializeSolver(mbs, static_settings())
     n = mbs.systemData.ODE2Size()
-    own = np.r_[tuple(range(s.start, s.stop) for s in [*_slices(mbs, ball)])]
+    own = np.r_[tuple(range(s.start, s.stop) for s in [*coordinate_slices(mbs, ball)])]
     others = np.setdiff1d(np.arange(n), own)  # of the carrier
 
     def force(q):
@@ -110,10 +111,6 @@ def test_the_stiffness_has_what_carries_the_surface(mbs, marble, formulation):
     np.testing.assert_allclose(tangent[translation], by_differences[translation], rtol=1e-4, atol=100 * pressing)
     assert tangent[others[2], others[2]] < -1e6
     assert abs(tangent[np.ix_(others[2:3], own)]).max() > 1e6
-
-
-def _slices(mbs, item):
-    return ep.partition_body.coordinate_slices(mbs, item)
 
 
 @pytest.mark.parametrize("kind", ["RotationRxyz", "RotationEulerParameters"])

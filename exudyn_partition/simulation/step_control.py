@@ -115,7 +115,6 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)
     mobility = _mobility(contact, H[touching.argmin()])
 
-
     return resolving_step(touching, rate, mobility, law.press, size=law.gaps.size, limit=limit)
 
 
