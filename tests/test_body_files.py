@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import io
 import json
 import multiprocessing
 import os
@@ -46,6 +47,7 @@ class Sample:
 
 
 SAMPLES = archive.Format("sample", 3, "none", (Sample,))
+PACKED = replace(SAMPLES, packed=True)
 
 
 def sample(number=1.0, n=5):
@@ -131,20 +133,41 @@ def test_every_kind_of_field_survives(tmp_path):
 
 def test_a_file_says_what_it_is(pair, tmp_path):
     pair[0].save(tmp_path / "body.npz")
-    with np.load(tmp_path / "body.npz", allow_pickle=False) as data:
-        about = json.loads(str(data["about"]))
-        np.testing.assert_array_equal(data["basis.shapes"], pair[0].basis.shapes)
+    arrays, about = content(tmp_path / "body.npz")
+    np.testing.assert_array_equal(arrays["basis.shapes"], pair[0].basis.shapes)
+    np.testing.assert_array_equal(arrays["facets"], pair[0].facets)
     assert about["format"] == "exudyn_partition reduced body"
     assert about["library"] == ep.__version__
     assert "kg" in about["units"]
     assert about["content"]["fields"].keys() == {f.name for f in dataclasses.fields(ep.ReducedBody)}
 
 
-def rewrite(path, change):
-    """Pass the arrays of an npz file, and what it says about itself, through `change`."""
+def content(path):
+    """Arrays of an npz file, and what it says about itself, by NumPy alone; none of them packed any more."""
     with np.load(path) as data:
         arrays = dict(data)
     about = json.loads(str(arrays["about"]))
+
+    def unpack(node):
+        match node:
+            case {"array": name, "dtype": dtype, "shape": shape}:
+                if node.pop("planes", None):
+                    numbers = np.frombuffer(arrays[name].T.tobytes(), dtype)
+                    arrays[name] = np.ascontiguousarray(numbers.reshape(shape, order="F"))
+            case dict():
+                for child in node.values():
+                    unpack(child)
+            case list():
+                for child in node:
+                    unpack(child)
+
+    unpack(about["content"])
+    return arrays, about
+
+
+def rewrite(path, change):
+    """Pass the arrays of an npz file, and what it says about itself, through `change`."""
+    arrays, about = content(path)
     change(arrays, about)
     np.savez(path, **{**arrays, "about": np.array(json.dumps(about))})
 
@@ -219,6 +242,57 @@ def test_any_damage_is_refused_or_changes_nothing(tmp_path):
             pass
     # Dates, attributes and the padding of zip's directory.
     assert harmless < 0.15 * len(whole)
+
+
+def test_any_damage_of_packed_arrays_is_refused_or_changes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "_PACK_FROM", 1)
+    path = tmp_path / "sample.npz"
+    value = Sample("s", np.arange(30.0), sp.csr_matrix((1, 1)), (), None, (), {})
+    PACKED.save(path, value)
+    assert_same(PACKED.load(path), value)
+    whole = path.read_bytes()
+    begin, end = (whole.index(name) for name in (b"array.npy", b"matrix.data.npy"))
+    harmless = 0
+    for i in range(begin, end):
+        path.write_bytes(whole[:i] + bytes([whole[i] ^ 0x10]) + whole[i + 1 :])
+        try:
+            assert_same(PACKED.load(path), value)
+            harmless += 1
+        except InputError:
+            pass
+    assert 100 < end - begin
+    assert harmless < 0.3 * (end - begin)  # the local header of the next member, which its directory repeats
+
+
+def test_packed_arrays_are_smaller_and_the_same(tmp_path):
+    """Of every kind and order; the bits of what has nothing in common with its neighbours survive too."""
+    random = np.random.default_rng(0)
+    noise = random.integers(0, 256, 8 * 9000, dtype=np.uint8).view(np.float64)  # NaN and infinities among them
+    ramp = np.arange(9000)
+    kinds = {
+        "noise": noise,
+        "C": noise.reshape(90, 100),
+        "F": np.asfortranarray(noise.reshape(90, 100)),
+        "cube": np.asfortranarray(noise.reshape(9, 10, 100)),
+        "single": ramp.astype(np.float32),
+        "small": ramp.astype(np.int16),
+        "big endian": ramp.astype(">i4"),
+        "flags": ramp % 2 == 0,
+        "text": np.array(["µ"] * 9000),
+        "none": np.empty((0, 5)),
+        "one": np.array(3.0),
+    }
+    value = replace(sample(), array=ramp, named=kinds)
+    for file, name in ((SAMPLES, "plain"), (PACKED, "packed")):
+        file.save(tmp_path / name, value)
+        assert_same(file.load(tmp_path / name), value)
+    with zipfile.ZipFile(tmp_path / "packed") as packed, zipfile.ZipFile(tmp_path / "plain") as plain:
+        ratio = {
+            name: packed.getinfo(name).compress_size / plain.getinfo(name).compress_size
+            for name in plain.namelist()[1:]  # the description comes first
+        }
+    assert ratio["array.npy"] < 0.1  # high bytes of numbers of nodes
+    assert max(ratio.values()) < 1.01
 
 
 def altered(body, path, change):
@@ -321,6 +395,44 @@ def test_sizes_are_checked_before_memory_is_asked_for(tmp_path):
             altered_file.writestr(name, data)
     with pytest.raises(InputError, match="about: expected a member that is not compressed"):
         SAMPLES.load(path)
+
+
+def directory(path):
+    """Where the directory of a zip file has its first entry."""
+    return path.read_bytes().index(b"PK\x01\x02")
+
+
+def test_what_packed_members_claim_is_checked_before_memory_is_asked_for(tmp_path):
+    path = tmp_path / "sample.npz"
+    PACKED.save(path, replace(sample(), array=np.arange(9000)))
+    with zipfile.ZipFile(path) as whole:
+        members = {info.filename: (whole.read(info), info.compress_type) for info in whole.infolist()}
+
+    def write(name, data, kind):
+        with zipfile.ZipFile(path, "w") as file:
+            for other, (old, old_kind) in members.items():
+                file.writestr(other, data if other == name else old, kind if other == name else old_kind)
+
+    write("array.npy", members["array.npy"][0], zipfile.ZIP_STORED)
+    with pytest.raises(InputError, match="array: expected a member that is deflated"):
+        PACKED.load(path)
+    short = io.BytesIO()
+    np.save(short, np.zeros((8, 8999), np.uint8))
+    write("array.npy", short.getvalue(), zipfile.ZIP_DEFLATED)
+    with pytest.raises(InputError, match=r"array: expected planes of <i8 in shape \(9000,\), so \(8, 9000\) bytes"):
+        PACKED.load(path)
+    write("array.npy", members["array.npy"][0], zipfile.ZIP_DEFLATED)
+    whole = bytearray(path.read_bytes())
+    entry = whole.index(b"array.npy", directory(path)) - 46
+    for field, message in (
+        (24, r"array: .* bytes cannot hold the 4294967294 that it claims"),
+        (20, "its members claim to be larger than the file"),
+    ):
+        claimed = whole.copy()
+        claimed[entry + field : entry + field + 4] = (2**32 - 2).to_bytes(4, "little")
+        path.write_bytes(claimed)
+        with pytest.raises(InputError, match=message):
+            PACKED.load(path)
 
 
 def test_what_is_no_path_or_no_file_is_refused(small, tmp_path):

@@ -48,6 +48,12 @@ def test_a_step_file_in_millimetres_becomes_a_body(step_file, tmp_path, capsys, 
     assert again.items() <= found.items()
     code, table, _ = call(capsys, "info", out, "--table")
     assert table["coordinates"] == list(body.labels)
+    # Without its inside it is the same body in a smaller file, which says so.
+    light = tmp_path / "light.npz"
+    _, found, _ = call(capsys, "reduce", step_file, *BLOCK, "--f-cut", "80e3", "--no-inside", "-o", light)
+    assert found["left_out"] == list(ep.load_body(light).left_out) != list(body.left_out)
+    np.testing.assert_array_equal(ep.load_body(light).basis.shapes, body.without_inside().basis.shapes)
+    assert light.stat().st_size < out.stat().st_size
 
 
 def test_two_patches_and_a_tolerance(step_file, tmp_path, capsys):

@@ -158,6 +158,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--order", type=int, choices=(1, 2), help="of the elements")
     one.add_argument("--maxh", type=_positive, metavar="M", help="largest element, for STEP files [m]")
     one.add_argument("--h", type=_positive, metavar="M", help="elements within the impact region, for STEP files [m]")
+    one.add_argument("--no-inside", action="store_true", help="leave out the shapes inside the body: a smaller file")
 
     one = command("info", _info, "Say what a body file holds.")
     one.add_argument("body", type=Path, metavar="BODY.npz")
@@ -230,6 +231,7 @@ def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         partition |= patch
     limit = {"f_cut": options.f_cut} if options.tolerance is None else {"tolerance": options.tolerance}
     body = reduce(fem, partition, basis=options.basis, speed=options.speed, **limit)
+    body = body.without_inside() if options.no_inside else body
     body.save(options.out)
     return 0, {"file": str(options.out), **_described(body), "time": {"fem_s": fem_s, "reduce_s": body.reduce_s}}
 

@@ -7,7 +7,7 @@ space. Exudyn would let loads, joints and sensors have these, and tell nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..errors import InputError, RunError
 from ..support.arrays import Array
 from ..support.optional import require
 from .model import BodyItem
+
 
 _FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # of a body's own axes
 _TORN = 0.5  # rad, of a body in an inertial frame: lengths are 13 % off
@@ -66,6 +67,7 @@ def check_attachments(mbs: Any, bodies: list[AttachableBody]) -> None:
                 f"{named}, is on a node of body {item.name!r} that is held in space, for its frame is inertial: "
                 f"{_instead(item)}"
             )
+        _check_mesh_nodes(named, carriers, marker.get("bodyNumber", -1), marker.get("meshNodeNumbers", ()))
     for number in range(mbs.systemData.NumberOfSensors()):
         sensor = mbs.GetSensor(number)
         named = f"mbs: sensor {number} {sensor['name']!r}, a Sensor{sensor['sensorType']}"
@@ -82,6 +84,21 @@ def check_attachments(mbs: Any, bodies: list[AttachableBody]) -> None:
                 f"{named}, is on a node of body {item.name!r} that is held in space, for its frame is inertial: take a "
                 "SensorMarker on what CreateInterfaceMarker or CreatePointMarker returns, or frame='floating'"
             )
+        if sensor["sensorType"] == "SuperElement":
+            _check_mesh_nodes(named, carriers, sensor.get("bodyNumber", -1), [sensor["meshNodeNumber"]])
+
+
+def _check_mesh_nodes(
+    named: str, carriers: dict[int, AttachableBody], number: Any, mesh_nodes: Sequence[int] | Array
+) -> None:
+    """Refuse mesh nodes, those of the FE model before those of interfaces, inside a body that was saved without it."""
+    item = carriers.get(int(number))
+    if item is not None:
+        nodes = np.array(mesh_nodes, dtype=np.int64)
+        try:
+            item.body.check_nodes(nodes[(nodes >= 0) & (nodes < len(item.body.points))])
+        except InputError as error:
+            raise InputError(f"{named}, on body {item.name!r}: {error}") from error
 
 
 def _instead(item: AttachableBody) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..fe.model import node_dofs
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array
@@ -129,8 +130,11 @@ def _add_idle_node(mbs: Any) -> Any:
 def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
     """Mesh nodes of the super element: places, (m, 3) [m], and displacements by the modes, (3m, n), in body's axes."""
     body = kinematics.body
-    all_nodes = kinematics.at(np.arange(len(body.points)))
-    places, rows = [all_nodes.arms], [np.asarray(all_nodes.rows)]
+    known = np.arange(len(body.points)) if body.basis.shape_nodes is None else body.basis.shape_nodes
+    of_known = np.asarray(kinematics.at(known).rows)
+    of_all = np.full((3 * len(body.points), of_known.shape[1]), np.nan)  # what is not known must not look like rest
+    of_all[node_dofs(known)] = of_known
+    places, rows = [body.points - body.centre_of_mass], [of_all]
     for interface in body.partition.interfaces:
         motion = interface.motion @ kinematics.at(interface.nodes).rows
         arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # small ones would turn round-off into moments

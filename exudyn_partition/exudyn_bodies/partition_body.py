@@ -166,6 +166,7 @@ class PartitionBody(dict):
         return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
 
     def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
+        self.body.check_nodes(nodes)
         marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
         if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
             self.point_markers[int(marker)] = point
@@ -368,12 +369,13 @@ class PartitionBody(dict):
         answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, self.body)
         answer.check(self.body)
         # The flexibility is symmetric: answers to the rows as loads, at the nodes with forces.
-        fields = np.array([answer(row.toarray().reshape(-1, 3)) for row in rows])
+        loaded = self.body.partition.patch_nodes
+        fields = np.array([answer(row.toarray().reshape(-1, 3), loaded) for row in rows])
         axes = self.kinematics.frame(self.coordinates(result))[1]
         for contact in own:
             for (item, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
                 if item is self:
-                    at_patch = fields[:, self.body.partition.patches[patch].nodes]
+                    at_patch = fields[:, np.searchsorted(loaded, self.body.partition.patches[patch].nodes)]
                     total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
         return total
 

@@ -172,7 +172,8 @@ class BodyFields:
     Raises
     ------
     InputError
-        If it is no such thing, or the FE model is needed and missing, or of another body.
+        If it is no such thing, the FE model is needed and missing, or of another body, or the body was saved without
+        the inside that is needed.
     """
 
     def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
@@ -197,6 +198,9 @@ class BodyFields:
                 f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, of "
                 f"the same mesh, got {self.fem!r}"
             )
+        self._stressed = self.fem is not None and bool(_OF_STRESS & {*names})
+        if self._stressed or not surface:
+            self.body.check_inside(f"{'stress' if surface else 'the inside'} of {self.item.name or 'a body'!r}")
         cells = self.body.facets if surface or self.fem is None else self.fem.cells
         self.kind = (_FACETS if surface else _CELLS)[cells.shape[1]]
         self.nodes, numbers = np.unique(cells, return_inverse=True)
@@ -235,13 +239,14 @@ class BodyFields:
         displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
         if self.fem is not None and self.body.basis.flexibility is not None and forces is not None and forces.any():
             self._static = self._static or StaticAnswer(self.fem, self.body)
-            answer = self._static(kinematics.in_frame(q, forces))
-            deformation = deformation + answer[self.nodes]
-            displacement = displacement + answer[self.nodes] @ axes.T
+            answer = self._static(kinematics.in_frame(q, forces), None if self._stressed else self.nodes)
+            shown = answer[self.nodes] if self._stressed else answer
+            deformation = deformation + shown
+            displacement = displacement + shown @ axes.T
         data = {"displacement": displacement, "deformation": deformation @ axes.T}
         if "velocity" in self.names:
             data["velocity"] = kinematics.velocities(q, q_t)
-        if self.fem is not None and _OF_STRESS & {*self.names}:
+        if self.fem is not None and self._stressed:
             within = self.body.displacement(kinematics.elastic(q))
             stress = nodal_stress(self.fem, within if answer is None else within + answer)[self.nodes]
             data |= {"stress": stress, "von_mises": von_mises(stress)}

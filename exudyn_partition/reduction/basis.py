@@ -54,6 +54,8 @@ class ReducedBasis:
         Residual flexibility of the rows of `patch_rows`: those of each patch after the other [m/N].
     left_out : tuple of str
         What the basis leaves out, in sentences.
+    shape_nodes : (k,) int array, optional
+        Nodes that the rows of `shapes`, then (3k, ns), are of, ascending, those of `nodal` among them. Default: all.
     """
 
     name: str
@@ -65,6 +67,7 @@ class ReducedBasis:
     mass: str
     flexibility: Array | None = None
     left_out: tuple[str, ...] = field(default=())
+    shape_nodes: Array | None = None
 
     def __post_init__(self) -> None:
         validate_text("name", self.name)
@@ -75,7 +78,14 @@ class ReducedBasis:
         if (self.omega < 0).any():
             raise InputError(f"omega: expected frequencies that are not negative, got {self.omega.min()}")
         check_floats("rigid", self.rigid, (n_shapes, 6))
-        check_indices("nodal", self.nodal, (None,), n_dofs // 3)
+        if self.shape_nodes is None:
+            check_indices("nodal", self.nodal, (None,), n_dofs // 3)
+        else:
+            check_indices("shape_nodes", self.shape_nodes, (n_dofs // 3,))
+            check_indices("nodal", self.nodal, (None,))
+            if (np.diff(self.shape_nodes) <= 0).any() or not np.isin(self.nodal, self.shape_nodes).all():
+                raise InputError("shape_nodes: expected each node once, ascending, and those of nodal among them")
+            read_only(self.shape_nodes)
         check_tuple("labels", self.labels, str)
         if len(self.labels) != n_shapes:
             raise InputError(f"labels: expected one for each of {n_shapes} shapes, got {len(self.labels)}")

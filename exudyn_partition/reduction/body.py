@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from ..support.checks import (
     check_indices,
     read_only,
     validate_array,
+    validate_flag,
     validate_number,
     validate_positive,
     validate_type,
@@ -87,7 +88,10 @@ class ReducedBody:
             raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
         if self.partition.n_nodes != n_nodes:
             raise InputError(f"partition: it is of a mesh with {self.partition.n_nodes} nodes, the body has {n_nodes}")
-        check_floats("shapes", self.basis.shapes, (3 * n_nodes, None))
+        shape_nodes = self.basis.shape_nodes
+        if shape_nodes is not None:
+            check_indices("shape_nodes", shape_nodes, (None,), n_nodes)
+        check_floats("shapes", self.basis.shapes, (3 * (n_nodes if shape_nodes is None else len(shape_nodes)), None))
         n_shapes = self.basis.shapes.shape[1]
         for name in ("mass", "stiffness"):
             matrix = getattr(self, name)
@@ -133,7 +137,44 @@ class ReducedBody:
                 "(contact_radius of the partition widens the patch)"
             )
         said.append("strain and stress rows, until `recovery` is asked for them")
+        if not self.has_inside:
+            said.append("the shapes inside the body, which was saved without them (save with inside=True keeps them)")
         return tuple(said)
+
+    @property
+    def has_inside(self) -> bool:
+        """Whether the shapes are known at all nodes, not only where runs and drawing need them."""
+        return self.basis.shape_nodes is None
+
+    def check_inside(self, what: str) -> None:
+        """Raise unless the shapes are known inside the body too.
+
+        Parameters
+        ----------
+        what : str
+            What needs them, for the message.
+
+        Raises
+        ------
+        InputError
+        """
+        if not self.has_inside:
+            raise InputError(
+                f"body: {what} needs the shapes inside the body, which was saved without them (inside=False). Load it "
+                "from a file that was saved whole, save(path), or reduce it anew"
+            )
+
+    def without_inside(self) -> ReducedBody:
+        """Return the body with its shapes at the nodes of surface, interfaces and nodal columns alone.
+
+        That is what runs, their results on the surface, and drawing need; `save` with inside=False writes it.
+        """
+        joints = [interface.nodes for interface in self.partition.interfaces]
+        kept = np.unique(np.concatenate([self.facets.ravel(), self.basis.nodal, *joints]))
+        if not self.has_inside or len(kept) == len(self.points):
+            return self
+        shapes = self.basis.shapes[node_dofs(kept)]
+        return replace(self, basis=replace(self.basis, shapes=shapes, shape_nodes=kept))
 
     @cached_property
     def rigid(self) -> Array:
@@ -153,13 +194,13 @@ class ReducedBody:
         Raises
         ------
         InputError
-            If they are no numbers of nodes.
+            If they are no numbers of nodes, or the body has no shapes there.
         """
         nodes = np.asarray(nodes)
         if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or not ((nodes >= 0) & (nodes < len(self.points))).all():
             raise InputError(f"nodes: expected numbers of nodes, 0 to {len(self.points) - 1}, an array of shape (k,)")
         dofs = node_dofs(nodes)
-        shapes = self.basis.shapes[dofs]
+        shapes = self.shape_rows(nodes)
         nodal = self.basis.nodal
         if not len(nodal):
             return shapes
@@ -183,7 +224,7 @@ class ReducedBody:
         Raises
         ------
         InputError
-            If they are of another mesh.
+            If they are of another mesh, or need shapes that the body lacks.
         """
         if not sp.issparse(rows) and not (isinstance(rows, np.ndarray) and rows.ndim == 2):
             raise InputError(f"rows: expected a csr matrix, as `recovery` makes them, got {type(rows).__name__}")
@@ -191,7 +232,39 @@ class ReducedBody:
             raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
         dofs = (3 * self.basis.nodal[:, None] + np.arange(3)).ravel()
         rows = sp.csr_matrix(rows)
-        return np.hstack([rows @ self.basis.shapes, rows[:, dofs].toarray()])
+        of_shapes = rows
+        if self.basis.shape_nodes is not None:
+            self.check_nodes(np.unique(rows.indices[rows.data != 0] // 3))
+            of_shapes = rows[:, node_dofs(self.basis.shape_nodes)]
+        return np.hstack([of_shapes @ self.basis.shapes, rows[:, dofs].toarray()])
+
+    def check_nodes(self, nodes: Array) -> None:
+        """Raise unless the shapes are known at nodes, (k,) int array.
+
+        Raises
+        ------
+        InputError
+            Naming the first node that lies inside a body which was saved without its inside.
+        """
+        known = self.basis.shape_nodes
+        missing = nodes[:0] if known is None else nodes[~np.isin(nodes, known)]
+        if len(missing):
+            self.check_inside(f"node {missing[0]} at {self.points[missing[0]]} m")
+
+    def shape_rows(self, nodes: Array | None = None) -> Array:
+        """Rows of the shapes at nodes, (k,) int array, or at all: (3k, n_shapes).
+
+        Raises
+        ------
+        InputError
+            If the body has no shapes there.
+        """
+        known = self.basis.shape_nodes
+        if nodes is None:
+            self.check_inside("what is asked at all nodes")
+            return self.basis.shapes
+        self.check_nodes(nodes)
+        return self.basis.shapes[node_dofs(nodes if known is None else np.searchsorted(known, nodes))]
 
     def displacement(self, q: Array) -> Array:
         """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise.
@@ -199,9 +272,10 @@ class ReducedBody:
         Raises
         ------
         InputError
-            If q has another shape.
+            If q has another shape, or the body was saved without its inside.
         """
         q = validate_array("q", q, (self.n_dofs,))
+        self.check_inside("the displacement of all nodes")
         u = (self.basis.shapes @ q[: self.n_shapes]).reshape(-1, 3)
         u[self.basis.nodal] += q[self.n_shapes :].reshape(-1, 3)
         return u
@@ -264,7 +338,7 @@ class ReducedBody:
         """Columns of T, one a line: number, what it is."""
         return "\n".join(f"{i:5d}  {label}" for i, label in enumerate(self.labels))
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, inside: bool = True) -> None:
         """Write to an npz file, all fields in full precision; `load_body` reads it.
 
         The file is written under another name and then renamed, so that a process that is killed leaves no half file.
@@ -273,26 +347,31 @@ class ReducedBody:
         ----------
         path : str or Path
             Taken as it is, nothing is appended.
+        inside : bool
+            False leaves out the shapes at nodes inside the body. Runs, displacements and velocities of nodes on the
+            surface, and drawing do without them, equal in every bit; stresses, strains and points inside need them,
+            and say so.
 
         Raises
         ------
         InputError
             If the folder does not exist, or `path` is one.
         """
-        FILE.save(path, self)
+        FILE.save(path, self if validate_flag("inside", inside) else self.without_inside())
 
     def __repr__(self) -> str:
         return (
             f"ReducedBody({self.basis.name!r}, {self.n_dofs} of {self.fe_dofs} dofs, f_cut {self.f_cut:.6g} Hz, "
-            f"{len(self.partition.patch_nodes)} patch nodes)"
+            f"{len(self.partition.patch_nodes)} patch nodes{'' if self.has_inside else ', without its inside'})"
         )
 
 
 FILE = Format(
     name="reduced body",
-    version=6,
+    version=7,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
     classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
+    packed=True,
 )
 
 
@@ -306,7 +385,7 @@ def load_body(path: str | Path) -> ReducedBody:
     Returns
     -------
     ReducedBody
-        Equal to the saved one in every bit.
+        Equal to the saved one in every bit, but for what inside=False left out.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class StaticAnswer:
                 f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
             )
         body.partition.check_mesh(fem, "fem: expected the body's own mesh")
-        self._basis = body.basis
+        self._body = body
         with one_blas_thread():
             self._model = tie(fem, body.partition)
             rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
@@ -90,17 +90,25 @@ class StaticAnswer:
         InputError
         """
         validate_type("body", body, ReducedBody, "reduce() or load_body()")
-        if body.basis is not self._basis:
+        if body.basis is not self._body.basis:
             raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
 
-    def __call__(self, forces: Array) -> Array:
-        """Displacements, (n, 3) [m], by forces on the nodes in the body's axes, (n, 3) [N]."""
-        basis, load = self._basis, forces.ravel()
-        elastic = basis.omega > 0
+    def __call__(self, forces: Array, nodes: Array | None = None) -> Array:
+        """Displacements of `nodes`, (k,), or of all, (k, 3) [m], by forces on all nodes in the body's axes, (n, 3) [N].
+
+        Raises
+        ------
+        InputError
+            If the body was saved without its inside, and there are forces or nodes in it.
+        """
+        omega, loaded = self._body.basis.omega, np.flatnonzero(forces.any(axis=1))
+        elastic = omega > 0
         amplitude = np.zeros(len(elastic))
-        amplitude[elastic] = (load @ basis.shapes)[elastic] / basis.omega[elastic] ** 2
+        by_shapes = forces[loaded].ravel() @ self._body.shape_rows(loaded)
+        amplitude[elastic] = by_shapes[elastic] / omega[elastic] ** 2
+        kept = (self._body.shape_rows(nodes) @ amplitude).reshape(-1, 3)
         with one_blas_thread():
             expand = self._model.expand
-            answer = expand @ self._flexibility((expand.T @ load)[:, None])[:, 0]
-        lacking: Array = (answer - basis.shapes @ amplitude).reshape(-1, 3)
-        return lacking
+            answer = expand @ self._flexibility((expand.T @ forces.ravel())[:, None])[:, 0]
+        whole: Array = answer.reshape(-1, 3)
+        return (whole if nodes is None else whole[nodes]) - kept

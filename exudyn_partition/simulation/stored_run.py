@@ -61,17 +61,21 @@ class StoredRun:
 
 FILE = Format(
     name="result",
-    version=1,
+    version=2,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
     classes=(StoredRun,),
 )
 
 
 def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults]) -> tuple[str, ...]:
-    """What the items of a model are: names, frames, contents of the reduced bodies, laws, and numbers of sensors."""
+    """What the items of a model are: names, frames, contents of the reduced bodies, laws, and numbers of sensors.
+
+    A run knows nothing of the inside of bodies: one of bodies that were saved without it can be read with whole ones.
+    """
     said = [
         f"body {item.name!r}, {item.frame} frame at {item.position.tolist()}, sensors "
-        f"{[*map(int, item['sCoordinates']), *map(int, item['sCoordinates_t'])]}, content {digest(item.body)}"
+        f"{[*map(int, item['sCoordinates']), *map(int, item['sCoordinates_t'])]}, "
+        f"content {digest(item.body.without_inside())}"
         for item in bodies
     ]
     said += [

@@ -241,7 +241,9 @@ CALLS = {
         swaps=False,
     ),
     "load_body": call(path=v.path_in(Made(lambda s: s.folder / "npz"))),
-    "ReducedBody.save": call(of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz"))),
+    "ReducedBody.save": call(
+        of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz")), inside=v.flag(True), swaps=False
+    ),
     "ReducedBody.rows": call(
         of=_body, nodes=Kind({**v.NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]}, np.arange(3))
     ),
@@ -555,6 +557,9 @@ NOT_CALLED = {
     "Refine.n_elements": _INSIDE,
     "Partition.is_of": _INSIDE,
     "Partition.check_mesh": _INSIDE,
+    "ReducedBody.check_inside": _INSIDE,
+    "ReducedBody.check_nodes": _INSIDE,
+    "ReducedBody.shape_rows": _INSIDE,
     "output.BodyFields": _INSIDE,
     "output.BodyFields.frames": _INSIDE,
     "output.BodyFields.forces": _INSIDE,
