@@ -17,7 +17,6 @@ from ..support.arrays import Array
 from ..support.optional import require
 from .model import BodyItem
 
-
 _FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # of a body's own axes
 _TORN = 0.5  # rad, of a body in an inertial frame: lengths are 13 % off
 _OF_MASS = ("KineticEnergy", "PotentialEnergy", "Force")
