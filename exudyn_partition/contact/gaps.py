@@ -8,13 +8,14 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from ..fe.model import node_dofs
+from ..frames.kinematics import Kinematics, Rows
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..surfaces.points import ContactPoints
@@ -44,7 +45,7 @@ class Side:
     """
 
     surface: Surface
-    kinematics: Any
+    kinematics: Kinematics
     flexibility: Array | None = None
 
     @property
@@ -58,7 +59,7 @@ class Side:
         return len(np.asarray(self.flexibility)) == len(self.surface.points)
 
     @classmethod
-    def of(cls, kinematics: Any, patch: int = 0) -> Side:
+    def of(cls, kinematics: Kinematics, patch: int = 0) -> Side:
         """Patch of a body with these kinematics, where it is at the start; with its flexibility if it has one."""
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
@@ -127,7 +128,7 @@ class Gaps:
     n: int
     size: float
     moving: bool
-    held: Any
+    held: object
     row_nodes: Array
     area: Array
     at_edge: Array
@@ -136,7 +137,7 @@ class Gaps:
     approach: Array
     faced: bool = True
     carried: bool = False
-    H: Any
+    H: Rows
     _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
     _row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and shares
@@ -223,7 +224,7 @@ class Gaps:
         parts = zip(self.sides, self.split(q), self.split(way), strict=True)
         return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
 
-    def accelerations(self, rows: Any) -> Any:
+    def accelerations(self, rows: Rows) -> Rows:
         """Accelerations, (n, nr), that unit forces on rows, (nr, n), give to the coordinates; csr if the rows are."""
         ends = np.cumsum([0] + [side.n for side in self.sides])
         parts = [
@@ -252,7 +253,7 @@ class Gaps:
         """Places of the patches' nodes, (np, 3) of each side [m], at the last coordinates."""
         return self.places(self._q)
 
-    def jacobian(self, index: Array) -> Any:
+    def jacobian(self, index: Array) -> Rows:
         """Derivative of some present rows' gaps by the coordinates, (na, n), pairs held."""
         if not self.moving:
             return self.H[index]
@@ -285,7 +286,8 @@ class Gaps:
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), of forces on the present rows, (nr,) [N]."""
         if not self.moving:
-            return lam @ self.H
+            value: Array = lam @ self.H
+            return value
         parts = zip(self.sides, self.split(self._q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
@@ -298,7 +300,8 @@ class Gaps:
         at_points = lam if self._mean is None else lam @ self._mean
         (nodes, weights), x = self._shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
-        return np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
+        value: Array = np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
+        return value
 
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility between some present rows, (na, na) [m/N].
@@ -333,7 +336,7 @@ class Gaps:
             F += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
         return F
 
-    def side_rows(self, side: int) -> Any:
+    def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility of one of the sides' patches, (nr, d np)."""
         nodes, weights = self._shares[side]
         own, n = self.sides[side], len(self.sides[side].surface.points)
@@ -345,11 +348,12 @@ class Gaps:
         return rows if self._mean is None else self._mean @ rows
 
 
-def dense(matrix: Any) -> Array:
+def dense(matrix: Rows) -> Array:
     """Array of a matrix that may be sparse."""
-    return matrix.toarray() if sp.issparse(matrix) else matrix
+    value: Array = matrix.toarray() if sp.issparse(matrix) else matrix
+    return value
 
 
-def _joined(parts: list[Any]) -> Any:
+def _joined(parts: list[Rows]) -> Rows:
     """Side by side, (nr, n): csr if all of them are."""
     return sp.hstack(parts, format="csr") if all(map(sp.issparse, parts)) else np.hstack([*map(dense, parts)])

@@ -143,7 +143,8 @@ class PatchGaps(Gaps):
         if not self.moving:
             if abs(self._drift @ q - self._drift_start).max() <= _HELD * self.size:
                 self._q = q
-                return self._gap + self.H @ q
+                value: Array = self._gap + self.H @ q
+                return value
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
         x_s, x_m = self.places(q)
@@ -168,7 +169,8 @@ class PatchGaps(Gaps):
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         if not self.moving:
-            return self._gap + self.H @ q
+            value: Array = self._gap + self.H @ q
+            return value
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
@@ -261,7 +263,8 @@ class PatchGaps(Gaps):
         self._rigidly = np.hstack([normals, turning])[order]
         self._from, self._pose = row_gap[order], _pose(here)
         self._narrowed = True
-        return row_gap[chosen]
+        value: Array = row_gap[chosen]
+        return value
 
     def _others_close(self, gap: Array, here: Array) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are.

@@ -111,7 +111,8 @@ def _unit(name: str, vector: Array) -> Array:
     length = np.linalg.norm(vector)
     if length == 0:
         raise InputError(f"{name}: expected a vector of any length but zero")
-    return vector / length
+    value: Array = vector / length
+    return value
 
 
 class RigidGaps(Gaps):
@@ -184,7 +185,8 @@ class RigidGaps(Gaps):
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         self._q = q
         if not self.moving:
-            return self._gap + self.H @ q
+            value: Array = self._gap + self.H @ q
+            return value
         return self._evaluate(self.places(q)[0])
 
     def surface_gap(self, q: Array) -> float:

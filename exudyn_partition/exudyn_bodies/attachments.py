@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..errors import InputError, RunError
 from ..support.arrays import Array
+from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
 from .model import BodyItem
 
@@ -38,7 +39,7 @@ class AttachableBody(BodyItem, Protocol):
         """Whether it has an Exudyn index of this name."""
 
 
-def check_attachments(mbs: Any, bodies: list[AttachableBody]) -> None:
+def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
     """Refuse markers and sensors that would act on, or tell of, nothing.
 
     Raises
@@ -88,7 +89,7 @@ def check_attachments(mbs: Any, bodies: list[AttachableBody]) -> None:
 
 
 def _check_mesh_nodes(
-    named: str, carriers: dict[int, AttachableBody], number: Any, mesh_nodes: Sequence[int] | Array
+    named: str, carriers: dict[int, AttachableBody], number: ObjectIndex, mesh_nodes: Sequence[int] | Array
 ) -> None:
     """Refuse mesh nodes, those of the FE model before those of interfaces, inside a body that was saved without it."""
     item = carriers.get(int(number))
@@ -109,7 +110,7 @@ def _instead(item: AttachableBody) -> str:
     )
 
 
-def add_guard(mbs: Any, item: AttachableBody, check: Callable[[Any], None]) -> None:
+def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem], None]) -> None:
     """Add a sensor that stores nothing, for Exudyn to read: it calls `check` at the start of each run.
 
     It also stops runs that turn a body in an inertial frame so far that joints, which turn as it does not, tear it.
@@ -117,7 +118,7 @@ def add_guard(mbs: Any, item: AttachableBody, check: Callable[[Any], None]) -> N
     latest, name, node, n = math.inf, item.name, item.nodes[0], item.body.n_dofs
     turning = item.rigid_motion(np.eye(n))[:, 3:].T if item.frame == "inertial" else None
 
-    def value(mbs: Any, t: float, *unused: Any) -> list[float]:
+    def value(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         nonlocal latest
         if t <= latest:
             check(mbs)

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from ..contact.formulations.formulation import Law
 from ..errors import RunError
 from ..support.arrays import Array
+from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
 
+Pose = Callable[[], tuple[Array, Array]]  # place, (3,) [m], and axes as columns, (3, 3)
+Motion = Callable[[], tuple[Array, Array]]  # velocity, (3,) [m/s], and angular velocity, (3,) [rad/s]
 
-def weakly(mbs: Any) -> Callable[[], Any]:
+
+def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
     """Return what gives the model as long as the user holds it.
 
     The model holds its user functions, so that one which held the model would keep both for ever.
     """
     model = weakref.ref(mbs)
 
-    def held() -> Any:
+    def held() -> MainSystem:
         found = model()
         if found is None:
             raise RunError("mbs: the model is in use, but nothing holds it any more; keep what AddSystem() returned")
@@ -30,10 +33,8 @@ def weakly(mbs: Any) -> Callable[[], Any]:
     return held
 
 
-def pose(mbs: Any, body: Any) -> Any:
-    """Where an Exudyn body is now, in a model that is not assembled yet at its reference; None without a body."""
-    if body is None:
-        return None
+def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
+    """Where an Exudyn body is now, in a model that is not assembled yet at its reference."""
     exu = require("exudyn")
     variable, configuration, model = exu.OutputVariableType, exu.ConfigurationType, weakly(mbs)
 
@@ -49,10 +50,8 @@ def pose(mbs: Any, body: Any) -> Any:
     return pose_now
 
 
-def motion(mbs: Any, body: Any) -> Any:
-    """Velocity and angular velocity of an Exudyn body now; None without a body."""
-    if body is None:
-        return None
+def motion(mbs: MainSystem, body: ObjectIndex) -> Motion:
+    """Velocity and angular velocity of an Exudyn body now."""
     variable, model = require("exudyn").OutputVariableType, weakly(mbs)
 
     def motion_now() -> tuple[Array, Array]:
@@ -75,13 +74,13 @@ class Carrier:
     body : exudyn.ObjectIndex
     """
 
-    def __init__(self, mbs: Any, body: Any) -> None:
+    def __init__(self, mbs: MainSystem, body: ObjectIndex) -> None:
         found = mbs.GetObject(body)
         nodes = [found["nodeNumber"]] if "nodeNumber" in found else found.get("nodeNumbers", [])
         self.nodes = [node for node in nodes if "Ground" not in mbs.GetNode(node)["nodeType"]]
         self._motion_now = motion(mbs, body)
 
-    def by_coordinates(self, mbs: Any) -> Array:
+    def by_coordinates(self, mbs: MainSystem) -> Array:
         """Velocity and angular velocity in space, (6, k), by those of the k coordinates of the nodes."""
         exu, data = require("exudyn"), mbs.systemData
         q_t, columns = data.GetODE2Coordinates_t(copy=False), []
@@ -98,7 +97,7 @@ class Carrier:
         return np.array(columns).T
 
 
-def load_carrier(mbs: Any, law_now: Callable[[], Law], body: Any) -> None:
+def load_carrier(mbs: MainSystem, law_now: Callable[[], Law], body: ObjectIndex) -> None:
     """Put the reaction of a contact, by its law at present, on the body that carries the rigid surface, as loads.
 
     Exudyn evaluates loads after objects, so that the contact's forces are those of the same coordinates.
@@ -106,10 +105,10 @@ def load_carrier(mbs: Any, law_now: Callable[[], Law], body: Any) -> None:
     items, pose_now = require("exudyn.itemInterface"), pose(mbs, body)
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
 
-    def force(mbs: Any, t: float, load: Any) -> list[float]:
+    def force(mbs: MainSystem, t: float, load: object) -> list[float]:
         return [*map(float, -law_now().resultant())]
 
-    def torque(mbs: Any, t: float, load: Any) -> list[float]:
+    def torque(mbs: MainSystem, t: float, load: object) -> list[float]:
         law = law_now()
         return [*map(float, -law.moment(pose_now()[0]))] if law.index.size else [0.0, 0.0, 0.0]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,9 +16,21 @@ from ..frames.inertial import InertialKinematics
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_choice, validate_flag, validate_vector
+from ..support.foreign import (
+    Coordinates,
+    Exudyn,
+    ItemIndex,
+    MainSystem,
+    MatrixContainer,
+    NodeIndex,
+    ObjectIndex,
+    UserFunction,
+)
 from ..support.optional import require
 from .model import coordinate_slices, registered, validate_model, validate_new_name
 from .partition_body import RIGID, PartitionBody
+
+Functions = dict[str, UserFunction]  # by their names in ObjectGenericODE2
 
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
 # Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
@@ -29,7 +40,7 @@ _APART = (0.01, 0.01, 0.01)  # rad
 
 
 def CreatePartitionBody(
-    mbs: Any,
+    mbs: MainSystem,
     body: ReducedBody,
     *,
     name: str = "",
@@ -150,7 +161,7 @@ def CreatePartitionBody(
     return item
 
 
-def _rotation_vector(matrix: Any) -> Array:
+def _rotation_vector(matrix: object) -> Array:
     """Rotation vector, (3,) [rad], of a matrix that the user gave."""
     A = validate_array("referenceRotation", matrix, (3, 3))
     defect = abs(A @ A.T - np.eye(3)).max()
@@ -159,11 +170,12 @@ def _rotation_vector(matrix: Any) -> Array:
             f"referenceRotation: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
             f"product with its transpose differs from the identity by {defect:.3g}"
         )
-    return Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 wants one that it may write to
+    value: Array = Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 wants one that it may write to
+    return value
 
 
 def _add_inertial(
-    mbs: Any, kinematics: InertialKinematics, name: str, q_t: Array, damping: Damping | None
+    mbs: MainSystem, kinematics: InertialKinematics, name: str, q_t: Array, damping: Damping | None
 ) -> PartitionBody:
     exu, body = require("exudyn"), kinematics.body
     parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
@@ -179,7 +191,7 @@ def _add_inertial(
 
 
 def _add_floating(
-    mbs: Any,
+    mbs: MainSystem,
     kinematics: FloatingKinematics,
     name: str,
     velocity: Array,
@@ -220,7 +232,7 @@ def _add_floating(
     return item
 
 
-def _add_node(mbs: Any, velocities: Array) -> Any:
+def _add_node(mbs: MainSystem, velocities: Array) -> NodeIndex:
     zeros = [0.0] * len(velocities)
     return mbs.AddNode(
         require("exudyn.itemInterface").NodeGenericODE2(
@@ -233,13 +245,13 @@ def _add_node(mbs: Any, velocities: Array) -> Any:
 
 
 def _add_object(
-    mbs: Any,
+    mbs: MainSystem,
     item: PartitionBody,
     mass: sp.csr_matrix,
     stiffness: sp.csr_matrix,
-    functions: dict[str, Any],
+    functions: Functions,
     damping: Damping | None,
-) -> Any:
+) -> ObjectIndex:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     if isinstance(damping, ModeDamping):  # other damping is in the functions
         functions = {"dampingMatrix": exu.MatrixContainer(damping.matrix()), **functions}
@@ -255,7 +267,7 @@ def _add_object(
     )
 
 
-def _runs_verlet(mbs: Any, t: float) -> bool:
+def _runs_verlet(mbs: MainSystem, t: float) -> bool:
     """Whether it is VelocityVerlet that asks for forces at t."""
     solver = mbs.sys.get("dynamicSolver")
     if solver is None:
@@ -267,16 +279,16 @@ def _runs_verlet(mbs: Any, t: float) -> bool:
 
 
 def _inertia_functions(
-    exu: Any,
-    nodes: list[Any],
+    exu: Exudyn,
+    nodes: list[NodeIndex],
     forces: InertiaForces,
     stiffness: Callable[[], Array] | None = None,
     damping: Damping | None = None,
-) -> dict[str, Any]:
+) -> Functions:
     """Inertia forces of a floating frame and their Jacobian, with elastic ones and damping if they are given."""
     start_of_step = exu.ConfigurationType.StartOfStep
 
-    def end_velocities(mbs: Any, t: float, z: Array, middle: Array) -> Array:
+    def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
         """Velocities at the end of a step of VelocityVerlet, which evaluates forces with those of its middle.
 
         Inertia forces with the latter would be of first order, and pump energy into modes of equal frequency. From the
@@ -294,9 +306,10 @@ def _inertia_functions(
         v = middle + half_step * q_tt
         v[3:] -= half_step * forces.elastic(z - q[3:])
         v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
-        return v
+        value: Array = v
+        return value
 
-    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
         z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
         result = np.zeros(RIGID + len(z))
         if stiffness is not None:
@@ -309,7 +322,9 @@ def _inertia_functions(
             result[3:] += forces.force(v[:3], z, v[3:])
         return result
 
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
         z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
         by_z, by_velocity = forces.derivatives(v[:3], z, v[3:])
         result = np.zeros((RIGID + len(z),) * 2)
@@ -325,8 +340,8 @@ def _inertia_functions(
 
 
 def _coupling_functions(
-    exu: Any, item: PartitionBody, stiffness: sp.csr_matrix, damping: Damping | None
-) -> dict[str, Any]:
+    exu: Exudyn, item: PartitionBody, stiffness: sp.csr_matrix, damping: Damping | None
+) -> Functions:
     """Force and Jacobian of what is not diagonal.
 
     The force reads Exudyn's coordinates in place: converting the list that a user function receives costs more than the
@@ -336,16 +351,19 @@ def _coupling_functions(
     stiffness.eliminate_zeros()
     damping_matrix = None if damping is None else damping.matrix()
 
-    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
         slices = coordinate_slices(mbs, item)
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
         result = -(stiffness @ np.concatenate([coordinates[s] for s in slices]))
         if damping is not None:
             velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
             result -= damping.force(np.concatenate([velocities[s] for s in slices]))
-        return result
+        value: Array = result
+        return value
 
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
         result = fODE2 * stiffness
         if damping_matrix is not None:
             result = result + fODE2_t * damping_matrix

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import compress
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from ..algebra.complementarity import regularised
 from ..errors import InputError
 from ..support.arrays import Array
+from ..support.foreign import Exudyn, ItemEntry, MainSystem, ObjectIndex
 from ..support.optional import require
 
 _HOLONOMIC = (
@@ -56,11 +56,11 @@ class Joints:
         If something is constrained that cannot be in explicit steps.
     """
 
-    def __init__(self, mbs: Any) -> None:
+    def __init__(self, mbs: MainSystem) -> None:
         exu, data = require("exudyn"), mbs.systemData
         self._mbs, self.n = mbs, data.AEsize()
         self._kind = exu.ComputeItemType
-        self._objects: list[tuple[Any, Array, Array, bool]] = []  # number, rows, coordinates, whether linear
+        self._objects: list[tuple[ObjectIndex, Array, Array, bool]] = []  # number, rows, coordinates, whether linear
         self._timed = []
         for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
             rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
@@ -117,7 +117,7 @@ class Joints:
             self._varying_mass[np.ix_(at, at)] += block
         return bool(blocks)
 
-    def _take_turns(self, exu: Any) -> None:
+    def _take_turns(self, exu: Exudyn) -> None:
         """Rotation vectors among the coordinates, and what they start from."""
         turns, references = [], []
         for number in map(exu.NodeIndex, range(self._mbs.systemData.NumberOfNodes())):
@@ -160,7 +160,8 @@ class Joints:
     def solve(self, rhs: Array) -> Array:
         """Multipliers, (n,) or (n, m), that accelerate the rows by rhs, so shaped."""
         scale = self.scale if rhs.ndim == 1 else self.scale[:, None]
-        return scale * lapack.dpotrs(self._factor, scale * rhs, lower=1)[0]
+        value: Array = scale * lapack.dpotrs(self._factor, scale * rhs, lower=1)[0]
+        return value
 
     def residual(self, start: Array, way: Array) -> Array:
         """g, (n,), at the present time and the coordinates that a step of `way`, (k,), leads to from `start`, (k,)."""
@@ -191,7 +192,7 @@ class Joints:
         return rate
 
 
-def mass_and_rows(mbs: Any) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Mass matrix, (n, n), and rows of all algebraic equations, (nAE, n), of a model at its present coordinates."""
     exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
     n = data.ODE2Size()
@@ -209,7 +210,7 @@ def mass_and_rows(mbs: Any) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     return M, sp.csr_matrix(C)
 
 
-def _masses(mbs: Any) -> Iterator[tuple[Any, Array, sp.coo_matrix | None]]:
+def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, sp.coo_matrix | None]]:
     """Number, coordinates and mass matrix of each object that has one; None for a mass that may vary."""
     exu, data = require("exudyn"), mbs.systemData
     for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
@@ -218,7 +219,7 @@ def _masses(mbs: Any) -> Iterator[tuple[Any, Array, sp.coo_matrix | None]]:
             yield number, columns, _constant_mass(mbs.GetObject(number), len(columns))
 
 
-def _validate(number: Any, entry: dict[str, Any]) -> None:
+def _validate(number: ObjectIndex, entry: ItemEntry) -> None:
     kind, name = entry["objectType"], f"object {int(number)} {entry['name']!r}"
     if kind == "RigidBody":
         raise InputError(
@@ -233,12 +234,12 @@ def _validate(number: Any, entry: dict[str, Any]) -> None:
         )
 
 
-def _is_linear(entry: dict[str, Any]) -> bool:
+def _is_linear(entry: ItemEntry) -> bool:
     quadratic = any(np.size(entry.get(f"quadraticTermMarker{i}", [])) for i in (0, 1))
     return entry["objectType"] in _LINEAR and not quadratic and not isinstance(entry.get(_TIMED[1]), dict)
 
 
-def _constant_mass(entry: dict[str, Any], n: int) -> sp.coo_matrix | None:
+def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
     """Mass matrix, (n, n), by what GetObject tells; None for one that may vary. ComputeItem has no sparse ones."""
     kind = entry["objectType"]
     if kind in ("Mass1D", "MassPoint", "MassPoint2D"):

@@ -11,7 +11,7 @@ node of its own that six coordinate constraints hold, which Exudyn's explicit so
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array
 from ..support.checks import validate_vector
+from ..support.foreign import ItemIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex
 from ..support.optional import require
 
 Kinematics = InertialKinematics | FloatingKinematics
@@ -31,8 +32,8 @@ _NEAR = 12  # nodes of which a point's motion is interpolated: more than are in 
 
 
 def add_super_element(
-    mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], name: str
-) -> tuple[dict[str, Any], list[int]]:
+    mbs: MainSystem, kinematics: Kinematics, nodes: Mapping[str, ItemIndex], name: str
+) -> tuple[dict[str, ItemIndex], list[int]]:
     """Add the super element of a body.
 
     Parameters
@@ -88,7 +89,7 @@ def add_super_element(
     return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}, held
 
 
-def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> tuple[Any, list[int]]:
+def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[NodeIndex, list[int]]:
     """Add a node at the centre of mass, held by six constraints, which are returned; explicit solvers want its mass."""
     items = require("exudyn.itemInterface")
     origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
@@ -107,7 +108,7 @@ def _add_held_node(mbs: Any, kinematics: Kinematics, name: str) -> tuple[Any, li
     return node, held
 
 
-def _add_idle_node(mbs: Any) -> Any:
+def _add_idle_node(mbs: MainSystem) -> NodeIndex:
     """Node of one coordinate that nothing moves, for a floating body without elastic coordinates."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     node = mbs.AddNode(
@@ -144,7 +145,9 @@ def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
     return np.vstack(places), np.vstack(rows)
 
 
-def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, interface: str, name: str) -> Any:
+def add_interface_marker(
+    mbs: MainSystem, super_element: ObjectIndex, kinematics: Kinematics, interface: str, name: str
+) -> MarkerIndex:
     """Add a MarkerSuperElementRigid that moves as an interface, with the body's axes; returns its number."""
     items, body = require("exudyn.itemInterface"), kinematics.body
     names = [joint.name for joint in body.partition.interfaces]
@@ -163,7 +166,9 @@ def add_interface_marker(mbs: Any, super_element: Any, kinematics: Kinematics, i
     )
 
 
-def add_tied_marker(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], interface: str, name: str) -> Any:
+def add_tied_marker(
+    mbs: MainSystem, kinematics: Kinematics, nodes: Mapping[str, ItemIndex], interface: str, name: str
+) -> MarkerIndex:
     """Add a small rigid body that six constraints hold to an interface, for bases with nodal columns.
 
     Parameters
@@ -214,7 +219,7 @@ def add_tied_marker(mbs: Any, kinematics: Kinematics, nodes: dict[str, Any], int
     return mbs.AddMarker(items.MarkerBodyRigid(name=name, bodyNumber=foot))
 
 
-def add_point_marker(mbs: Any, super_element: Any, nodes: Array, weights: Array) -> Any:
+def add_point_marker(mbs: MainSystem, super_element: ObjectIndex, nodes: Array, weights: Array) -> MarkerIndex:
     """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); returns its number."""
     return mbs.AddMarker(
         require("exudyn.itemInterface").MarkerSuperElementPosition(

@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_text
+from ..support.foreign import ItemIndex, MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
@@ -22,17 +23,17 @@ class BodyItem(Protocol):
     body: ReducedBody
 
     @property
-    def nodes(self) -> list[Any]:
+    def nodes(self) -> list[NodeIndex]:
         """Exudyn nodes of the body, in the order of its coordinates."""
 
     @property
     def node_sizes(self) -> list[int]:
         """Number of coordinates of each node."""
 
-    def is_in(self, mbs: Any) -> bool:
+    def is_in(self, mbs: MainSystem) -> bool:
         """Whether the model still holds the body."""
 
-    def __getitem__(self, key: str) -> Any:
+    def __getitem__(self, key: str) -> ItemIndex:
         """Exudyn's indices by name."""
 
 
@@ -69,7 +70,7 @@ class Samples(Protocol):
     def contacts(self) -> Sequence[ContactItem]:
         """Contacts of the model."""
 
-    def sensor_of(self, item: Any, number: Any) -> Array:
+    def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k)."""
 
 
@@ -81,7 +82,7 @@ class Registry:
     contacts: dict[int, Any] = field(default_factory=dict)
 
 
-def validate_model(mbs: Any) -> None:
+def validate_model(mbs: MainSystem) -> None:
     """Raise unless `mbs` is a model of Exudyn."""
     exu = require("exudyn")
     if not isinstance(mbs, exu.MainSystem):
@@ -89,7 +90,7 @@ def validate_model(mbs: Any) -> None:
         raise InputError(f"mbs: expected a model of Exudyn, a MainSystem, got {type(mbs).__name__}{hint}")
 
 
-def validate_new_name(mbs: Any, name: Any, kinds: Collection[str]) -> str:
+def validate_new_name(mbs: MainSystem, name: object, kinds: Collection[str]) -> str:
     """Return `name` if none of the model's items of these kinds, such as "Object", has it, so that all can be added."""
     validate_text("name", name)
     for kind in kinds:
@@ -101,7 +102,7 @@ def validate_new_name(mbs: Any, name: Any, kinds: Collection[str]) -> str:
     return str(name)
 
 
-def registered(mbs: Any) -> Registry:
+def registered(mbs: MainSystem) -> Registry:
     """Bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
     validate_model(mbs)
     held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
@@ -116,18 +117,18 @@ def registered(mbs: Any) -> Registry:
     return held
 
 
-def coordinate_slices(mbs: Any, item: BodyItem) -> list[slice]:
+def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
     """Places of a body's coordinates in the system vector, asked anew: a model may be assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
     return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]
 
 
-def start_of_step(mbs: Any) -> float:
+def start_of_step(mbs: MainSystem) -> float:
     """Time at the start of the present step [s]."""
     return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
 
 
-def runs_implicit(mbs: Any) -> bool:
+def runs_implicit(mbs: MainSystem) -> bool:
     """Whether an implicit dynamic solver is at work."""
     solver = mbs.sys.get("dynamicSolver")
     if solver is None or "implicit" not in solver.GetSolverName():

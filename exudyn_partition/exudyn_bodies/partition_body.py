@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +20,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_result, validate_type, validate_vector
+from ..support.foreign import ItemIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex
 from .attachments import add_guard, check_attachments
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
 from .model import Samples, registered
@@ -33,7 +33,7 @@ _LACKING = 0.02  # of a history: what it may lack by an estimate that holds with
 _BLOCK = 1000  # samples whose patches are recovered at a time
 
 
-class PartitionBody(dict):
+class PartitionBody(dict[str, ItemIndex]):
     """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
 
     Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
@@ -51,7 +51,12 @@ class PartitionBody(dict):
     """
 
     def __init__(
-        self, body: ReducedBody, name: str, kinematics: Kinematics, frame_left_out: tuple[str, ...], **indices: Any
+        self,
+        body: ReducedBody,
+        name: str,
+        kinematics: Kinematics,
+        frame_left_out: tuple[str, ...],
+        **indices: ItemIndex | list[ItemIndex],
     ) -> None:
         super().__init__(**indices)
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
@@ -78,7 +83,7 @@ class PartitionBody(dict):
         return said + undamped * (self.damping is None) + dents * bool(self.point_markers)
 
     @property
-    def nodes(self) -> list[Any]:
+    def nodes(self) -> list[NodeIndex]:
         """Exudyn nodes of the body, in the order of its coordinates."""
         return [self[key] for key in ("nRigid", "nModal", "nNodal") if key in self]
 
@@ -88,15 +93,15 @@ class PartitionBody(dict):
         first = RIGID if "nRigid" in self else self.body.n_shapes
         return [size for size in (first, self.body.n_dofs - first) if size]
 
-    def is_in(self, mbs: Any) -> bool:
+    def is_in(self, mbs: MainSystem) -> bool:
         """Whether the model still holds this body's object on its nodes, of its size."""
         nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
         if [*map(int, nodes)] != [*map(int, self.nodes)]:
             return False
         held = [mbs.GetNode(node).get("numberOfODE2Coordinates", RIGID) for node in nodes]
-        return sum(held) == self.body.n_dofs
+        return bool(sum(held) == self.body.n_dofs)
 
-    def CreateInterfaceMarker(self, mbs: Any, interface: str) -> Any:
+    def CreateInterfaceMarker(self, mbs: MainSystem, interface: str) -> MarkerIndex:
         """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
 
         Its place is the interface's `position`, its axes are those of the mesh at the start. Of a basis that keeps
@@ -129,7 +134,7 @@ class PartitionBody(dict):
                 self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
         return self[key]
 
-    def CreateNodeMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+    def CreateNodeMarker(self, mbs: MainSystem, point: Sequence[float]) -> MarkerIndex:
         """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
 
         It moves as the kept shapes let it: the body answers forces of its contacts and interfaces exactly, but lacks
@@ -147,7 +152,7 @@ class PartitionBody(dict):
         node = self.body.nearest_node(validate_vector("point", point))
         return self._point_marker(mbs, point, np.array([node]), np.ones(1))
 
-    def CreatePointMarker(self, mbs: Any, point: Sequence[float]) -> Any:
+    def CreatePointMarker(self, mbs: MainSystem, point: Sequence[float]) -> MarkerIndex:
         """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
 
         The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
@@ -165,14 +170,14 @@ class PartitionBody(dict):
         """
         return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
 
-    def _point_marker(self, mbs: Any, point: Sequence[float], nodes: Array, weights: Array) -> Any:
+    def _point_marker(self, mbs: MainSystem, point: Sequence[float], nodes: Array, weights: Array) -> MarkerIndex:
         self.body.check_nodes(nodes)
         marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
         if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
             self.point_markers[int(marker)] = point
         return marker
 
-    def _super_element(self, mbs: Any) -> Any:
+    def _super_element(self, mbs: MainSystem) -> ObjectIndex:
         """Object that carries markers, made when first asked for."""
         self._check_model(mbs)
         if "oFFRFreducedOrder" not in self:
@@ -181,7 +186,7 @@ class PartitionBody(dict):
             add_guard(mbs, self, check_model)
         return self["oFFRFreducedOrder"]
 
-    def _check_model(self, mbs: Any) -> None:
+    def _check_model(self, mbs: MainSystem) -> None:
         if not any(item is self for item in registered(mbs).bodies.values()):
             raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
 
@@ -248,7 +253,8 @@ class PartitionBody(dict):
             return kept
         rate = partial(np.gradient, axis=0)
         if fem is not None:
-            return kept + rate(self._lacking(result, point, fem), result.t)
+            value: Array = kept + rate(self._lacking(result, point, fem), result.t)
+            return value
         self._warn_near_contact(result, point, kept, "velocity", lambda force: rate(force, result.t))
         return kept
 
@@ -287,7 +293,8 @@ class PartitionBody(dict):
         q = self.coordinates(result)
         elastic = self.kinematics.elastic(q)
         strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
-        return self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
+        value: Array = self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
+        return value
 
     def dissipated_energy(self, result: Samples) -> Array:
         """Energy that damping has taken from the body since the start of the result, (n,) [J].
@@ -297,7 +304,8 @@ class PartitionBody(dict):
         q_t = self.coordinates_t(result)
         if self.damping is None:
             return np.zeros(len(result.t))
-        return cumulative_trapezoid(np.sum(q_t * self.damping.force(q_t), axis=1), result.t, initial=0.0)
+        value: Array = cumulative_trapezoid(np.sum(q_t * self.damping.force(q_t), axis=1), result.t, initial=0.0)
+        return value
 
     def rigid_motion(self, q: Array) -> Array:
         """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body.
@@ -327,7 +335,8 @@ class PartitionBody(dict):
         own = node_dofs(np.array([self.body.nearest_node(point)]))
         select = sp.csr_matrix((np.ones(3), (np.arange(3), own)), shape=(3, self.body.fe_dofs))
         axes = self.kinematics.frame(self.coordinates(result))[1]
-        return np.einsum("tab,tb->ta", axes, self._static_part(result, select, fem))
+        value: Array = np.einsum("tab,tb->ta", axes, self._static_part(result, select, fem))
+        return value
 
     def _warn_near_contact(
         self, result: Samples, point: Array, kept: Array, what: str, of_force: Callable[[Array], Array]
@@ -390,6 +399,6 @@ class PartitionBody(dict):
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))
 
 
-def check_model(mbs: Any) -> None:
+def check_model(mbs: MainSystem) -> None:
     """Refuse what would silently have no effect in a run of the model."""
     check_attachments(mbs, [*registered(mbs).bodies.values()])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Iterable, Sequence
+from typing import cast
 
 import numpy as np
 
@@ -13,7 +13,10 @@ from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
+from ..support.foreign import MainSystem
 from .contact_run import ContactRun
+
+State = tuple[Array, Array, Array]  # coordinates, velocities and accelerations
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # last change of the joints' accelerations, relative
@@ -49,7 +52,7 @@ class MultiplierStep:
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
 
-    def before_step(self, mbs: Any, t: float) -> None:
+    def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers ahead of the step that ends at t, once."""
         if t == self._stepped_to:
             return
@@ -72,7 +75,7 @@ class MultiplierStep:
             contact.stepped(t, step)
         self._stepped_to = t
 
-    def after_step(self, mbs: Any, t: float) -> None:
+    def after_step(self, mbs: MainSystem, t: float) -> None:
         """Make velocities and accelerations obey the joints, and tell Exudyn their reactions."""
         if self.joints is None or t != self._stepped_to:  # also called before the first step
             return
@@ -87,7 +90,7 @@ class MultiplierStep:
         data.SetAECoordinates(-(self._mean + 0.5 * self._carried))
 
     def _close(
-        self, forward: ForwardIncrement, joints: Joints, states: list[Any], start: Array, mid: Array
+        self, forward: ForwardIncrement, joints: Joints, states: list[State], start: Array, mid: Array
     ) -> tuple[list[Array], Array]:
         """Accelerations of each contact, and multipliers of the joints, (n,), in the coming step.
 
@@ -136,7 +139,7 @@ class MultiplierStep:
             )
         return forward.accelerations(lam) if lam.any() else forward.open(), reaction
 
-    def _pairs(self, forward: ForwardIncrement) -> Any:
+    def _pairs(self, forward: ForwardIncrement) -> Iterable[tuple[LagrangeContact, tuple[Array, Array]]]:
         """Laws, each with where the coordinates that it shares with joints are: among its own and among theirs."""
         return zip(forward.laws, self._shared, strict=True)
 

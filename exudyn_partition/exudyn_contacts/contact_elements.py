@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,13 +10,14 @@ import scipy.sparse as sp
 from ..contact.gaps import dense
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, consecutive
+from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
 from .contact_run import ContactRun, SolverMotion
 from .model_run import Runs
 from .partition_contact import PartitionContact
 
 
-def add_element(mbs: Any, contact: PartitionContact, runs: Runs) -> Any:
+def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> ObjectIndex:
     """Add the massless object over the nodes of both bodies that is the contact; returns its number."""
     exu = require("exudyn")
     slices = consecutive([item.body.n_dofs for item, _ in contact.sides])
@@ -27,7 +27,7 @@ def add_element(mbs: Any, contact: PartitionContact, runs: Runs) -> Any:
         if isinstance(item.kinematics, FloatingKinematics)
     ]
 
-    def force(mbs: Any, t: float, i: Any, q: Any, q_t: Any) -> Array:
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
         run = runs.advanced(mbs, t, contact).of(contact)
         f = _evaluate(mbs, t, runs, run)
         if floating and run.law.index.size:
@@ -36,7 +36,9 @@ def add_element(mbs: Any, contact: PartitionContact, runs: Runs) -> Any:
                 f[own] = kinematics.on_constant_mass(now[own], f[own])
         return f
 
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
         run = runs.advanced(mbs, t, contact).of(contact)
         _evaluate(mbs, t, runs, run)
         if run.together is None:
@@ -47,7 +49,7 @@ def add_element(mbs: Any, contact: PartitionContact, runs: Runs) -> Any:
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
 
 
-def _evaluate(mbs: Any, t: float, runs: Runs, run: ContactRun) -> Array:
+def _evaluate(mbs: MainSystem, t: float, runs: Runs, run: ContactRun) -> Array:
     """Generalised force of a contact, (n,), in the model's present state."""
     if run.together is not None:
         return runs.now(mbs).force_together(mbs, run)
@@ -57,7 +59,7 @@ def _evaluate(mbs: Any, t: float, runs: Runs, run: ContactRun) -> Array:
     return run.law.evaluate(motion)
 
 
-def add_links(mbs: Any, contact: PartitionContact, runs: Runs) -> None:
+def add_links(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:
     """Add the stiffness of a contact across elements: with what carries a surface, and with contacts on its bodies.
 
     These objects have no force, which the contacts' own elements and loads have, and cost nothing in explicit runs.
@@ -72,15 +74,17 @@ def add_links(mbs: Any, contact: PartitionContact, runs: Runs) -> None:
             _add_link(mbs, [contact, other], runs)
 
 
-def _add_link(mbs: Any, contacts: list[PartitionContact], runs: Runs) -> None:
+def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> None:
     """Add an object with the stiffness between one contact and its carrier, or between two contacts of a group."""
     exu = require("exudyn")
-    nodes: list[Any] = []
+    nodes: list[NodeIndex] = []
     for contact in contacts:
         own = contact.nodes + ([] if contact.carrier is None else contact.carrier.nodes)
         nodes += [node for node in own if int(node) not in map(int, nodes)]
 
-    def jacobian(mbs: Any, t: float, i: Any, q: Any, q_t: Any, fODE2: float, fODE2_t: float) -> Any:
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
         model = runs.advanced(mbs, t, contacts[0])
         first, last = model.of(contacts[0]), model.of(contacts[-1])
         _evaluate(mbs, t, runs, first)
@@ -107,7 +111,9 @@ def _between(run: ContactRun, other: ContactRun) -> Array:
     return run.together.stiffness(run.law, other.law)
 
 
-def _closed_rows(mbs: Any, run: ContactRun, contact: PartitionContact, place: dict[int, int]) -> tuple[Array, Array]:
+def _closed_rows(
+    mbs: MainSystem, run: ContactRun, contact: PartitionContact, place: dict[int, int]
+) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and the place of each of these, (m,)."""
     law, carrier = run.law, contact.carrier
     H = dense(law.gaps.jacobian(law.index))
@@ -118,14 +124,20 @@ def _closed_rows(mbs: Any, run: ContactRun, contact: PartitionContact, place: di
     return H, np.array([place[dof] for dof in dofs])
 
 
-def _dofs(mbs: Any, nodes: list[Any]) -> list[int]:
+def _dofs(mbs: MainSystem, nodes: list[NodeIndex]) -> list[int]:
     """Numbers of the nodes' coordinates in the model."""
     kind = require("exudyn").OutputVariableType.Coordinates
     starts = [(mbs.GetNodeODE2Index(node), len(mbs.GetNodeOutput(node, kind))) for node in nodes]
     return [dof for start, size in starts for dof in range(start, start + size)]
 
 
-def _add_object(mbs: Any, name: str, nodes: list[Any], force: Any, jacobian: Callable[..., Any]) -> Any:
+def _add_object(
+    mbs: MainSystem,
+    name: str,
+    nodes: list[NodeIndex],
+    force: Callable[..., Array] | int,
+    jacobian: Callable[..., MatrixContainer],
+) -> ObjectIndex:
     """Massless object over nodes; a force of 0 is none."""
     items = require("exudyn.itemInterface")
     return mbs.AddObject(

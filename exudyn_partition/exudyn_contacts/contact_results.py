@@ -18,10 +18,11 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
+from ..support.foreign import MainSystem
 from .contact_run import ContactRun
 
 # Energies of contacts that are solved together, by the list of these, as long as the result exists.
-_ENERGIES: WeakKeyDictionary[Any, dict[int, Array]] = WeakKeyDictionary()
+_ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
 _LOOKED_AT = 200  # samples beside an impact, until its surface has opened
 
 
@@ -48,7 +49,7 @@ class SubImpact:
 class RunSamples(Samples, Protocol):
     """What a contact reads of a run: samples of sensors, and what it kept itself."""
 
-    def kept(self, contact: Any) -> ContactRun:
+    def kept(self, contact: ContactResults) -> ContactRun:
         """What a contact kept of the run."""
 
 
@@ -81,7 +82,7 @@ class ContactResults(dict[str, Any]):
     together: Together | None
     moment_about: Array | None
 
-    def slices(self, mbs: Any) -> list[slice]:
+    def slices(self, mbs: MainSystem) -> list[slice]:
         """Where the coordinates of slave and master are among the model's."""
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
@@ -186,7 +187,8 @@ class ContactResults(dict[str, Any]):
         """Contact area, the sum of the closed rows' areas, (n,) [m2]."""
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
-        return closed @ self.law.node_areas
+        value: Array = closed @ self.law.node_areas
+        return value
 
     def radius(self, result: RunSamples) -> Array:
         """Radius of a circle of the contact area, (n,) [m]."""

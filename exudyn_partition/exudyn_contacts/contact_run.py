@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from ..contact.formulations.formulation import Law, Together
 from ..errors import RunError
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
+from ..support.foreign import MainSystem
 
 
 class ContactRun:
@@ -112,7 +112,7 @@ class SolverMotion:
 
     __slots__ = ("_mbs", "_run")
 
-    def __init__(self, mbs: Any, run: ContactRun) -> None:
+    def __init__(self, mbs: MainSystem, run: ContactRun) -> None:
         self._mbs, self._run = mbs, run
 
     @property

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..contact.formulations.choices import TwoPasses, formulation_of
@@ -16,6 +14,7 @@ from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose
 from ..exudyn_bodies.model import registered, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_choice
+from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
 from ..surfaces.points import ROWS
 from .contact_elements import add_element, add_links
@@ -30,7 +29,7 @@ _FINER = 0.9  # facets of the master smaller than this share of the slave's make
 
 
 def CreatePartitionContact(
-    mbs: Any,
+    mbs: MainSystem,
     slave: PartitionBody,
     master: PartitionBody | RigidSurface,
     *,
@@ -39,7 +38,7 @@ def CreatePartitionContact(
     passes: str = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
-    masterBody: Any = None,
+    masterBody: ObjectIndex | None = None,
     stiffness: float | None = None,
     name: str = "",
 ) -> PartitionContact:
@@ -118,11 +117,14 @@ def CreatePartitionContact(
         sides, placed = sides[::-1], placed[::-1]
     chosen.check([item.body for item, _ in sides])
     gaps: Gaps
-    if rigid is not None:
-        gaps = RigidGaps(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody))
-    else:
+    carrier = None
+    if rigid is None:
         gaps = PatchGaps(placed[0], placed[1], rows)
-    carrier = None if masterBody is None else Carrier(mbs, masterBody)
+    elif masterBody is None:
+        gaps = RigidGaps(placed[0], rigid, rows)
+    else:
+        gaps = RigidGaps(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody))
+        carrier = Carrier(mbs, masterBody)
     contact = PartitionContact(name, sides, rigid, chosen, chosen.law(gaps), carrier)
     solve_together(contact, contacts)
     runs = runs_of(mbs)
@@ -133,7 +135,7 @@ def CreatePartitionContact(
         load_carrier(mbs, lambda: runs.at_work(contact).law, masterBody)
     add_links(mbs, contact, runs)
 
-    def sample(mbs: Any, t: float, *unused: Any) -> list[float]:
+    def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         run = runs.see(mbs, t).of(contact)
         return run.values(t, mbs.systemData.GetODE2Coordinates(copy=False))
 
@@ -156,12 +158,12 @@ def _check_digits(side: Side) -> None:
         )
 
 
-def _chain_before_step(mbs: Any, runs: Runs) -> None:
+def _chain_before_step(mbs: MainSystem, runs: Runs) -> None:
     """Put what contacts do before each step in front of the model's own PreStep function."""
     own = mbs.GetPreStepUserFunction()
     own_function = own["function"] if isinstance(own, dict) else None
 
-    def before_step(mbs: Any, t: float) -> bool:
+    def before_step(mbs: MainSystem, t: float) -> bool:
         runs.before_step(mbs, t)
         return own_function is None or own_function(mbs, t)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import registered, runs_implicit
 from ..support.arrays import Array
+from ..support.foreign import MainSolver, MainSystem
 from .central_differences import MultiplierStep
 from .contact_results import ContactResults
 from .contact_run import ContactRun
@@ -42,7 +42,13 @@ class ModelRun:
     """
 
     def __init__(
-        self, mbs: Any, contacts: Sequence[ContactResults], t: float, method: Method, joints: Joints | None, keep: bool
+        self,
+        mbs: MainSystem,
+        contacts: Sequence[ContactResults],
+        t: float,
+        method: Method,
+        joints: Joints | None,
+        keep: bool,
     ) -> None:
         self._contacts = [*contacts]
         self._runs = {
@@ -83,7 +89,7 @@ class ModelRun:
                 found[int(contact["sMoment"])] = run.law.moment(contact.moment_about).tolist()
         return found
 
-    def before_step(self, mbs: Any, t: float, *, joined: bool) -> None:
+    def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:
         """Apply multipliers ahead of the explicit step that ends at t: of contacts alone, or those joined with joints.
 
         Each is applied once a step, however often it is asked for.
@@ -92,7 +98,7 @@ class ModelRun:
             if (stepper.joints is not None) == joined:
                 stepper.before_step(mbs, t)
 
-    def after_step(self, mbs: Any, t: float) -> None:
+    def after_step(self, mbs: MainSystem, t: float) -> None:
         """Make velocities obey the joints at the end of a step."""
         for stepper in self._steppers:
             stepper.after_step(mbs, t)
@@ -101,7 +107,7 @@ class ModelRun:
         """End what is done around steps: joints know the model, which results must not hold."""
         self._steppers = [stepper for stepper in self._steppers if stepper.joints is None]
 
-    def force_together(self, mbs: Any, run: ContactRun) -> Array:
+    def force_together(self, mbs: MainSystem, run: ContactRun) -> Array:
         """Generalised force of a contact, (n,), found together with those of the contacts that it is coupled with."""
         together, data = run.together, mbs.systemData.GetODE2Coordinates(copy=False)
         assert together is not None
@@ -126,31 +132,31 @@ class Runs:
         self.joints: Joints | None = None
         self._left_to_sensors = False
         self._now: ModelRun | None = None
-        self._solver: Any = None
+        self._solver: MainSolver = None
         self._latest = -math.inf
 
-    def now(self, mbs: Any, contact: ContactResults | None = None) -> ModelRun:
+    def now(self, mbs: MainSystem, contact: ContactResults | None = None) -> ModelRun:
         """The run at work; one that begins now if there was none, or if it does not know the contact."""
         run = self._now
         if run is None or (contact is not None and not run.knows(contact)):
             run = self.begin(mbs, float(mbs.systemData.GetTime()))
         return run
 
-    def advanced(self, mbs: Any, t: float, contact: ContactResults) -> ModelRun:
+    def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ModelRun:
         """The run at work, once the end of the last step is kept; to be asked before contacts are evaluated at t."""
         run = self.now(mbs, contact)
         if run.record.on:
             run.record.advance(mbs, t)
         return run
 
-    def see(self, mbs: Any, t: float) -> ModelRun:
+    def see(self, mbs: MainSystem, t: float) -> ModelRun:
         """Notice a new run: its sensors are read at its start, before anything else is."""
         if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
             self.begin(mbs, t)
         self._latest = t
         return self.now(mbs)
 
-    def begin(self, mbs: Any, t: float, method: Method | None = None) -> ModelRun:
+    def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:
         """Begin a run at time t [s]; its method is that of the solver at work, if it is not given."""
         self._solver, self._latest = mbs.sys.get("dynamicSolver"), t
         keep = not self._left_to_sensors and not sensors_keep_all(mbs)
@@ -164,14 +170,14 @@ class Runs:
         assert self._now is not None
         return self._now.of(contact)
 
-    def before_step(self, mbs: Any, t: float) -> None:
+    def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts ahead of the explicit step that ends at t; `solve_dynamic` does with joints."""
         run = self.now(mbs)
         if run.record.on:
             run.record.advance(mbs, t)
         run.before_step(mbs, t, joined=False)
 
-    def last(self, mbs: Any) -> ModelRun | None:
+    def last(self, mbs: MainSystem) -> ModelRun | None:
         """The last run; None if that was without contacts, after a Reset."""
         return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
 
@@ -196,7 +202,7 @@ class Runs:
                 self._now.forget_joints()
 
 
-def runs_of(mbs: Any) -> Runs:
+def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
     runs: Runs = mbs.sys.setdefault(RUNS, Runs())
     return runs

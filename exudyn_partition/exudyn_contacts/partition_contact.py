@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from ..contact.formulations.formulation import Formulation, Law
 from ..contact.rigid import RigidSurface
@@ -12,6 +11,7 @@ from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_vector
+from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 from .contact_results import ContactResults
 from .model_run import runs_of
@@ -45,11 +45,11 @@ class PartitionContact(ContactResults):
         self.moment_about = None
 
     @property
-    def nodes(self) -> list[Any]:
+    def nodes(self) -> list[NodeIndex]:
         """Exudyn nodes of slave and master."""
         return [node for item, _ in self.sides for node in item.nodes]
 
-    def AddMomentSensor(self, mbs: Any, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
+    def AddMomentSensor(self, mbs: MainSystem, point: Sequence[float] = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
         Extra, for it costs the places of the patch's nodes in every sample.
@@ -64,7 +64,7 @@ class PartitionContact(ContactResults):
             raise InputError(f"mbs: contact {self.name!r} belongs to another model, or to this one before a Reset")
         runs = runs_of(mbs)
 
-        def moment(mbs: Any, t: float, *unused: Any) -> list[float]:
+        def moment(mbs: MainSystem, t: float, *unused: object) -> list[float]:
             return [*map(float, runs.now(mbs, self).of(self).law.moment(place))]
 
         items = require("exudyn.itemInterface")
@@ -73,7 +73,7 @@ class PartitionContact(ContactResults):
         return self["sMoment"]
 
 
-def partition_items(mbs: Any) -> tuple[list[PartitionBody], list[PartitionContact]]:
+def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:
     """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
     held = registered(mbs)
     return [*held.bodies.values()], [*held.contacts.values()]

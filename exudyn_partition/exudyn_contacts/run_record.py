@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step
 from ..support.arrays import Array
+from ..support.foreign import MainSystem
 from ..support.optional import require
 
 _MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
@@ -51,7 +51,7 @@ class Solver:
     time: float
 
     @classmethod
-    def last(cls, mbs: Any) -> Solver | None:
+    def last(cls, mbs: MainSystem) -> Solver | None:
         """Of the last run, None where `storeSolver=False` kept nothing of it."""
         solvers = [mbs.sys[key] for key in ("dynamicSolver", "staticSolver") if key in mbs.sys]
         here = [solver for solver in solvers if solver.it.currentTime == mbs.systemData.GetTime()]
@@ -104,7 +104,7 @@ class RunRecord:
         self._coordinates: list[tuple[Array, Array]] = []
         self._values: dict[int, list[list[float]]] = {}
 
-    def advance(self, mbs: Any, t: float) -> None:
+    def advance(self, mbs: MainSystem, t: float) -> None:
         """Take the state that the last step ended in, before contacts are evaluated at time t; to be asked while `on`.
 
         A step that failed is repeated from the same start and leaves nothing.
@@ -119,7 +119,7 @@ class RunRecord:
             self._start = start
             self._take(mbs, start)
 
-    def _take(self, mbs: Any, t: float) -> None:
+    def _take(self, mbs: MainSystem, t: float) -> None:
         data, configuration = mbs.systemData, require("exudyn").ConfigurationType.StartOfStep
         both = data.GetODE2Coordinates(configuration), data.GetODE2Coordinates_t(configuration)
         self._times.append(t)
@@ -135,7 +135,7 @@ class RunRecord:
         """Ends of the steps that were kept, (n,) [s]."""
         return np.array(self._times)
 
-    def sensors(self, mbs: Any) -> dict[int, Array]:
+    def sensors(self, mbs: MainSystem) -> dict[int, Array]:
         """What the sensors of partition bodies and contacts would have stored at `times`, (n, k), by their numbers."""
         kept = {number: np.array(values) for number, values in self._values.items()}
         q, q_t = (np.array(coordinates) for coordinates in zip(*self._coordinates, strict=True))
@@ -146,7 +146,7 @@ class RunRecord:
         return kept
 
 
-def sensors_keep_all(mbs: Any) -> bool:
+def sensors_keep_all(mbs: MainSystem) -> bool:
     """Whether Exudyn's sensors store every step of the run at work."""
     settings = mbs.sys.get("simulationSettings")
     if settings is None or mbs.sys.get("dynamicSolver") is None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import History
 from ..support.arrays import Array
+from ..support.foreign import SensorIndex
+from .contact_results import ContactResults
 from .contact_run import ContactRun
 from .partition_contact import PartitionContact
 
@@ -54,10 +56,10 @@ class RunResult(Protocol):
     def history(self, contact: PartitionContact) -> History:
         """Force of a contact over time."""
 
-    def sensor_of(self, item: Any, number: Any) -> Array:
+    def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k)."""
 
-    def kept(self, contact: Any) -> ContactRun:
+    def kept(self, contact: ContactResults) -> ContactRun:
         """What a contact kept of the run."""
 
     def at(self, times: Sequence[float] | Array | int) -> RunResult:

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 
+Rows = Array | sp.csr_matrix  # dense where bodies move by shapes, sparse where they move by nodes
 NO_NODES = np.empty(0, dtype=np.int64)
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import partition_items
+from ..support.foreign import ItemEntry, MainSystem, SimulationSettings, UserFunction
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
@@ -31,7 +31,7 @@ class Watch:
 
 
 @contextlib.contextmanager
-def closed_joints(mbs: Any, method: Method) -> Iterator[None]:
+def closed_joints(mbs: MainSystem, method: Method) -> Iterator[None]:
     """Close the model's joints in explicit runs, together with its contacts.
 
     Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected through its
@@ -43,7 +43,7 @@ def closed_joints(mbs: Any, method: Method) -> Iterator[None]:
         return
     own_function = _function(mbs.GetPostStepUserFunction())
 
-    def after_step(mbs: Any, t: float) -> bool:
+    def after_step(mbs: MainSystem, t: float) -> bool:
         runs.now(mbs).after_step(mbs, t)
         return own_function is None or own_function(mbs, t)
 
@@ -58,7 +58,7 @@ def closed_joints(mbs: Any, method: Method) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def begun(mbs: Any, t: float, method: Method) -> Iterator[None]:
+def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s].
 
     Force elements of contacts whose forces are applied ahead of steps are off meanwhile: a run only pays for calls.
@@ -76,14 +76,14 @@ def begun(mbs: Any, t: float, method: Method) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def watched(mbs: Any, start_time: float, end_time: float, step: float, progress: Progress) -> Iterator[Watch]:
+def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, progress: Progress) -> Iterator[Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
     last_start = None
     own_function = _function(mbs.GetPreStepUserFunction())
     runs = runs_of(mbs)
     next_report = start_time
 
-    def before_step(mbs: Any, t: float) -> bool:
+    def before_step(mbs: MainSystem, t: float) -> bool:
         nonlocal next_report, last_start
         if t >= next_report:
             next_report = t + (end_time - start_time) / 100
@@ -108,7 +108,7 @@ def watched(mbs: Any, start_time: float, end_time: float, step: float, progress:
 
 
 @contextlib.contextmanager
-def controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator[None]:
+def controlled(mbs: MainSystem, control: StepControl | None, settings: SimulationSettings) -> Iterator[None]:
     """Steps as the control wants them, through Exudyn's PostStep and PostNewton functions, behind the model's own.
 
     PostStep runs at the start and when a step is done, and the solver takes its next step from what stands in its
@@ -120,7 +120,7 @@ def controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator
     own_after_step, own_after_newton = map(_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction()))
     refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
 
-    def after_step(mbs: Any, t: float) -> bool:
+    def after_step(mbs: MainSystem, t: float) -> bool:
         it = mbs.sys["dynamicSolver"].it
         step = control.next_step(it.currentStepSize)
         if step != it.currentStepSize:
@@ -128,7 +128,7 @@ def controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator
             mbs.solverSignalJacobianUpdate = True
         return own_after_step is None or own_after_step(mbs, t)
 
-    def after_newton(mbs: Any, t: float) -> list[float]:
+    def after_newton(mbs: MainSystem, t: float) -> list[float]:
         shorter = control.shorter_step(mbs.sys["dynamicSolver"].it.currentStepSize)
         if shorter is not None:
             return [refused, shorter]
@@ -143,6 +143,6 @@ def controlled(mbs: Any, control: StepControl | None, settings: Any) -> Iterator
         mbs.SetPostNewtonUserFunction(own_after_newton or 0)
 
 
-def _function(entry: Any) -> Callable[..., Any] | None:
+def _function(entry: ItemEntry | None) -> UserFunction | None:
     """User function that Exudyn's Get...UserFunction returns, if there is one."""
     return entry["function"] if isinstance(entry, dict) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +17,7 @@ from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import RIGID, PartitionBody
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
+from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 
 if TYPE_CHECKING:
@@ -69,7 +70,9 @@ class OpenJoints:
     bodies : sequence of PartitionBody
     """
 
-    def __init__(self, mbs: Any, joints: Sequence[OpenJoint], gaps: Array, bodies: Sequence[PartitionBody]) -> None:
+    def __init__(
+        self, mbs: MainSystem, joints: Sequence[OpenJoint], gaps: Array, bodies: Sequence[PartitionBody]
+    ) -> None:
         self.joints, self._gaps, self._bodies = joints, gaps, bodies
         if not joints:
             return
@@ -142,7 +145,7 @@ def _spikes(joint: OpenJoint, result: Result) -> list[tuple[str, float, float]]:
     return found
 
 
-def _placed_stiffness(mbs: Any, bodies: Sequence[PartitionBody], n: int) -> sp.csr_matrix:
+def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) -> sp.csr_matrix:
     """Stiffness of the bodies on the model's n coordinates."""
     result = sp.csr_matrix((n, n))
     for item in bodies:
@@ -155,7 +158,7 @@ def _placed_stiffness(mbs: Any, bodies: Sequence[PartitionBody], n: int) -> sp.c
     return result
 
 
-def check_joints(mbs: Any, bodies: Sequence[PartitionBody]) -> OpenJoints:
+def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints:
     """Refuse joints on nodes that were reduced away, and starts that violate a constraint.
 
     Parameters
@@ -220,7 +223,7 @@ def check_joints(mbs: Any, bodies: Sequence[PartitionBody]) -> OpenJoints:
     return OpenJoints(mbs, found, gaps, bodies)
 
 
-def _force_sensors(mbs: Any, number: int) -> tuple[tuple[str, int], ...]:
+def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:
     """Names and numbers of the sensors that tell the reactions of an object."""
     kind = require("exudyn").OutputVariableType
     forces = (kind.Force, kind.ForceLocal, kind.Torque, kind.TorqueLocal)
@@ -233,12 +236,12 @@ def _force_sensors(mbs: Any, number: int) -> tuple[tuple[str, int], ...]:
     return tuple(found)
 
 
-def _violations(mbs: Any, solver: Any, velocity_level: bool) -> Array:
+def _violations(mbs: MainSystem, solver: MainSolver, velocity_level: bool) -> Array:
     """Values of the constraints, (number of them,), or of their rates, at the start."""
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=velocity_level)
     return np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :]
 
 
-def _object(mbs: Any, number: int) -> str:
+def _object(mbs: MainSystem, number: int) -> str:
     about = mbs.GetObject(number)
     return f"mbs: {about['objectType']} {about['name']!r}, object {number},"

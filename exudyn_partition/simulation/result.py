@@ -19,6 +19,7 @@ from ..present.report_page import write_report
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_integer, validate_type
+from ..support.foreign import MainSystem, SensorIndex
 from .stored_run import FILE, StoredRun, check_items, described
 
 
@@ -69,7 +70,7 @@ class Result:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
         return f"Result({self.status}: {self.message}; {step}{len(self.t)} samples)"
 
-    def sensor(self, number: Any) -> Array:
+    def sensor(self, number: SensorIndex) -> Array:
         """Samples of the sensor with Exudyn's `number`, (n, k), at the times of the result.
 
         Raises
@@ -89,7 +90,7 @@ class Result:
             raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
         return self.sensors[int(number)]
 
-    def sensor_of(self, item: PartitionBody | ContactResults, number: Any) -> Array:
+    def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k); another model has the same numbers for other things.
 
         Raises
@@ -189,7 +190,7 @@ class Result:
         FILE.save(path, stored)
 
     @classmethod
-    def load(cls, path: str | Path, mbs: Any) -> Result:
+    def load(cls, path: str | Path, mbs: MainSystem) -> Result:
         """Read what `save` wrote, as a result of a model that was built as the one that was run.
 
         Parameters
@@ -279,7 +280,7 @@ class Result:
         return History(self.t, contact.force(self), velocity, info)
 
 
-def samples(mbs: Any) -> Result:
+def samples(mbs: MainSystem) -> Result:
     """What the sensors stored, with what contacts kept themselves where Exudyn read its sensors seldom."""
     sensors = {}
     for number in range(mbs.systemData.NumberOfSensors()):

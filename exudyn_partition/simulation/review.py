@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..reduction.buckling import compression, links
 from ..support.arrays import Array
+from ..support.foreign import MainSystem
 from .result import Result, called, cut
 
 _LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
@@ -33,7 +33,7 @@ _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
 
 
-def reviewed(mbs: Any, result: Result) -> Result:
+def reviewed(mbs: MainSystem, result: Result) -> Result:
     """Cut a result where it stops to mean anything, and say what needs saying."""
     bodies, contacts = partition_items(mbs)
     valid = np.ones(len(result.t), dtype=bool)

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import scipy.linalg
@@ -31,6 +31,7 @@ from ..exudyn_contacts.run_record import Solver
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
+from ..support.foreign import MainSystem, SimulationSettings
 from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
@@ -49,7 +50,7 @@ _MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
 
 
-def stability_limit(mbs: Any) -> float:
+def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
     2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start; damping of the bodies
@@ -92,7 +93,8 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
         y = K @ x
         for dofs, to_coordinates, stiffness in closed:
             y[dofs] += to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
-        return scale * y
+        value: Array = scale * y
+        return value
 
     n = K.shape[0]
     operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
@@ -105,7 +107,7 @@ def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContac
 
 
 def solve_dynamic(
-    mbs: Any,
+    mbs: MainSystem,
     *,
     end_time: float,
     step: float | None = None,
@@ -116,7 +118,7 @@ def solve_dynamic(
     free_step: float | None = None,
     gap_tolerance: float | None = None,
     unresolved: float | None = None,
-    settings: Any = None,
+    settings: SimulationSettings = None,
     progress: Progress | None = None,
 ) -> Result:
     """Run an assembled model in Exudyn's own solver.
@@ -210,7 +212,7 @@ def solve_dynamic(
 
 
 def _run(
-    mbs: Any,
+    mbs: MainSystem,
     *,
     end_time: float,
     step: float | None,
@@ -221,7 +223,7 @@ def _run(
     free_step: float | None,
     gap_tolerance: float | None,
     unresolved: float | None,
-    settings: Any,
+    settings: SimulationSettings,
     progress: Progress | None,
 ) -> tuple[Result, OpenJoints]:
     """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start."""
@@ -320,7 +322,7 @@ def _run(
     return replace(result, status=status, message=message), open_joints
 
 
-def collect(mbs: Any) -> Result:
+def collect(mbs: MainSystem) -> Result:
     """Results of the last run of a model, also of one by `mbs.SolveDynamic` directly.
 
     Exudyn reads its sensors each hundredth of a second unless `settings.solution.sensors.writePeriod` says otherwise.
@@ -372,7 +374,7 @@ def collect(mbs: Any) -> Result:
     return result
 
 
-def _warn_of_stability(mbs: Any, solver: Solver) -> None:
+def _warn_of_stability(mbs: MainSystem, solver: Solver) -> None:
     if solver.verlet and solver.step > (limit := stability_limit(mbs)):
         warnings.warn(
             f"the explicit steps of {solver.step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
@@ -382,7 +384,7 @@ def _warn_of_stability(mbs: Any, solver: Solver) -> None:
         )
 
 
-def _checked_step(mbs: Any, step: float | None, method: str) -> float:
+def _checked_step(mbs: MainSystem, step: float | None, method: str) -> float:
     bodies, _ = partition_items(mbs)
     limit = stability_limit(mbs) if method == "explicit" else float("inf")
     if step is None:
@@ -410,7 +412,7 @@ def _warn_of_many_steps(duration: float, longest: float, method: str) -> None:
         )
 
 
-def _impact_steps(mbs: Any, limit: float) -> Iterator[float]:
+def _impact_steps(mbs: MainSystem, limit: float) -> Iterator[float]:
     """Steps that resolve each contact's next impact, as the model starts [s]."""
     exu, data = require("exudyn"), mbs.systemData
     initial = exu.ConfigurationType.Initial
@@ -432,7 +434,7 @@ def _impact_steps(mbs: Any, limit: float) -> Iterator[float]:
 
 
 def _step_control(
-    mbs: Any,
+    mbs: MainSystem,
     step: float,
     method: str,
     free_step: float | None,

@@ -41,7 +41,8 @@ def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
     # Of the two forms of the solution the one without cancellation.
     above = np.where(rate >= 0, rate + root, 2 * gap)
     below = np.where(rate >= 0, -a, root - rate)
-    return np.divide(above, below, out=np.full(len(gap), np.inf), where=below > 0)
+    value: Array = np.divide(above, below, out=np.full(len(gap), np.inf), where=below > 0)
+    return value
 
 
 def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array | None = None) -> float:

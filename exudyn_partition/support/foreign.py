@@ -5,6 +5,7 @@ A checker of types knows nothing of them; the names tell a reader what they are.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 _Unknown = Any
@@ -24,6 +25,7 @@ SensorIndex = _Unknown
 ItemEntry = dict[str, _Unknown]  # what Exudyn tells of an item, by its own keys
 Coordinates = _Unknown  # what Exudyn hands to a user function: a list of numbers
 MatrixContainer = _Unknown
+UserFunction = Callable[..., _Unknown]  # what Exudyn calls in a step
 
 # NGSolve and Netgen.
 NGSolve = _Unknown  # the module itself

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class ComplianceContact(ElasticContact):
         If the flexibility of the rows is not positive definite.
     """
 
-    _held: Any = None  # rows that `problem` is of
+    _held: object = None  # rows that `problem` is of
     problem: Complementarity
 
     def reset(self) -> None:
@@ -95,4 +94,5 @@ class ComplianceContact(ElasticContact):
         """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
         everything = np.arange(len(self.gaps.row_nodes))
         H = self.gaps.jacobian(everything)
-        return H.T @ np.linalg.solve(self._flexibility(everything), H)
+        value: Array = H.T @ np.linalg.solve(self._flexibility(everything), H)
+        return value

@@ -5,11 +5,11 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from ...errors import ComplementarityError
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import dense
 from .compliance import ComplianceContact
@@ -40,7 +40,7 @@ class CoupledContacts:
         self._neighbours = [[k for own, k in self._links if own == j] for j in range(len(laws))]
         self._at: Array | None = None
         self._inverse: Array | None = None
-        self._rows: dict[tuple[int, int], Any] = {}
+        self._rows: dict[tuple[int, int], Rows] = {}
         self._kept: dict[tuple[int, int], tuple[object, object, Array]] = {}
 
     def for_run(self, laws: Sequence[ComplianceContact]) -> CoupledContacts:
@@ -124,11 +124,12 @@ class CoupledContacts:
         lam = self.laws[k].lam
         if self._constant(j) is not None and self._constant(k) is not None:
             return self._between(j, k) @ lam
-        return sum(
+        value: Array = sum(
             rows @ (flexibility @ (columns.T @ lam))
             for side, other_side, flexibility in self._links[j, k]
             for rows, columns in [(self._side_rows(j, side), self._side_rows(k, other_side))]
         )
+        return value
 
     def _between(self, j: int, k: int) -> Array:
         """Flexibility between the rows of two contacts, (nr, nr) [m/N], kept as long as these stay."""
@@ -142,12 +143,13 @@ class CoupledContacts:
         ]
         F = np.sum(blocks, axis=0)
         self._kept[j, k] = (*stay, F)
-        return F
+        value: Array = F
+        return value
 
     def _constant(self, j: int) -> object:
         return self.laws[j].gaps.constant_rows
 
-    def _side_rows(self, j: int, side: int) -> Any:
+    def _side_rows(self, j: int, side: int) -> Rows:
         if (j, side) not in self._rows:
             self._rows[j, side] = self.laws[j].gaps.side_rows(side)
         return self._rows[j, side]

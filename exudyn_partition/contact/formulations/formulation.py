@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol
 import scipy.sparse as sp
 
 from ...errors import InputError
+from ...frames.kinematics import Rows
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ..gaps import Gaps
@@ -98,7 +99,7 @@ class Law(Protocol):
     def evaluate(self, motion: Motion) -> Array:
         """Generalised contact force, (n,), on the coordinates of slave and master."""
 
-    def tangent_matrix(self, by_q: float, by_q_t: float) -> Any:
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> Rows:
         """Derivative of minus the force, (n, n): that by q times `by_q`, that by q_t times `by_q_t`; rows held."""
 
     def row_stiffness(self) -> Array:

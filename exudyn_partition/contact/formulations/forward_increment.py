@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -38,7 +37,7 @@ class ForwardIncrement:
             _, own, others = np.intersect1d(dofs[i], dofs[j], return_indices=True)
             if own.size:
                 self._links.append((i, j, own, others))
-        self.problem: Any = None
+        self._taken = False
 
     def increment(self, states: Sequence[tuple[Array, Array, Array]], step: float) -> list[Array]:
         """Accelerations M^-1 G' lambda, (n,) of each contact, that keep all gaps open; none if nothing closes.
@@ -71,7 +70,7 @@ class ForwardIncrement:
     def take_rows(self) -> bool:
         """Take F of the present rows; whether they are others than before."""
         changed = [law.take_rows() for law in self.laws]
-        if self.problem is not None and not any(changed):
+        if self._taken and not any(changed):
             return False
         self._ends = np.cumsum([0] + [len(law.F) for law in self.laws])
         self._F = scipy.linalg.block_diag(*(law.F for law in self.laws))
@@ -82,8 +81,8 @@ class ForwardIncrement:
             self._F[columns, rows] = self._F[rows, columns].T
         self._by_joints: Array | None = None
         self._index: Array | None = None
-        if self.problem is None:
-            self.problem = Complementarity(self._F)
+        if not self._taken:
+            self.problem, self._taken = Complementarity(self._F), True
         self.problem.replace(self._F, np.concatenate([law.guess for law in self.laws]))
         return True
 

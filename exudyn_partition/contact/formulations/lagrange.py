@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...algebra.complementarity import regularised
@@ -54,7 +52,7 @@ class LagrangeContact(ContactLaw):
         """Go back to the start."""
         super().reset()
         self._expected: Array | None = None
-        self._held: Any = None
+        self._held: object = None
         self.take_rows()
 
     def take_rows(self) -> bool:

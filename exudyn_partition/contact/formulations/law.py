@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Gaps
 from .formulation import Law, Method, Motion
@@ -148,7 +149,8 @@ class ContactLaw:
         rows = self.index[self.gaps.at_edge[self.index]]
         if not len(rows):
             return None
-        return self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
+        value: Array = self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
+        return value
 
 
 class ElasticContact(ContactLaw):
@@ -183,7 +185,7 @@ class ElasticContact(ContactLaw):
         """Energy stored at present [J]: -1/2 lambda' h, the half of forces times depths."""
         return -0.5 * float(self.lam[self.index] @ self.h[self.index])
 
-    def tangent_of(self, H: Any) -> Array:
+    def tangent_of(self, H: Rows) -> Array:
         """Stiffness that the closed rows make on some coordinates, (m, m), by their derivatives H, (na, m)."""
         raise NotImplementedError
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ...errors import ComplementarityError
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Gaps
 from .law import ElasticContact
@@ -51,9 +51,10 @@ class PenaltyContact(ElasticContact):
         everything = np.arange(len(self.gaps.row_nodes))
         return self._tangent(everything, self.gaps.jacobian(everything))
 
-    def _tangent(self, index: Array, H: Any) -> Array:
+    def _tangent(self, index: Array, H: Rows) -> Array:
         k = self.stiffness * self.gaps.area[index]
-        return (H.T @ sp.diags(k) @ H).toarray() if sp.issparse(H) else H.T @ (k[:, None] * H)
+        value: Array = (H.T @ sp.diags(k) @ H).toarray() if sp.issparse(H) else H.T @ (k[:, None] * H)
+        return value
 
 
 def bed_stiffness(gaps: Gaps) -> float:

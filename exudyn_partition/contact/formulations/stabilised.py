@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -62,8 +61,8 @@ class StabilisedContact(ContactLaw):
         self._longest = 0.0
         self._evaluations = 0
         self._expected = self._last = np.zeros(len(self._closed_nodes))
-        self._held: Any = None
-        self.problem: Any = None
+        self._held: object = None
+        self._taken = False
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
@@ -123,11 +122,11 @@ class StabilisedContact(ContactLaw):
                 self._flexibilities[step] = [_dynamic_flexibility(side, step) for side in gaps.sides]
             both = zip(gaps.sides, self._flexibilities[step], strict=True)
             gaps.sides = tuple(replace(side, flexibility=flexibility) for side, flexibility in both)
-        elif self.problem is not None and not gaps.moving and self._held is gaps.held:
+        elif self._taken and not gaps.moving and self._held is gaps.held:
             return
         F = regularised(_SHARE * gaps.flexibility(np.arange(len(gaps.row_nodes))))
-        if self.problem is None:
-            self.problem = Complementarity(F)
+        if not self._taken:
+            self.problem, self._taken = Complementarity(F), True
         self.problem.replace(F, self._closed_nodes[gaps.row_nodes])
         self._step, self._held = step, gaps.held
 

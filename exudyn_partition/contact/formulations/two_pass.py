@@ -105,13 +105,15 @@ class TwoPass:
     def index(self) -> Array:
         """Closed rows among them."""
         there, back = self.passes
-        return np.r_[there.index, len(there.lam) + back.index]
+        value: Array = np.r_[there.index, len(there.lam) + back.index]
+        return value
 
     @property
     def row_nodes(self) -> Array:
         """Patch nodes of the rows, those of the second pass counted on from the first slave's."""
         there, back = self.passes
-        return np.r_[there.row_nodes, len(there.node_areas) + back.row_nodes]
+        value: Array = np.r_[there.row_nodes, len(there.node_areas) + back.row_nodes]
+        return value
 
     @property
     def node_areas(self) -> Array:
