@@ -120,6 +120,8 @@ class Gaps:
     faced : bool
         Whether the slave faced what it is to meet at the start. If not, rows at the start are those of a pose in which
         it does: they tell flexibility and stiffness, and the first evaluation finds others.
+    searches : int
+        How often the pairs of all points were searched since the start of the run.
     carried : bool
         Whether a body of another kind carries the rigid surface.
     """
@@ -137,6 +139,7 @@ class Gaps:
     approach: Array
     faced: bool = True
     carried: bool = False
+    searches: int = 0
     H: Rows
     _all: ContactPoints  # of the slave
     _mean: Array | None  # (nr, p): rows by points; None if each row is one point
@@ -151,6 +154,7 @@ class Gaps:
     def fresh(self) -> Self:
         """Return the same rows at the start, for another run; what does not change is shared."""
         result = copy.copy(self)
+        result.searches = 0
         result.reset()
         return result
 

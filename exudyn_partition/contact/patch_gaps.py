@@ -228,6 +228,7 @@ class PatchGaps(Gaps):
 
     def _search(self, x_s: Array, x_m: Array, here: Array) -> None:
         """Find the pairs of all points."""
+        self.searches += 1
         self._every, least = self._project(x_s, x_m)
         self.unpaired = self._every.unpaired
         self._searched_at, self._narrowed = here, False

@@ -52,6 +52,11 @@ class MultiplierStep:
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
 
+    @property
+    def iterations(self) -> int:
+        """Iterations of the active set so far."""
+        return self._forward.iterations
+
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers ahead of the step that ends at t, once."""
         if t == self._stepped_to:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from ..contact.formulations.choices import TwoPasses, formulation_of
@@ -21,6 +23,8 @@ from .contact_elements import add_element, add_links
 from .coupling import solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
+
+_log = logging.getLogger(__name__)
 
 PASSES = ("finer", "given", "two")
 
@@ -127,6 +131,8 @@ def CreatePartitionContact(
         carrier = Carrier(mbs, masterBody)
     contact = PartitionContact(name, sides, rigid, chosen, chosen.law(gaps), carrier)
     solve_together(contact, contacts)
+    law = type(contact.law).__name__
+    _log.info("contact %r: %s with %s rows, in a group of %s", name, law, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
     if contact.law.ahead:
         _chain_before_step(mbs, runs)

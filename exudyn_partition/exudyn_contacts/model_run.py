@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
+import time
 from collections.abc import Iterator, Sequence
 
 from ..contact.formulations.formulation import Method
@@ -15,6 +17,8 @@ from .central_differences import MultiplierStep
 from .contact_results import ContactResults
 from .contact_run import ContactRun
 from .run_record import RunRecord, sensors_keep_all
+
+_log = logging.getLogger(__name__)
 
 RUNS = "exudynPartitionRun"  # key in mbs.sys
 
@@ -39,6 +43,8 @@ class ModelRun:
     Attributes
     ----------
     record : RunRecord
+    contact_s : float
+        Time in contacts so far [s].
     """
 
     def __init__(
@@ -50,7 +56,7 @@ class ModelRun:
         joints: Joints | None,
         keep: bool,
     ) -> None:
-        self._contacts = [*contacts]
+        self._contacts, self.contact_s = [*contacts], 0.0
         self._runs = {
             id(contact): ContactRun(contact.name, contact.law.for_run(method), contact.slices(mbs), t)
             for contact in contacts
@@ -70,6 +76,16 @@ class ModelRun:
             for run in ahead:
                 run.joined = True
             self._steppers.append(MultiplierStep(ahead, joints))
+
+    @property
+    def active_set_iterations(self) -> int:
+        """Iterations of all contacts' active sets so far."""
+        return sum(run.law.iterations for run in self._runs.values()) + sum(s.iterations for s in self._steppers)
+
+    @property
+    def pair_searches(self) -> int:
+        """Searches of the pairs of all points so far."""
+        return sum(run.law.searches for run in self._runs.values())
 
     def of(self, contact: ContactResults) -> ContactRun:
         """State of a contact."""
@@ -94,9 +110,11 @@ class ModelRun:
 
         Each is applied once a step, however often it is asked for.
         """
+        begin = time.perf_counter()
         for stepper in self._steppers:
             if (stepper.joints is not None) == joined:
                 stepper.before_step(mbs, t)
+        self.contact_s += time.perf_counter() - begin
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Make velocities obey the joints at the end of a step."""
@@ -162,6 +180,7 @@ class Runs:
         keep = not self._left_to_sensors and not sensors_keep_all(mbs)
         method = method or ("implicit" if runs_implicit(mbs) else "explicit")
         contacts: list[ContactResults] = [*registered(mbs).contacts.values()]
+        _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         self._now = ModelRun(mbs, contacts, t, method, self.joints, keep)
         return self._now
 

@@ -40,6 +40,8 @@ class Solver:
         Whether the run came to its end.
     time : float
         Where it is [s].
+    rejected_steps, jacobians, newton_iterations : int
+        Steps that were taken again, and the work of Newton's method.
     """
 
     method: str
@@ -49,6 +51,9 @@ class Solver:
     verlet: bool
     finished: bool
     time: float
+    rejected_steps: int
+    jacobians: int
+    newton_iterations: int
 
     @classmethod
     def last(cls, mbs: MainSystem) -> Solver | None:
@@ -67,6 +72,9 @@ class Solver:
             verlet="VelocityVerlet" in name,
             finished=it.currentTime > it.endTime - 0.5 * it.maxStepSize,
             time=it.currentTime,
+            rejected_steps=it.rejectedAutomaticStepSizeSteps,
+            jacobians=it.newtonJacobiCount,
+            newton_iterations=it.newtonStepsCount,
         )
 
 

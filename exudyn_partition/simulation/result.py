@@ -15,12 +15,14 @@ from ..exudyn_contacts.contact_results import ContactResults
 from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..exudyn_contacts.run_record import Solver
 from ..present.report_page import write_report
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_integer, validate_type
 from ..support.foreign import MainSystem, SensorIndex
 from .stored_run import FILE, StoredRun, check_items, described
+from .work import Work
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class Result:
         The model's.
     contacts : tuple of PartitionContact
         The model's.
+    work : Work
+        Counts of the solver and of the contacts.
     runs : tuple of ContactRun
         What each contact kept of the run; empty of a result that was read from a file.
     seldom : set of int
@@ -64,6 +68,7 @@ class Result:
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
     runs: tuple[ContactRun, ...] = field(default=(), repr=False)
+    work: Work = field(default_factory=Work, repr=False)
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
 
     def __repr__(self) -> str:
@@ -182,6 +187,7 @@ class Result:
             steps=int(self.steps),
             method=self.method,
             time_s=float(self.time_s),
+            work=self.work,
             numbers=np.array([*self.sensors], dtype=np.int64),
             seldom=np.array(sorted(self.seldom), dtype=np.int64),
             samples=tuple(np.array(data) for data in self.sensors.values()),
@@ -215,6 +221,7 @@ class Result:
             steps=stored.steps,
             method=stored.method,
             time_s=stored.time_s,
+            work=stored.work,
             sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
             bodies=tuple(bodies),
             contacts=tuple(contacts),
@@ -304,6 +311,7 @@ def samples(mbs: MainSystem) -> Result:
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
         bodies=tuple(bodies),
         contacts=tuple(contacts),
+        work=Work.of(Solver.last(mbs), run),
         runs=() if run is None else tuple(run.of(contact) for contact in contacts),
     )
     times = np.empty(0) if run is None else run.record.times

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import time
 import warnings
@@ -11,9 +12,6 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse as sp
-import scipy.sparse.linalg
 
 from ..algebra.factorisation import one_blas_thread
 from ..contact.formulations.formulation import Law, Method
@@ -27,7 +25,6 @@ from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..exudyn_contacts.run_record import Solver
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
@@ -40,7 +37,10 @@ from .hooks import begun, closed_joints, controlled, watched
 from .joint_checks import OpenJoints, check_joints
 from .result import Result, cut, samples
 from .review import reviewed, warn_of_turns
+from .stability import limit_of, stability_limit
 from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
+
+_log = logging.getLogger(__name__)
 
 _CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
@@ -48,62 +48,6 @@ _EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end tim
 _MOST_STEPS = 2**31 - 1  # that Exudyn counts
 _MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
-
-
-def stability_limit(mbs: MainSystem) -> float:
-    """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
-
-    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start; damping of the bodies
-    lowers it, by a bound that is exact where the highest mode is damped most. Other items of the
-    model are not included, nor is the mass of what carries a rigid surface; multipliers of the lagrange formulation do
-    not lower the limit.
-
-    Parameters
-    ----------
-    mbs : exudyn.MainSystem
-
-    Returns
-    -------
-    float
-        `math.inf` for a model without partition bodies, or of such as neither vibrate nor touch.
-    """
-    return _stability_limit(*partition_items(mbs))
-
-
-def _stability_limit(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> float:
-    if not bodies:
-        return float("inf")
-    ends = np.cumsum([0] + [item.body.n_dofs for item in bodies])
-    place = {id(item): np.arange(a, b) for item, a, b in zip(bodies, ends[:-1], ends[1:], strict=True)}
-    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
-    if not contacts and not K.data.any():
-        return math.inf  # bodies without elastic coordinates that touch nothing
-    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed = []
-    for contact in contacts:
-        stiffness = contact.law.closed_stiffness()  # of the pairs at the start, which are all that can close
-        if stiffness is not None:
-            items = [item for item, _ in contact.sides]
-            to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
-            dofs = np.concatenate([place[id(item)] for item in items])
-            closed.append((dofs, to_coordinates, stiffness))
-
-    def apply(x: Array) -> Array:
-        x = scale * x.ravel()
-        y = K @ x
-        for dofs, to_coordinates, stiffness in closed:
-            y[dofs] += to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
-        value: Array = scale * y
-        return value
-
-    n = K.shape[0]
-    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
-    start = np.ones(n)
-    largest = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
-    omega = float(np.sqrt(largest))
-    rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
-    # VelocityVerlet takes damping forces from the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
-    return 4 / (rate + math.hypot(rate, 2 * omega))
 
 
 def solve_dynamic(
@@ -291,6 +235,7 @@ def _run(
         integration.adaptiveStepRecoverySteps = steps
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
+    _log.info("%s steps of %.4g s to %.6g s, %s", steps, step, end_time, "adaptive" if adaptive else "equal")
     status, message = "finished", f"reached {end_time:.6g} s"
     runs, kind = runs_of(mbs), cast(Method, method)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
@@ -312,6 +257,7 @@ def _run(
             status, message = "unstable", f"the solver stopped: {_root(error)}"
         time_s = time.perf_counter() - begin
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
+    _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
         result = cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
     if status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
@@ -320,68 +266,6 @@ def _run(
     elif status == "finished" and progress is not None:
         progress(1.0)
     return replace(result, status=status, message=message), open_joints
-
-
-def collect(mbs: MainSystem) -> Result:
-    """Results of the last run of a model, also of one by `mbs.SolveDynamic` directly.
-
-    Exudyn reads its sensors each hundredth of a second unless `settings.solution.sensors.writePeriod` says otherwise.
-    Contacts keep the ends of all steps themselves then, with the coordinates of all partition bodies, and the result
-    has those times.
-
-    Parameters
-    ----------
-    mbs : exudyn.MainSystem
-
-    Returns
-    -------
-    Result
-        Cut where coordinates stop to be finite, or deformations to be small.
-
-    Raises
-    ------
-    InputError
-        If `mbs` is no model of Exudyn.
-    RunError
-        If no sensor stored anything.
-
-    Warns
-    -----
-    StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
-        As `solve_dynamic`; also if explicit steps were above the stability limit, or so many that contacts did not keep
-        them.
-    """
-    validate_model(mbs)
-    check_model(mbs)
-    result, solver = samples(mbs), Solver.last(mbs)
-    if (run := runs_of(mbs).last(mbs)) is not None and run.record.overflowed:
-        warnings.warn(
-            "the run took more steps than contacts keep beside Exudyn's sensors, so that the result has the times of "
-            "these alone: impacts between them are missing. Set settings.solution.sensors.writePeriod to the period "
-            "that you need, or take solve_dynamic(mbs, ..., sample_period=...)",
-            ModelLimitWarning,
-            stacklevel=2,
-        )
-    if solver is not None:
-        result = replace(result, method=solver.method, step=solver.step, steps=solver.steps)
-        if not solver.finished:
-            message = f"the solver stopped at t = {solver.time:.6g} s, before the end of the run"
-            result = replace(result, status="interrupted", message=message)
-        _warn_of_stability(mbs, solver)
-    result = reviewed(mbs, result)
-    if solver is not None and solver.equal:
-        warn_of_turns(result)
-    return result
-
-
-def _warn_of_stability(mbs: MainSystem, solver: Solver) -> None:
-    if solver.verlet and solver.step > (limit := stability_limit(mbs)):
-        warnings.warn(
-            f"the explicit steps of {solver.step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
-            f"closed): the bodies may gain energy without bound. Take at most {limit:.3g} s, or an implicit solver",
-            ModelLimitWarning,
-            stacklevel=3,
-        )
 
 
 def _checked_step(mbs: MainSystem, step: float | None, method: str) -> float:
@@ -450,7 +334,7 @@ def _step_control(
         gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
     unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
     if method == "explicit":
-        longest = min(longest, SAFETY * _stability_limit(bodies, []))
+        longest = min(longest, SAFETY * limit_of(bodies, []))
     longest = max(step, min(longest, sample_period or math.inf))
 
     def state(item: PartitionBody) -> tuple[Array, Array, Array]:

@@ -11,6 +11,7 @@ from ..exudyn_contacts.contact_results import ContactResults
 from ..support.archive import Format, digest
 from ..support.arrays import Array
 from ..support.checks import read_only
+from .work import Work
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class StoredRun:
     method : str
     time_s : float
         [s]
+    work : Work
     numbers, seldom : (k,) int arrays
         Of the sensors.
     samples : tuple of (n, m) arrays
@@ -48,6 +50,7 @@ class StoredRun:
     steps: int
     method: str
     time_s: float
+    work: Work
     numbers: Array
     seldom: Array
     samples: tuple[Array, ...]
@@ -63,7 +66,7 @@ FILE = Format(
     name="result",
     version=2,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
-    classes=(StoredRun,),
+    classes=(StoredRun, Work),
 )
 
 

@@ -38,9 +38,15 @@ class ComplianceContact(ElasticContact):
     _held: object = None  # rows that `problem` is of
     problem: Complementarity
 
+    @property
+    def iterations(self) -> int:
+        """See `Law`."""
+        return self._iterations + self.problem.iterations
+
     def reset(self) -> None:
         """Go back to the start."""
         super().reset()
+        self._iterations = 0
         self._take_held()
 
     def _take_held(self) -> None:
@@ -64,6 +70,7 @@ class ComplianceContact(ElasticContact):
             self._answer_near(h)
             return
         if self._held is not self.gaps.held:
+            self._iterations += self.problem.iterations
             self._take_held()
         self.lam = self.problem.solve(h)
         self.index = self.problem.index
@@ -72,14 +79,14 @@ class ComplianceContact(ElasticContact):
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if self.least_gap >= 0.0:
-            self._open()
+            self.open_rows()
             return
         near = np.flatnonzero(h < -BULGE * self.least_gap)
         self.problem.replace(self._flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
         self._held = None  # the frozen problem is no more
         lam = np.zeros(len(h))
         lam[near] = self.problem.solve(h[near])
-        self._close(lam, near[self.problem.index])
+        self.close_rows(lam, near[self.problem.index])
 
     def tangent_of(self, H: Array) -> Array:
         """Stiffness H' F_AA^-1 H, (m, m), of the closed rows on any coordinates, H (na, m)."""

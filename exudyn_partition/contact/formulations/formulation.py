@@ -59,6 +59,8 @@ class Law(Protocol):
         Rows that are closed.
     least_gap : float
         Smallest gap of the present rows, before the contact's own flexibility gives way [m].
+    iterations, searches : int
+        Iterations of the active set, and searches of the pairs of all points, since the start of the run.
     """
 
     elastic: bool
@@ -79,6 +81,14 @@ class Law(Protocol):
 
     @property
     def least_gap(self) -> float:
+        """See the attributes."""
+
+    @property
+    def iterations(self) -> int:
+        """See the attributes."""
+
+    @property
+    def searches(self) -> int:
         """See the attributes."""
 
     @property

@@ -39,6 +39,11 @@ class ForwardIncrement:
                 self._links.append((i, j, own, others))
         self._taken = False
 
+    @property
+    def iterations(self) -> int:
+        """Iterations of the active set so far."""
+        return self.problem.iterations if self._taken else 0
+
     def increment(self, states: Sequence[tuple[Array, Array, Array]], step: float) -> list[Array]:
         """Accelerations M^-1 G' lambda, (n,) of each contact, that keep all gaps open; none if nothing closes.
 

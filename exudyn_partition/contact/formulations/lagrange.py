@@ -88,14 +88,14 @@ class LagrangeContact(ContactLaw):
 
     def open(self) -> None:
         """Leave all rows open in the coming step."""
-        self._open()
+        self.open_rows()
 
     def close(self, lam: Array, index: Array, gap: Array, scale: float) -> None:
         """Push with lam, (nr,) [N], on the rows `index` in the coming step.
 
         Its gaps are then `gap`, (nr,) [m]; `scale` [m] is the most that one multiplier closes.
         """
-        self._close(lam, index)
+        self.close_rows(lam, index)
         if not self.gaps.moving:
             self._expected, self._scale = gap, scale
 

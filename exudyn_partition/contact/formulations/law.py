@@ -56,7 +56,17 @@ class ContactLaw:
         self.gaps.reset()
         self.least_gap = np.inf
         self._closed_nodes = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
-        self._open()
+        self.open_rows()
+
+    @property
+    def iterations(self) -> int:
+        """See `Law`."""
+        return 0
+
+    @property
+    def searches(self) -> int:
+        """See `Law`."""
+        return self.gaps.searches
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`; nothing by the force element."""
@@ -102,16 +112,16 @@ class ContactLaw:
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps, rates and accelerations of an open contact, as `Gaps.closing`."""
         found = self.gaps.closing(q, q_t, q_tt)
-        self._open()  # the rows may be others now
+        self.open_rows()  # the rows may be others now
         return found
 
-    def _open(self) -> Array:
+    def open_rows(self) -> Array:
         """No row is closed."""
         self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
         self._closed_nodes[:] = False
         return self._zero
 
-    def _close(self, lam: Array, index: Array) -> None:
+    def close_rows(self, lam: Array, index: Array) -> None:
         """These rows are closed; which nodes they belong to is the first guess of the next step."""
         self.lam, self.index = lam, index
         self._closed_nodes[:] = False

@@ -37,10 +37,10 @@ class PenaltyContact(ElasticContact):
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if self.least_gap >= 0.0:
-            self._open()
+            self.open_rows()
             return
         lam = np.where(gap < 0.0, -self.stiffness * self.gaps.area * gap, 0.0)
-        self._close(lam, np.flatnonzero(lam))
+        self.close_rows(lam, np.flatnonzero(lam))
 
     def tangent_of(self, H: Array) -> Array:
         """Stiffness of the closed rows on any coordinates, (m, m), H (na, m)."""

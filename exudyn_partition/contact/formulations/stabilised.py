@@ -64,6 +64,11 @@ class StabilisedContact(ContactLaw):
         self._held: object = None
         self._taken = False
 
+    @property
+    def iterations(self) -> int:
+        """See `Law`."""
+        return self.problem.iterations if self._taken else 0
+
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
         return self.force(motion.q, motion.q_t, motion.step)
@@ -85,7 +90,7 @@ class StabilisedContact(ContactLaw):
         """
         self._evaluations = self._evaluations + 1 if step == self._step else 0
         if step <= 0.0:
-            return self._open()
+            return self.open_rows()
         gaps = self.gaps
         h = gaps.at(gaps.moved(q, _AHEAD * step * q_t))
         self.least_gap = h.min(initial=np.inf)
@@ -93,7 +98,7 @@ class StabilisedContact(ContactLaw):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         expected = self._expected[gaps.row_nodes]
         if self.least_gap >= 0.0 and not expected.any():
-            return self._open()
+            return self.open_rows()
         self._take_rows(step)
         w = h - self.problem.F @ expected
         self._longest = max(self._longest, step)
@@ -102,7 +107,7 @@ class StabilisedContact(ContactLaw):
         else:
             lam = np.zeros(len(w))
             lam[self.problem.index] = self.problem.solve_active(-w[self.problem.index])
-        self._close(lam, self.problem.index)
+        self.close_rows(lam, self.problem.index)
         return gaps.generalised(lam)
 
     def commit(self, start: float) -> None:

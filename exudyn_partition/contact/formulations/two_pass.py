@@ -97,6 +97,16 @@ class TwoPass:
         return 0.5 * (there.potential(q) + back.potential(q[self._exchange]))
 
     @property
+    def iterations(self) -> int:
+        """See `Law`."""
+        return sum(law.iterations for law in self.passes)
+
+    @property
+    def searches(self) -> int:
+        """See `Law`."""
+        return sum(law.searches for law in self.passes)
+
+    @property
     def lam(self) -> Array:
         """Forces on the rows of the first pass, then of the second [N]; their sum is the total force."""
         return 0.5 * np.concatenate([law.lam for law in self.passes])

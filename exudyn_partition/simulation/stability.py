@@ -1,0 +1,72 @@
+"""The largest stable step of explicit runs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..support.arrays import Array
+from ..support.foreign import MainSystem
+
+
+def stability_limit(mbs: MainSystem) -> float:
+    """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
+
+    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start; damping of the bodies
+    lowers it, by a bound that is exact where the highest mode is damped most. Other items of the
+    model are not included, nor is the mass of what carries a rigid surface; multipliers of the lagrange formulation do
+    not lower the limit.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+
+    Returns
+    -------
+    float
+        `math.inf` for a model without partition bodies, or of such as neither vibrate nor touch.
+    """
+    return limit_of(*partition_items(mbs))
+
+
+def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> float:
+    """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
+    if not bodies:
+        return float("inf")
+    ends = np.cumsum([0] + [item.body.n_dofs for item in bodies])
+    place = {id(item): np.arange(a, b) for item, a, b in zip(bodies, ends[:-1], ends[1:], strict=True)}
+    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
+    if not contacts and not K.data.any():
+        return math.inf  # bodies without elastic coordinates that touch nothing
+    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
+    closed = []
+    for contact in contacts:
+        stiffness = contact.law.closed_stiffness()  # of the pairs at the start, which are all that can close
+        if stiffness is not None:
+            items = [item for item, _ in contact.sides]
+            to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
+            dofs = np.concatenate([place[id(item)] for item in items])
+            closed.append((dofs, to_coordinates, stiffness))
+
+    def apply(x: Array) -> Array:
+        x = scale * x.ravel()
+        y = K @ x
+        for dofs, to_coordinates, stiffness in closed:
+            y[dofs] += to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
+        value: Array = scale * y
+        return value
+
+    n = K.shape[0]
+    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
+    start = np.ones(n)
+    largest = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
+    omega = float(np.sqrt(largest))
+    rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
+    # VelocityVerlet takes damping forces from the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
+    return 4 / (rate + math.hypot(rate, 2 * omega))

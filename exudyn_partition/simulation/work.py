@@ -1,0 +1,41 @@
+"""What a run took: how often steps, Jacobians and active sets were computed, and the time in contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..exudyn_contacts.model_run import ModelRun
+from ..exudyn_contacts.run_record import Solver
+
+
+@dataclass(frozen=True)
+class Work:
+    """Counts of a run.
+
+    Parameters
+    ----------
+    rejected_steps : int
+        Steps that were taken again, shorter.
+    jacobians, newton_iterations : int
+        Of implicit steps.
+    active_set_iterations : int
+        Of all contacts.
+    pair_searches : int
+        Projections of all points of a contact onto its master.
+    contact_s : float
+        Time in contacts [s]; the rest of the run's time is Exudyn's.
+    """
+
+    rejected_steps: int = 0
+    jacobians: int = 0
+    newton_iterations: int = 0
+    active_set_iterations: int = 0
+    pair_searches: int = 0
+    contact_s: float = 0.0
+
+    @classmethod
+    def of(cls, solver: Solver | None, run: ModelRun | None) -> Work:
+        """Work of a run, as far as Exudyn's solver and the contacts tell."""
+        of_solver = (0, 0, 0) if solver is None else (solver.rejected_steps, solver.jacobians, solver.newton_iterations)
+        of_contacts = (0, 0, 0.0) if run is None else (run.active_set_iterations, run.pair_searches, run.contact_s)
+        return cls(*of_solver, *of_contacts)
