@@ -180,7 +180,7 @@ def complementarity(run):
     """
     worst = 0.0
     for contact in run.contacts:
-        gaps, result = contact.gaps.fresh(), run.result
+        gaps, result = contact.law.gaps.fresh(), run.result
         q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
         forces, total = contact.row_forces(result), contact.force(result)
         closed = np.flatnonzero(total > 1e-3 * total.max())
