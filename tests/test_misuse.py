@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "validation" / "stability"))
-from misuse import GOOD, classify
-from misuse_calls import CALLS, NOT_CALLED, Misuse, misuses, public
+from misuse import GOOD, RIGHT, classify
+from misuse_calls import CALLS, NOT_CALLED, Misuse, misuses, public, right_calls
 from misuse_scenes import SCENES
 from misuse_values import Scene
 
@@ -46,6 +46,14 @@ def test_every_public_function_is_called_with_every_argument():
     for name, entry in CALLS.items():
         expected = {*inspect.signature(public()[name]).parameters} - {"self", "cls"}
         assert {*entry.arguments} == expected, name
+
+
+def test_right_values_are_taken(scene):
+    """What refuses these as well tells nothing of the wrong ones."""
+    for call in right_calls():
+        if call.name.removesuffix(", right") not in SLOW:
+            row = classify(call, scene)
+            assert row["kind"] in RIGHT, row
 
 
 @settings(max_examples=400, deadline=None, database=None)

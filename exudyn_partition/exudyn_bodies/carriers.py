@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..contact.formulations.formulation import Law
-from ..errors import RunError
+from ..errors import InputError, RunError
 from ..support.arrays import Array
 from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
@@ -31,6 +31,21 @@ def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
         return found
 
     return held
+
+
+def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:
+    """Raise InputError unless `body` is the number of an Exudyn body that has a place and axes."""
+    exu = require("exudyn")
+    expected = f"{name}: expected the number of a body of this model, as mbs.CreateRigidBody or mbs.AddObject returns"
+    if isinstance(body, bool):
+        raise InputError(f"{expected}, got {body}")
+    try:
+        for what in (exu.OutputVariableType.Position, exu.OutputVariableType.RotationMatrix):
+            mbs.GetObjectOutputBody(
+                body, what, localPosition=[0.0, 0.0, 0.0], configuration=exu.ConfigurationType.Reference
+            )
+    except Exception as error:  # Exudyn has several types of errors
+        raise InputError(f"{expected}; Exudyn says: {error}") from error
 
 
 def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:

@@ -226,7 +226,14 @@ class ContactResults(dict[str, Any]):
         return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
 
     def edge_reached(self, result: RunSamples) -> tuple[float, Array] | None:
-        """When and where the contact reached the edge of its patch first, [s] and (3,) [m]; None if it did not."""
+        """When and where the contact reached the edge of its patch first, [s] and (3,) [m]; None if it did not.
+
+        Raises
+        ------
+        InputError
+            If the result is none, of another model, or was read from a file, which does not hold this.
+        """
+        validate_result(result)
         return result.kept(self).edge
 
     def energy(self, result: RunSamples) -> Array:

@@ -12,7 +12,7 @@ from ..contact.gaps import Gaps, Side
 from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError
-from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose
+from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registered, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_choice
@@ -90,7 +90,7 @@ def CreatePartitionContact(
     bodies, contacts = partition_items(mbs)
     other = master if isinstance(master, PartitionBody) else None
     rigid = None if isinstance(master, PartitionBody) else master
-    if rigid is not None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder)):
+    if other is None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder)):
         raise InputError(
             "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere or RigidCylinder, got "
             f"{type(master).__name__}"
@@ -104,11 +104,13 @@ def CreatePartitionContact(
         raise InputError("slave, master: expected two bodies, got the same twice")
     validate_new_name(mbs, name, ("Object", "Sensor"))
     chosen = formulation_of(formulation, stiffness)
-    rows = validate_choice("rows", rows or chosen.rows, ROWS)
+    rows = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
     if validate_choice("passes", passes, PASSES) == "two":
         chosen = TwoPasses(chosen)
     if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
+    if masterBody is not None:
+        validate_carrier("masterBody", mbs, masterBody)
     if masterPatch is not None and rigid is not None:
         raise InputError(f"masterPatch: a {type(rigid).__name__} has no patches, leave it out")
     sides = [(slave, slave.body.partition.patch(slavePatch))]

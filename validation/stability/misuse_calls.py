@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from misuse_values import STEP, Kind, Made
 
 import exudyn_partition as ep
+from exudyn_partition.contact.formulations.choices import Penalty
 
 
 def public():
@@ -161,7 +162,7 @@ _contacts = Kind(
 _foreign_item = {"of another model": Made(lambda s: s.foreign[0])}
 _foreign_contact = {"of another model": Made(lambda s: s.foreign[1])}
 _plain_body, _plain_contact = v.item.or_none.but(**_foreign_item), v.contact.or_none.but(**_foreign_contact)
-_cache = v.path_out.or_none.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")
+_cache = v.path_out.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")(False)
 _size = Kind(
     {**v.NOTHING, "one": (1,), "negative": (-1, 5), "halves": (1.5, 2.5), "huge": (10**6, 10**6), "nan": (v.nan, 1)},
     (32, 24),
@@ -223,7 +224,7 @@ CALLS = {
         partition=v.part,
         tolerance=v.positive.or_none,
         duration=v.positive.or_none,
-        f_cut=v.positive.but("None", beyond=1e9, below=1.0)(60e3),
+        f_cut=v.positive.but("None", beyond=1e9)(60e3),
         basis=v.choice("residual"),
         speed=v.number.or_none,
         progress=v.function,
@@ -240,7 +241,7 @@ CALLS = {
         cache=_cache,
         swaps=False,
     ),
-    "load_body": call(path=v.path_in(Made(lambda s: s.folder / "npz"))),
+    "load_body": call(path=v.path_in(Made(lambda s: s.folder / "body.npz"))),
     "ReducedBody.save": call(
         of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz")), inside=v.flag(True), swaps=False
     ),
@@ -277,15 +278,17 @@ CALLS = {
         superElement=v.flag,
     ),
     "CreatePartitionContact": call(
-        mbs=_ready,
-        slave=v.item,
-        master=v.item(Made(lambda s: ep.RigidPlane())),
-        formulation=v.choice("compliance"),
+        mbs=v.mbs(Made(lambda s: s.apart())),
+        slave=v.item.but(**_foreign_item)(Made(lambda s: s.striker)),
+        master=v.item.but(**_foreign_item)(Made(lambda s: ep.RigidPlane())),
+        formulation=v.choice.but(**{"a class": Penalty, "a law": Made(lambda s: s.contact.law)})("penalty"),
         rows=v.choice.or_none,
         passes=v.choice("finer"),
         slavePatch=v.patch(None),
         masterPatch=v.patch(None),
-        masterBody=Kind({"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "a body": Made(_item)}, None),
+        masterBody=Kind(
+            {"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "True": True, "a body": Made(_item)}, None
+        ),
         stiffness=v.positive.or_none,
         name=v.text(""),
     ),
@@ -323,6 +326,8 @@ CALLS = {
             "nodal_forces",
             "closed_samples",
             "moment_on_slave",
+            "edge_reached",
+            "depth",
         )
     },
     "PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
@@ -361,7 +366,7 @@ CALLS = {
     "Result.history": call(of=_result, contact=v.contact.but(**_foreign_contact), points=_body_points),
     "Result.save": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "npz"))),
     "Result.load": call(
-        path=v.path_in.but(**{"a body": Made(lambda s: s.folder / "npz")})(Made(lambda s: s.folder / "run.npz")),
+        path=v.path_in.but(**{"a body": Made(lambda s: s.folder / "body.npz")})(Made(lambda s: s.folder / "run.npz")),
         mbs=v.mbs.but(**{"another": _new.right}),
     ),
     "History": call(
@@ -383,7 +388,7 @@ CALLS = {
     ),
     "History.until": call(of=_history, end_time=v.number.but(before=-1.0)(1.0)),
     "History.save": call(of=_history, path=v.path_out(Made(lambda s: s.folder / "saved"))),
-    "History.load": call(path=v.path_in(Made(lambda s: s.folder / "npz"))),
+    "History.load": call(path=v.path_in(Made(lambda s: s.folder / "history.npz"))),
     "Comparison": call(
         error=Kind({**v.NOTHING, "text in it": {"a": "x"}, "nan": {"a": v.nan}, "negative": {"a": -1}}).but("dict")(
             {"a": 1.0}
@@ -565,6 +570,7 @@ NOT_CALLED = {
     "output.BodyFields.forces": _INSIDE,
     "output.BodyFields.fields": _INSIDE,
 }
+NOT_EVERYWHERE = {"view.show": "it needs a screen"}  # right calls that may fail
 
 
 @dataclass(frozen=True)
@@ -590,6 +596,16 @@ class Misuse:
             with found:
                 pass
         return found
+
+
+def right_calls():
+    """Each function called with its right values: what refuses these tells nothing of the wrong ones."""
+    callables = public()
+    return [
+        Misuse(f"{name}, right", callables[name], entry.of, {key: kind.right for key, kind in entry.arguments.items()})
+        for name, entry in CALLS.items()
+        if name not in NOT_EVERYWHERE
+    ]
 
 
 def misuses(functions=None):

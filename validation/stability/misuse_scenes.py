@@ -280,11 +280,13 @@ def results_before_a_run(s):
 
 
 @scene
-def rows_of_the_run_before(s):
-    mbs, _, _, contact = s.model()
-    first = run(mbs)
-    ep.solve_dynamic(mbs, end_time=2 * STEP)
-    contact.row_forces(first)
+def rows_of_a_run_from_a_file(s):
+    s.contact.row_forces(ep.Result.load(s.folder / "run.npz", s.mbs))
+
+
+@scene
+def edge_in_a_run_from_a_file(s):
+    s.contact.edge_reached(ep.Result.load(s.folder / "run.npz", s.mbs))
 
 
 @scene
@@ -299,7 +301,7 @@ def velocity_of_a_point_in_space(s):
 
 @scene
 def moment_without_its_sensor(s):
-    s.contact.moment_on_slave(s.result)
+    s.foreign[1].moment_on_slave(s.result)
 
 
 @scene

@@ -51,6 +51,7 @@ class Scene:
         self.full = ep.reference.FullBody(self.fem, self.part, velocity=(0, 0, -1))
         self.other_full = ep.reference.FullBody(self.other_fem, self.other_part)
         self.mbs, self.item, self.target, self.contact = self.model()
+        self.contact.AddMomentSensor(self.mbs)
         self.mbs.Assemble()
         self.result = ep.solve_dynamic(self.mbs, end_time=20 * STEP, step=STEP)
         self.history = self.result.history(self.contact, {"P": (self.item, (0, 0, LENGTH), self.fem)})
@@ -72,12 +73,18 @@ class Scene:
         _, item, _, contact = self.model()
         return item, contact
 
+    def apart(self):
+        """Model of both bodies without a contact; `striker` and `struck` are those of the last one."""
+        mbs = exu.SystemContainer().AddSystem()
+        self.striker = ep.CreatePartitionBody(mbs, self.body, name="upper", initialVelocity=[0, 0, -1])
+        self.struck = ep.CreatePartitionBody(mbs, self.other_body, name="lower")
+        return mbs
+
     def model(self):
         """Model, striker, target and contact, not assembled."""
-        mbs = exu.SystemContainer().AddSystem()
-        item = ep.CreatePartitionBody(mbs, self.body, name="upper", initialVelocity=[0, 0, -1])
-        target = ep.CreatePartitionBody(mbs, self.other_body, name="lower")
-        return mbs, item, target, ep.CreatePartitionContact(mbs, item, target, name="contact")
+        mbs = self.apart()
+        contact = ep.CreatePartitionContact(mbs, self.striker, self.struck, name="contact")
+        return mbs, self.striker, self.struck, contact
 
     def assembled(self):
         """A model that is ready to run."""

@@ -24,6 +24,7 @@ from .penalty import PenaltyContact, bed_stiffness, inertial_stiffness
 from .two_pass import TwoPass
 
 NAMES = ("compliance", "lagrange", "penalty")
+_OF_A_FORMULATION = ("check", "law", "couples", "together", "rows", "both_passes")
 
 _COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
 _MOVED = 1e-9  # the same for accelerations of rows by multipliers of others
@@ -169,9 +170,11 @@ def formulation_of(choice: str | Formulation, stiffness: float | None = None) ->
     InputError
         If there is none of this name, or a stiffness without a penalty.
     """
-    if stiffness is not None and choice != "penalty":
+    if stiffness is not None and not (isinstance(choice, str) and choice == "penalty"):
         raise InputError(f"stiffness: formulation {choice!r} has none, it is taken only with formulation='penalty'")
-    if not isinstance(choice, str) and all(hasattr(choice, name) for name in ("check", "law", "couples", "together")):
+    if isinstance(choice, type):
+        raise InputError(f"formulation: expected an object, got the class {choice.__name__}; call it")
+    if not isinstance(choice, str) and all(hasattr(choice, name) for name in _OF_A_FORMULATION):
         return choice
     name = validate_choice("formulation", choice, NAMES)
     return Penalty(stiffness) if name == "penalty" else Compliance() if name == "compliance" else Lagrange()
