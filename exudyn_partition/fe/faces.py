@@ -9,15 +9,15 @@ from ..support.arrays import Array
 from .facets import area_vectors, facet_corners
 from .quadrature import area_mean
 
-_ROUND = 1e-3  # of the radius: how far the corners of a bore may be off it
+_ROUND = 1e-3  # largest distance of a bore's corners from the cylinder, by the radius
 _UNKNOWNS = 5  # of a cylinder
-_OPEN = 0.3  # of the area: what the normals of a face that goes around may sum up to; of half a bore it is 0.64
+_OPEN = 0.3  # a face goes around if the sum of its normals is below this share of the area; half a bore has 0.64
 
 
 def middle(points: Array, facets: Array) -> Array:
-    """Mean place over a face's area, (3,) [m]; of a cylinder, a bore or a pin, the point of its axis next to that.
+    """Mean place over the area of a face, (3,) [m]; for a bore or a pin, the nearest point of its axis.
 
-    A mesh of a cylinder has chords for arcs. Where its elements differ in size, that moves the mean off the axis, but
+    In a mesh of a cylinder, chords replace arcs. If the elements differ in size, this moves the mean off the axis, but
     not the circle through the corners.
 
     Parameters
@@ -33,13 +33,13 @@ def middle(points: Array, facets: Array) -> Array:
     corners = points[np.unique(facet_corners(facets))] - mean
     if np.linalg.norm(normals.sum(axis=0)) > _OPEN * area.sum() or len(corners) <= _UNKNOWNS:
         return mean
-    # Normals of a cylinder are across its axis.
+    # The normals of a cylinder are perpendicular to its axis.
     axes = np.linalg.eigh(normals.T @ normals)[1].T[::-1]
     local = corners @ axes.T
     radius = np.sqrt((local[:, :2] ** 2).sum(axis=1).mean())
 
     def axis(x: Array) -> tuple[Array, Array]:
-        """A point and the direction of the axis that two places across it and two slopes make."""
+        """A point of the axis and its direction, by two coordinates and two slopes."""
         direction = np.array([x[2], x[3], 1.0])
         return radius * np.array([x[0], x[1], 0.0]), direction / np.linalg.norm(direction)
 

@@ -20,16 +20,16 @@ def facet_corners(facets: Array) -> Array:
 
 
 def area_vectors(points: Array, facets: Array) -> Array:
-    """(nf, 3) array: outward normals of the facets' corners, as long as the facets are large [m2]."""
+    """(nf, 3) array: outward normals of the facets, by their corners; their length is the area [m2]."""
     a, b, c, *rest = points[facet_corners(facets)].transpose(1, 0, 2)
     d = rest[0] if rest else a
     return np.cross(c - a, d - b) / 2
 
 
 def nodal_area(points: Array, facets: Array) -> Array:
-    """(n,) array: share of each of n points in a uniform traction on `facets` [m2].
+    """(n,) array: area [m2] of each of n points under a uniform traction on `facets`.
 
-    A quadratic triangle passes it to its mid-side nodes alone, a third each.
+    Only the mid-side nodes of a quadratic triangle have a share, a third each.
     """
     area = np.linalg.norm(area_vectors(points, facets), axis=1)
     n_loaded = facet_corners(facets).shape[1]

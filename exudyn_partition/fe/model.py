@@ -25,7 +25,7 @@ _FACES = {
     8: np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
 }
 # Share of an element's mass that each node carries, HRZ lumping (Hinton, Rock, Zienkiewicz 1976): the diagonal of
-# the consistent element mass, scaled to the element's mass; positive also for quadratic elements.
+# the consistent element mass, scaled to the element's mass. It is positive for quadratic elements too.
 _HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)], 8: np.full(8, 1 / 8)}
 # Volume of the regular tetrahedron or of the cube with edges of length one.
 _UNIT_VOLUME = {4: 2**-0.5 / 6, 10: 2**-0.5 / 6, 8: 1.0}
@@ -63,8 +63,8 @@ class FEModel:
     Raises
     ------
     MeshError
-        If shapes do not fit together, rigid motion strains the body, it is in several parts, elements are there twice,
-        overlap, or share a face with two others.
+        If shapes of arrays do not fit together, rigid motion strains the body, the body is in several parts, or
+        elements overlap, occur twice or share a face with two others.
     LockingError
         If elements are linear and the material is nearly incompressible.
     """
@@ -115,7 +115,7 @@ class FEModel:
             if unused:
                 raise MeshError(f"points: {unused} nodes belong to no element; remove them")
         _check_neighbours(self.cells, *self._faces)
-        # A common edge is a hinge: it leaves a motion without stiffness.
+        # Parts must share faces: a common edge is a hinge, which leaves a motion without stiffness.
         parts = _part_sizes(self._faces[1])
         if len(parts) > 1:
             raise MeshError(
@@ -132,7 +132,7 @@ class FEModel:
             )
 
     def warn_if_units_slipped(self) -> None:
-        """Warn (`UnitsWarning`) of a material of no solid, or of a size, shape, frequency or mass of few bodies."""
+        """Warn (`UnitsWarning`) of a material that no solid has, or of an unlikely size, shape, frequency or mass."""
         speed = self.material.bar_wave_speed
         dimensionless = 1.0 in (self.material.E, self.material.rho)
         if not dimensionless and not any(low <= speed <= high for low, high in _WAVE_SPEEDS):
@@ -204,7 +204,7 @@ class FEModel:
 
     @cached_property
     def fingerprint(self) -> Array:
-        """(9,) array: a few sums over nodes and facets that tell this mesh from any other; see `same_mesh`."""
+        """(9,) array: sums over nodes and facets that distinguish this mesh from all others; see `same_mesh`."""
         return mesh_fingerprint(self.points, self.facets)
 
     @cached_property
@@ -248,9 +248,9 @@ class FEModel:
 
     @property
     def resolved_frequency(self) -> float:
-        """Highest frequency that the mesh resolves [Hz]: of shear waves, or of bending waves of its thinnest walls.
+        """Highest frequency that the mesh resolves [Hz], of shear waves and of bending waves in thin walls.
 
-        Four node spacings of the largest element make a shear wave; for bending waves see `walls.weakest_wall`.
+        A shear wave needs four node spacings of the largest element; for bending waves see `walls.weakest_wall`.
         """
         return min(self.resolved_shear_frequency, self.weakest_wall.frequency)
 
@@ -261,7 +261,7 @@ class FEModel:
 
     @cached_property
     def weakest_wall(self) -> Wall:
-        """The wall whose bending waves are worst resolved."""
+        """The wall whose bending waves the mesh resolves worst."""
         faces, number = self._faces
         corners = facet_corners(faces).reshape(*number.shape, -1)
         of_surface = np.flatnonzero(np.bincount(number.ravel())[number.ravel()] == 1)
@@ -281,9 +281,9 @@ class FEModel:
 
 
 def mesh_fingerprint(points: Array, facets: Array) -> Array:
-    """(9,) array: numbers of points and facets, sums over both with weights of no pattern a mesh could have, its place.
+    """(9,) array: numbers of points and facets, weighted sums over both, and the place of the first point.
 
-    The last three are where the first point is, all before them are those of the mesh wherever it is.
+    The weights have no pattern that a mesh could have. All but the last three numbers stay when the mesh is moved.
     """
     weight = np.sin(1.0 + np.arange(len(points)))
     surface = (weight[facets].sum(axis=1) ** 2).mean()  # whatever the order of facets
@@ -295,7 +295,7 @@ def mesh_fingerprint(points: Array, facets: Array) -> Array:
 
 
 def same_mesh(one: Array, other: Array, *, same_place: bool = True) -> bool:
-    """Whether two fingerprints are of one mesh: equal but for the round-off of making it twice, or of moving it."""
+    """Whether two fingerprints are of the same mesh; they may differ by round-off."""
     n = 9 if same_place else 6
     return bool(np.allclose(one[:n], other[:n], rtol=1e-9, atol=1e-9 * np.sqrt(one[0])))
 

@@ -24,7 +24,7 @@ from .facets import area_vectors, facet_corners, nodal_area
 from .model import FEModel, rigid_modes, same_mesh
 from .patches import AXES, KINDS, Interface, Patch
 
-_FLAT = 1e-6  # of an interface's size: as near to one line its nodes may be
+_FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +109,9 @@ class Partition:
         )
 
     def is_of(self, fem: FEModel) -> bool:
-        """Whether the partition is of the mesh of `fem`: of its points and facets, not only of as many.
+        """Whether the partition was made for the mesh of `fem`, that is for the same points and facets.
 
-        Patches go along with a mesh that is moved as a whole, points of interfaces do not.
+        A mesh may be moved as a whole under its patches, but not under the points of interfaces.
         """
         return same_mesh(self.mesh, fem.fingerprint, same_place=bool(self.interfaces))
 
@@ -192,14 +192,14 @@ class Partition:
         radius : float
             Radius of the impact region [m].
         contact_radius : float, optional
-            Radius of the patch where contact can happen, at most `radius` [m]; nodes that can never touch need no
-            contact rows. Default: `radius`. `hertz.contact_radius` estimates how far a contact reaches.
+            Radius of the contact patch [m], at most `radius`; nodes that can never touch need no contact rows.
+            Default: `radius`. `hertz.contact_radius` estimates how far a contact reaches.
         direction : (3,) array, optional
-            The line of contact, outward; default: the patch's mean normal, which its mesh makes uncertain by some
-            1e-3 rad. Give it for curved patches that start far apart.
+            The line of contact, outward. Default: the mean normal of the patch, which depends on the mesh by some
+            1e-3 rad. Give a direction for curved patches that start far apart.
         axes : {"normal", "xyz"}
-            Directions in which the basis answers contact forces: along the line of contact, all that frictionless
-            contact needs, or also across it.
+            Directions in which the basis knows the flexibility of the patch: along the line of contact, which is
+            enough without friction, or in all three.
         name : str
             To tell patches of one body apart.
 
@@ -234,11 +234,11 @@ class Partition:
                 f"below {reach:.2g} m"
             )
         normals = area_vectors(fem.points, fem.facets)
-        # The normal at the center leads; the mean of all would be lost on a patch that goes around an edge.
+        # Begin with the normal at the center: the mean of all normals means little on a patch around an edge.
         surface = np.unique(fem.facets[_facing(normals, within, direction)])
         foot = surface[distance[surface].argmin()]
         line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
-        # Side walls beyond an edge cannot touch along the line of contact.
+        # Facets beyond an edge, such as side walls, cannot touch along the line of contact.
         facing = normals @ line > 0.5 * np.linalg.norm(normals, axis=1)
         if direction is None:
             line = _direction(normals[within & facing], None)
@@ -265,19 +265,19 @@ class Partition:
         nodes : (k,) int array or str
             Nodes of the FE model, or the name of one of its boundaries.
         kind : {"rigid", "averaged"}
-            Whether the nodes move as one rigid body (RBE2), or a joint's forces are spread over them (RBE3).
+            The nodes move as one rigid body (RBE2), or a joint's forces are spread over them (RBE3).
         position : (3,) array, optional
-            Where joints attach, the reference point of the motion [m]. Default: the mean over the area, if the nodes
-            are all those of some surface, and of a bore or a pin on its axis (see `faces.middle`); else the mean of the
-            nodes. A joint wants it exactly where its other marker is.
+            Where joints attach: the reference point of the motion [m]. Default: the mean over the area, if the nodes
+            are those of a surface, and on the axis of a bore or a pin (see `faces.middle`); else the mean of the nodes.
+            It should be exactly where the other marker of the joint is.
 
         Raises
         ------
         EmptyRegionError
             If there are no nodes.
         InputError
-            If they lie on one line, so that no rotation about it is defined, or are no nodes of the FE model; if
-            `position` is further from the nodes than the body is long.
+            If the nodes lie on one line, which leaves the rotation about it undefined; if they are no nodes of the FE
+            model; or if `position` is further from the nodes than the body is long.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("kind", kind, KINDS)
@@ -299,7 +299,7 @@ class Partition:
             area = nodal_area(fem.points, spanned)[nodes]
             weights = area / area.sum()
             mean = middle(fem.points, spanned)
-        else:  # a few facets that some of the nodes happen to span must not carry all
+        else:  # some nodes may span a few facets by chance, which must not carry everything
             weights = np.full(len(nodes), 1 / len(nodes))
             mean = weights @ fem.points[nodes]
         sizes = np.linalg.svd(np.sqrt(weights)[:, None] * (fem.points[nodes] - mean), compute_uv=False)
@@ -329,9 +329,9 @@ def _checked_place(fem: FEModel, name: str, mean: Array, position: Array) -> Arr
 
 
 def _facing(normals: Array, within: Array, direction: Array | None) -> Array:
-    """Facets within reach that face a given direction, (nf,) bool, if there are any, else all.
+    """Facets within reach that face a given direction, (nf,) bool; all facets if there are none.
 
-    Of a thin sheet, nodes on the other side may be nearer to a center on this one.
+    On a thin sheet, nodes of the other side may be nearer to the center than those of this side.
     """
     everywhere = np.ones(len(normals), dtype=bool)
     if direction is None:

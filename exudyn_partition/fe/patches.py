@@ -21,7 +21,7 @@ from .model import FEModel, rigid_modes
 AXES = ("normal", "xyz")
 KINDS = ("rigid", "averaged")
 
-_UNIT = 1e-9  # off a unit vector's length
+_UNIT = 1e-9  # allowed error of a unit vector's length
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,9 @@ class Patch:
     direction : (3,) array
         Unit outward normal, area-weighted mean: the line of contact.
     rim : (k,) int array
-        Nodes at which the body's surface goes on towards the other body: contact that reaches them leaves the patch.
+        Nodes of the patch beyond which the surface continues: contact that reaches them leaves the patch.
     axes : {"normal", "xyz"}
-        Whether contact acts along `direction` only, or along all three axes.
+        Whether contact forces act along `direction` only, or along all three axes.
     direction_given : bool
         Whether the user gave `direction`.
     name : str
@@ -70,13 +70,13 @@ class Patch:
 
     @property
     def directions(self) -> Array:
-        """(d, 3) array: the directions in which each node has a row, one or three."""
+        """(d, 3) array: directions of the rows of each node, one or three."""
         return self.direction[None] if self.axes == "normal" else np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Nodes of a joint, whose mean motion is three translations and three rotations.
+    """Nodes of a joint; their mean motion has three translations and three rotations.
 
     Parameters
     ----------
@@ -84,15 +84,15 @@ class Interface:
     nodes : (k,) int array
         Ascending.
     kind : {"rigid", "averaged"}
-        "rigid": the nodes move as one rigid body (RBE2). "averaged": they stay as flexible as they are, a force or
-        moment of the joint is spread over them (RBE3).
+        "rigid": the nodes move as one rigid body (RBE2). "averaged": the nodes stay flexible, and a force or moment of
+        the joint is spread over them (RBE3).
     position : (3,) array
         Reference point of the motion, where joints attach [m].
     weights : (k,) array
-        Share of each node in the mean, their sum is one: by area if they are all the nodes of some surface, else equal.
+        Share of each node in the mean; the sum is one. By area if the nodes are those of a surface, else equal.
     motion : (6, 3k) array
-        Mean translation [m] and rotation [rad] of the nodes' displacements, by weighted least squares; transposed, the
-        nodal forces of unit forces and moments on the interface.
+        Mean translation [m] and rotation [rad] by the nodes' displacements, by weighted least squares. The transposed
+        matrix gives the nodal forces of unit forces and moments on the interface.
     """
 
     name: str

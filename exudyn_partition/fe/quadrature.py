@@ -12,14 +12,14 @@ Rule = tuple[Array, Array, Array]
 
 
 def area_mean(points: Array, facets: Array) -> Array:
-    """Mean place, (3,) [m], over the area of facets, (nf, k), of points, (n, 3) [m], curved as they are."""
+    """Mean place, (3,) [m], over the area of facets, (nf, k), curved ones too, of points, (n, 3) [m]."""
     shape, area = facet_integration(points, facets)
     places = np.einsum("fq,qk,fkd->d", area, shape, points[facets])
     return np.asarray(places / area.sum())
 
 
 def facet_integration(points: Array, facets: Array) -> tuple[Array, Array]:
-    """Shape functions at the points of the rule, (nq, k), and the area that each has in each facet, (nf, nq) [m2]."""
+    """Shape functions at the integration points, (nq, k), and the area of each point in each facet, (nf, nq) [m2]."""
     local, weight, _ = RULES[facets.shape[1]]
     shape = shape_functions(local, facets.shape[1])
     tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets])

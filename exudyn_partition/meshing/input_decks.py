@@ -1,4 +1,4 @@
-"""What meshio leaves unsaid of mesh files: regions, and the cards of input decks that it drops or misreads."""
+"""Checks of mesh files that meshio does not make: regions, and cards of input decks that it drops or misreads."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ NASTRAN_ENDINGS = (".bdf", ".nas", ".fem")
 
 # Names that programs give to the numbers of an element's region or material.
 _REGION = re.compile(r"physical|mat|region|domain|propert|:ref$|:tag$|cell_tags|body|part_?id|group", re.IGNORECASE)
-# Abaqus keywords that make or move nodes and elements, which meshio does not do.
+# Abaqus keywords that make or move nodes and elements; meshio ignores them.
 _NOT_APPLIED = ("INCLUDE", "SYSTEM", "NGEN", "NFILL", "NMAP", "NCOPY", "ELGEN", "ELCOPY")
-# Abaqus keywords and Nastran cards with mass or stiffness beside the solid elements.
+# Abaqus keywords and Nastran cards with mass or stiffness besides the solid elements.
 _STRUCTURE = (
     "SHELL SECTION",
     "SHELL GENERAL SECTION",
@@ -37,7 +37,7 @@ _SOLID_CARDS = re.compile(r"(CTETRA|CHEXA|CPENTA|CPYRA)")
 
 
 class _Keyword(NamedTuple):
-    """A keyword line of an Abaqus deck, without its asterisk, with its options and the number of its data lines."""
+    """A keyword of an Abaqus deck without its asterisk, its options, and the number of its data lines."""
 
     name: str
     options: dict[str, str]
@@ -45,13 +45,13 @@ class _Keyword(NamedTuple):
 
 
 def check_deck(path: Path, mesh: MeshioMesh) -> None:
-    """Refuse decks of Abaqus and Nastran of which meshio drops, moves or duplicates something without a word.
+    """Refuse decks of Abaqus and Nastran of which meshio would silently drop, move or duplicate something.
 
     Raises
     ------
     MeshError
-        If nodes or elements are generated, included, placed by instances or given in other coordinate systems; if
-        the deck has mass or stiffness beside its solid elements; or if meshio read fewer solid elements than it has.
+        If nodes or elements are generated, included, placed by instances, or given in other coordinate systems; if the
+        deck has mass or stiffness besides its solid elements; or if meshio read fewer solid elements than it has.
     """
     suffix = path.suffix.lower()
     if suffix == ".inp":
@@ -71,7 +71,7 @@ def _keywords(text: str) -> Iterator[_Keyword]:
             continue
         if name:
             yield _Keyword(name, options, data)
-        while line.rstrip().endswith(","):  # the options go on in the next line
+        while line.rstrip().endswith(","):  # the options continue in the next line
             line = line.rstrip() + next(lines, "")
         name, *rest = (part.strip() for part in line[1:].split(","))
         name, data = name.upper(), 0
@@ -161,10 +161,10 @@ def _refuse_structure(path: Path, found: list[str], mark: str) -> None:
 
 
 def check_regions(path: Path, mesh: MeshioMesh) -> None:
-    """Refuse a mesh whose volume elements are of several regions, for there is one material.
+    """Refuse a mesh with several regions, since an FE model has one material.
 
-    Looked at are the numbers that meshio keeps for each element: Gmsh's physical groups, or its volumes where there
-    are no groups, Nastran's properties by their materials, and whatever else is named like a material or region.
+    The regions are numbers that meshio keeps for each volume element: physical groups of Gmsh, or its volumes if there
+    are no groups; materials of the properties of Nastran; and all data named like a material or region.
 
     Raises
     ------
@@ -193,12 +193,12 @@ def check_regions(path: Path, mesh: MeshioMesh) -> None:
 
 
 def _groups(mesh: MeshioMesh) -> dict[str, tuple[int, int]]:
-    """Tag and dimension of Gmsh's named groups; other formats keep other things there."""
+    """Tag and dimension of Gmsh's named groups; entries of other formats are left out."""
     return {name: tuple(value) for name, value in mesh.field_data.items() if np.shape(value) == (2,)}
 
 
 def _values(blocks: Sequence[object], volumes: list[int]) -> Array:
-    """Whole numbers of the volume elements; results of an analysis are none, and give no values."""
+    """Whole numbers of the volume elements; empty if the data are others, such as results of an analysis."""
     found = [np.asarray(blocks[i]) for i in volumes if i < len(blocks)]
     values = np.concatenate(found) if found and all(part.ndim == 1 for part in found) else np.zeros(0)
     numeric = np.issubdtype(values.dtype, np.number)

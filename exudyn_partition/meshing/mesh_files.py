@@ -23,9 +23,9 @@ from .input_decks import check_deck, check_regions
 _VOLUMES = ("tetra", "tetra10", "hexahedron")
 _FACE_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
 
-# Elements with their nodes in the order that mirrors them.
+# Order of nodes that mirrors an element.
 _MIRRORED = {4: [1, 0, 2, 3], 10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
-_NO_VOLUME = 1e-10  # of the cube of an element's extent: six times the volume of what is a sliver of round-off
+_NO_VOLUME = 1e-10  # six times the volume of an element, by the cube of its extent, below which it is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +56,18 @@ class VolumeMesh:
 
 
 def read_mesh(path: Path) -> VolumeMesh:
-    """Read the volume elements of a mesh file: VTU, Gmsh, Abaqus, Nastran, and what else meshio reads.
+    """Read the volume elements of a mesh file: VTU, Gmsh, Abaqus, Nastran, or another format of meshio.
 
-    Surface and line elements count only as far as they name boundaries (Gmsh's physical groups, Abaqus's element
-    sets).
+    Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus).
 
     Raises
     ------
     InputError
         If there is no such file, or meshio cannot read it.
     MeshError
-        If it holds no volume elements, others than linear or quadratic tetrahedra or linear hexahedra, several kinds
-        of them, several regions, inverted ones, or nodes of no element; or if meshio does not read all of it, see
-        `input_decks.check_deck`.
+        If the file has no volume elements, elements other than linear or quadratic tetrahedra or linear hexahedra,
+        elements of several kinds or regions, inverted elements, or nodes of no element; or if meshio does not read all
+        of it, see `input_decks.check_deck`.
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
@@ -123,7 +122,7 @@ def _read(path: Path) -> MeshioMesh:
 
 
 class _Said(io.StringIO):
-    """Keeps what its own thread prints; what others print meanwhile goes where it would have gone."""
+    """Keeps what its own thread prints, and passes on what other threads print."""
 
     def __init__(self, others: TextIO) -> None:
         super().__init__()
@@ -158,7 +157,7 @@ def _check_nodes(path: Path, kind: str, n: int, cells: Array) -> None:
 
 
 def _outward(path: Path, points: Array, cells: Array) -> Array:
-    """Cells of positive volume: as they are, or all mirrored where a file has the other convention."""
+    """Cells of positive volume; all are mirrored if the file has the other convention."""
     bad = inverted(points, cells)
     if len(bad) == len(cells):
         cells = cells[:, _MIRRORED[cells.shape[1]]]
@@ -173,7 +172,7 @@ def _outward(path: Path, points: Array, cells: Array) -> Array:
 
 
 def inverted(points: Array, cells: Array) -> Array:
-    """Rows of `cells`, (ne, 4), (ne, 10) or (ne, 8), with no or negative volume somewhere where it is integrated."""
+    """Rows of `cells`, (ne, 4), (ne, 10) or (ne, 8), without positive volume at some integration point."""
     corners = points[cells]
     determinant = np.linalg.det(np.einsum("qki,ekd->eqid", integration_gradients(cells.shape[1]), corners))
     extent = np.ptp(corners, axis=1).max(axis=1)

@@ -1,4 +1,4 @@
-"""Sizes of elements: local refinement, and how many elements and how much memory a mesh takes, before it is made."""
+"""Sizes of elements: local refinement, and estimates of the elements and the memory that a mesh will take."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_vector
 from ..support.machine import available_memory
 
-_MOST_POINTS = 1e7  # of a ball's grid: more than an FE model in memory has nodes
-# Netgen's elements a volume maxh^3, and a surface maxh^2 where a wall is thinner than an element.
+_MOST_POINTS = 1e7  # of a ball's grid: no FE model in memory has so many nodes
+# Netgen's elements in a volume maxh^3, and on a surface maxh^2 of walls thinner than an element.
 _A_VOLUME, _A_SURFACE = 4.5, 3.5
-# Nodes an element, and what an FE model takes at its peak a node and its mesh an element [byte].
+# Nodes per element; peak memory of an FE model per node, and of its mesh per element [byte].
 _NODES = {1: 0.22, 2: 1.5}
 _A_NODE, _AN_ELEMENT = 19e3, 1.2e3
 
@@ -32,7 +32,7 @@ class Refine:
     radius : float
         Its radius [m].
     h : float
-        Element size within it [m]; quadratic elements have nodes every h / 2.
+        Element size within it [m]. The nodes of quadratic elements are h / 2 apart.
     """
 
     center: Array
@@ -57,14 +57,14 @@ class Refine:
         return points
 
     def n_elements(self, maxh: float, grading: float) -> float:
-        """Number of elements, about, in the half ball of a body whose surface its centre is on, and around it.
+        """Approximate number of elements in the ball and around it; the centre is on the surface of the body.
 
         Parameters
         ----------
         maxh : float
             Largest size of elements, outside [m].
         grading : float
-            Growth of the size with the distance.
+            Growth of the element size with the distance.
         """
         h = min(self.h, maxh)
         around = (maxh - h) / grading * np.linspace(0, 1, 200)
@@ -73,9 +73,9 @@ class Refine:
 
 
 def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine]) -> float:
-    """Size of a body that spans `low` to `high`, (3,) [m], with element sizes judged beside it.
+    """Size of a body that spans `low` to `high`, (3,) [m]; checks that element sizes fit to it.
 
-    Warnings name the line that called the caller of this function's caller.
+    Warnings are reported for the caller of `generate_mesh` or `fe_model`.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine])
 def check_memory_of_mesh(
     size: float, volume: float, surface: float, maxh: float, regions: Sequence[Refine], grading: float, order: int
 ) -> None:
-    """Refuse a mesh that memory does not hold, before it is made.
+    """Refuse a mesh that would not fit into memory, before it is made.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def check_memory_of_mesh(
 
 
 def check_memory_of_model(n_nodes: int) -> None:
-    """Refuse an FE model of so many nodes if its matrices do not fit into memory, before they are assembled.
+    """Refuse an FE model whose matrices would not fit into memory, before they are assembled.
 
     Raises
     ------

@@ -23,11 +23,11 @@ from .step_files import ENDINGS, check_step
 
 _LOG = logging.getLogger(__name__)
 
-_SHARP = np.sin(np.radians(44.0))  # of cones' half angles: below, Netgen fails at the tip
+_SHARP = np.sin(np.radians(44.0))  # sine of a cone's half angle, below which Netgen fails at the tip
 GRADING = 0.3
-_GRADINGS = (0.05, 1.0)  # below, Netgen forgets local sizes or crashes; above, it does not end
+_GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
-# NGSolve and Netgen keep global state: of two threads that mesh or assemble at once, one crashes or gets the other's.
+# NGSolve and Netgen keep global state: two threads that mesh or assemble at once crash or mix up their results.
 ONE_AT_A_TIME = threading.RLock()
 
 
@@ -72,7 +72,7 @@ def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), g
 
 
 def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: int) -> NGSolveMesh:
-    """What `generate_mesh` does, as far from the caller's line, which warnings name, as from that of `fe_model`."""
+    """Do the work of `generate_mesh`, also for `fe_model`; warnings name the line that called either."""
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
     maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
     if not _GRADINGS[0] <= grading <= _GRADINGS[1]:
@@ -120,9 +120,9 @@ def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: i
 
 
 def _check_tips(shape: Shape, size: float) -> None:
-    """Refuse the tips of sharp cones, on which Netgen fails, often after it has written where it must not.
+    """Refuse the tips of sharp cones, on which Netgen fails, often after it has damaged memory.
 
-    A cone is a surface whose straight lines, along its second parameter, meet in a point.
+    A cone is a surface whose straight lines, along its second parameter, meet in one point.
     """
     for face in shape.faces:
         surface = face.surf

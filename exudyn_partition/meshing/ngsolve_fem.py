@@ -30,8 +30,8 @@ from .step_files import ENDINGS
 
 _LOG = logging.getLogger(__name__)
 
-_UNNAMED = (None, "", "default")  # by shapes and meshes
-_VOLUME_MISSED = 0.05  # relative: by how much a mesh may miss the volume of its shape
+_UNNAMED = (None, "", "default")  # names of regions that nobody has named
+_VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its shape
 
 
 def fe_model(
@@ -51,16 +51,14 @@ def fe_model(
     source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved with order 2 beforehand, as `generate_mesh` does.
-        A path leads to a shape in a STEP file (lengths come in the unit that Netgen reads them in, millimetres: give
-        scale=1e-3) or to a mesh file of linear or quadratic tetrahedra or linear hexahedra, see `mesh_files.read_mesh`.
-        The nodes of a mesh file keep their order, quadratic elements their own mid-side nodes; its named faces become
-        boundaries.
+        A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra or linear
+        hexahedra, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of a
+        mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces become boundaries.
     material : Material
         In units that fit the geometry's, SI unless all are chosen otherwise.
     order : {1, 2}, optional
-        Linear elements with straight sides, or quadratic ones that follow the mesh's curvature. Default: 2, and for a
-        mesh file the file's own. Linear tetrahedra of a file can be raised to order 2, with mid-side nodes after its
-        own.
+        Linear elements with straight sides, or quadratic ones that follow the mesh's curvature. Default: 2, or that of
+        a mesh file. Linear tetrahedra of a file can be raised to order 2; the mid-side nodes then follow its own nodes.
     maxh, refine, grading :
         For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
     scale : float
@@ -73,25 +71,25 @@ def fe_model(
     Raises
     ------
     InputError
-        If an argument is of the wrong kind, has no effect on this source, or a file cannot be read. A STEP file is
-        tried in a process of its own, which a damaged file may crash.
+        If an argument is of the wrong kind or has no effect on this source, or a file cannot be read. A STEP file is
+        first read in a child process, because a damaged one may crash it.
     MeshError
         If the mesh or shape is of several regions, which are named, of several parts, or cannot be used.
     MemoryLimitError
-        If mesh or matrices would not fit into the memory that is free; estimated beforehand.
+        If mesh or matrices would not fit into the free memory, by an estimate before the work.
     MissingPackageError
 
     Warns
     -----
     UnitsWarning
-        If the material is that of no solid, size and density give an implausible frequency or mass, `maxh` is longer
-        than the body, or a ball of `refine` misses it or has no effect.
+        If no solid has this material, size and density give an unlikely frequency or mass, `maxh` is longer than the
+        body, or a ball of `refine` misses it or has no effect.
     MeshQualityWarning
-        If the mesh looks damaged, see `mesh_quality.check_mesh`, or misses the volume of its shape by 5 %.
+        If the mesh looks damaged, see `mesh_quality.check_mesh`, or its volume is off that of the shape by 5 %.
 
     Notes
     -----
-    Threads take turns, for NGSolve and Netgen are not made for several.
+    Threads take turns, because NGSolve and Netgen allow one at a time.
     """
     ngsolve = require("ngsolve")
     if isinstance(order, bool) or order not in (None, 1, 2):
@@ -144,7 +142,7 @@ def fe_model(
 
 
 def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
-    """Whether `source` is a mesh or a shape; what else it may be is a path."""
+    """Whether `source` is a mesh or a shape; if not, it is a path."""
     if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape):
         return True
     if isinstance(source, str | Path):
@@ -156,7 +154,7 @@ def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
 
 
 def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
-    """Refuse options that would have no effect on a mesh."""
+    """Refuse options that have no effect on a mesh."""
     named = {"maxh": maxh is not None, "grading": grading != GRADING}
     named["refine"] = bool(regions_of(refine))
     given = [name for name, is_given in named.items() if is_given]
@@ -168,7 +166,7 @@ def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
 
 
 def _check_regions(source: str, names: Sequence[str | None]) -> None:
-    """Refuse several regions, unless all have been given the same name."""
+    """Refuse several regions, unless all have the same name."""
     if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
         refuse_regions(
             source, "solids", [f"{i}: {'without name' if name in _UNNAMED else name}" for i, name in enumerate(names)]
@@ -208,7 +206,7 @@ def _from_mesh(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: i
 
 
 def _check_volume(points: Array, cells: Array) -> None:
-    """Refuse elements that their curved sides turn inside out; NGSolve integrates them with a positive volume."""
+    """Refuse elements that curved sides turn inside out. NGSolve would integrate them with a positive volume."""
     bad = inverted(points, cells)
     if len(bad):
         where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
@@ -263,7 +261,7 @@ def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FE
             "elements on an edge share. Merge coincident nodes or mesh anew"
         )
     to_hierarchical = to_hierarchical[:, number_of]
-    # NGSolve can curve elements by a geometry alone; without one, a deformation carries straight ones to the nodes.
+    # NGSolve curves elements only by a geometry. Without one, a deformation moves straight elements to the nodes.
     offsets = np.zeros_like(points)
     offsets[cells[:, 4:]] = points[cells[:, 4:]] - points[cells[:, TET_EDGES]].mean(axis=2)
     deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
@@ -275,7 +273,7 @@ def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FE
 def _assemble(
     ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
 ) -> FEModel:
-    """Matrices by NGSolve, changed from its hierarchical basis to nodal values and from x..y..z.. to xyz order."""
+    """Assemble by NGSolve; change from its hierarchical basis to nodal values, and from x..y..z.. to xyz order."""
     check_memory_of_model(len(points))
     space = ngsolve.VectorH1(mesh, order=2 if cells.shape[1] == 10 else 1)
     u, v = space.TnT()
@@ -324,7 +322,7 @@ def _nodal_basis(ngsolve: NGSolve, mesh: NGSolveMesh, order: int) -> tuple[sp.cs
 
 
 def _nodal_values(vector: NGSolveObject, to_hierarchical: sp.csr_matrix) -> list[Array]:
-    """Nodal values of the three components of a VectorH1 function; off its diagonal the change reads vertices alone."""
+    """Nodal values of a VectorH1 function's components; off its diagonal `to_hierarchical` reads only vertices."""
     coefficients = np.array(vector).reshape(3, -1)
     diagonal = to_hierarchical.diagonal()
     below = to_hierarchical - sp.diags(diagonal)

@@ -1,4 +1,4 @@
-"""STEP files: a trial in a process of its own, for the reader of damaged ones may crash and take its process along."""
+"""STEP files: a trial in a child process, because a damaged file may crash its reader and thereby the process."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _TRIAL = "import sys; from netgen.occ import OCCGeometry; OCCGeometry(sys.argv[1
 
 
 def check_step(path: Path) -> None:
-    """Refuse a STEP file that Netgen cannot read, whether it says so or crashes.
+    """Refuse a STEP file that Netgen cannot read, whether its reader raises an error or crashes.
 
-    The file is read in a child process, which takes a third of a second and the time to read it. What a damaged file
-    does later, to Netgen's mesher, happens in this process.
+    The file is read in a child process. That takes a third of a second and the time to read it. A damaged file that
+    passes this test may still crash the mesher, in this process.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def check_step(path: Path) -> None:
     if not sys.executable:  # an interpreter inside another program
         return
     call = [sys.executable, "-c", _TRIAL, str(path)]
-    # Not the folder that the user works in: a file there may have the name of a package.
+    # PYTHONSAFEPATH: a file in the working directory may have the name of a package.
     run = subprocess.run(
         call, capture_output=True, text=True, errors="replace", env=os.environ | {"PYTHONSAFEPATH": "1"}, check=False
     )
