@@ -1,4 +1,4 @@
-"""The default step of a run: one rule, by which runs choose their steps and estimates of a tolerance judge them."""
+"""The default step: runs choose their steps by this rule, and estimates of a tolerance judge steps by it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 from ..support.arrays import Array
 
-STEPS_A_PERIOD = 25  # of the truncation frequency, whose period is then 0.3 % off at most
+STEPS_A_PERIOD = 25  # of the truncation frequency; the error of that period is then at most 0.3 %
 SAFETY = 0.9  # explicit steps: at most this share of the stability limit
-_STEPS_AN_IMPACT = 32  # of Hertz, ten of which are in the rise of its force
-_LASTS = 2.94  # times the largest depth over the speed of approach: an impact by Hertz; by a linear spring pi
-_FIRM = 10.0  # facets' sizes: a depth at which all rows are closed
-_SEARCHES, _FOUND = 40, 1.05  # halvings of the depth at most, and the ratio of its bounds in the end
-_AT_ONCE = 0.5  # of the rows of the largest depth, closed at a tenth of it: of flat patches all are, by Hertz a tenth
-_SHARE = 0.15  # of the stability limit: steps in which flat patches gain no more than a few thousandths of energy
+_STEPS_AN_IMPACT = 32  # of Hertz; ten of them are in the rise of the force
+_LASTS = 2.94  # duration of an impact by Hertz, by largest depth over approach speed; with a linear spring pi
+_FIRM = 10.0  # depth at which all rows are closed, in sizes of a facet
+_SEARCHES, _FOUND = 40, 1.05  # most steps of the search for the depth, and the ratio of its bounds in the end
+_AT_ONCE = 0.5  # a patch is flat if this share of its rows closes in the first tenth of the depth
+_SHARE = 0.15  # of the stability limit: with these steps flat patches gain a few thousandths of energy at most
 
 
 def resolving_step(
@@ -26,20 +26,20 @@ def resolving_step(
     size: float,
     limit: Callable[[], float],
 ) -> float:
-    """Step that resolves an impact [s], as the bodies' rigid motion enters it.
+    """Step that resolves the impact of two bodies in rigid motion [s].
 
-    The bodies' rigid masses hit the contact's own flexibility, a spring that is the stiffer the deeper: what energy it
-    takes at a depth is known, so the largest depth and how long the impact lasts, of which a step is a 32nd. Modes and
-    what carries a rigid surface yield too; f_cut, which resolves them, is for another rule.
+    The rigid masses hit the flexibility of the contact, a spring that becomes stiffer with depth. The energy that the
+    spring stores at each depth gives the largest depth and the duration of the impact; the step is a 32nd of that.
+    Modes, and the body that carries a rigid surface, yield too. Another rule resolves them, by f_cut.
 
-    On a flat patch all rows close at once, in the middle of a step, so that energy changes by the square of the step
-    over the contact's shortest period, and modes yield more than the contact does. There it is 0.15 of the stability
-    limit.
+    On a flat patch all rows close at once, in the middle of a step. This changes the energy by the square of the step
+    over the shortest period of the contact, and modes yield more than the contact does. There the step is 0.15 of the
+    stability limit.
 
     Parameters
     ----------
     gap, rate : (nc,) arrays
-        Of the rows when the first of them touches [m], [m/s]; only differences of the gaps count.
+        Gaps of the rows and their rates when the first one touches [m], [m/s]; only differences of gaps count.
     mobility : float
         Acceleration along that row by a unit force on it, of the bodies' rigid motion [1/kg].
     press : callable
@@ -65,7 +65,7 @@ def resolving_step(
 
     wanted = rate[first] ** 2 / (2 * mobility)
     firm = _FIRM * size
-    deepest = firm * math.sqrt(wanted / max(pressed(firm)[0], 1e-300))  # or deeper: there all rows push
+    deepest = firm * math.sqrt(wanted / max(pressed(firm)[0], 1e-300))  # or deeper, for there all rows push
     above = deepest
     for _ in range(_SEARCHES):
         if pressed(above)[0] >= wanted:

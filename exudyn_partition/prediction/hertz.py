@@ -1,4 +1,4 @@
-"""Hertz's theory, before there is a mesh: contact radius (paper, eq. 30), impacts, and what they ask of a model."""
+"""Estimates by Hertz's theory, before there is a mesh: contact radius (paper, eq. 30), impacts, f_cut."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class HertzImpact:
     approach : float
         Largest approach of the two bodies [m].
     duration : float
-        Time in contact [s]; `math.inf` if no mass stops the bodies. Where an impedance limits the force, waves from the
-        bodies' ends part them earlier.
+        Time in contact [s]; `math.inf` if no mass stops the bodies. If an impedance limits the force, waves that return
+        from the ends of the bodies separate them earlier.
     rise_time : float
         Time in which the force rises from 10 % to 90 % of its peak [s].
     contact_radius : float
         Radius of the contact circle at the peak [m], as by eq. 30.
     t : (n,) array
-        Times over the duration, equally spaced [s]; if that is infinite, until the force has its limit.
+        Times over the duration, equally spaced [s]; if it is infinite, until the force has reached its limit.
     force : (n,) array
         Contact force [N].
     """
@@ -56,9 +56,9 @@ class HertzImpact:
         )
 
     def truncation_frequency(self, *, tolerance: float = 0.01) -> float:
-        """Truncation frequency that the force asks for, before any run (paper, section 5.2).
+        """Truncation frequency that this force needs, before any run (paper, section 5.2).
 
-        Where impedances limit the force, estimate the impact with masses too: it then rises as the waves let it, and
+        If impedances limit the force, estimate the impact with masses too. The force then rises as the waves allow, and
         ends.
 
         Parameters
@@ -74,7 +74,7 @@ class HertzImpact:
         Raises
         ------
         InputError
-            If the contact never ends: the share of its energy that lies at zero frequency grows with time.
+            If the contact never ends: then the share of its energy at zero frequency grows with time.
         """
         if math.isinf(self.duration):
             raise InputError("mass: expected a finite one, for a contact without end has no truncation frequency")
@@ -82,12 +82,10 @@ class HertzImpact:
 
 
 _SAMPLES = 100  # of the force in its rise time
-_MOST_SAMPLES = 2**18  # in all: forces that rise in no time beside their duration
-_SETTLED = 20  # time for a force that only an impedance limits: what it lacks of its limit falls by exp(-1.5 t)
-
-
-_EXTREME = 1e30  # in SI units no mechanism is beyond it, nor below its inverse; products of some of them stay finite
-_SLOWEST = 1e-10  # share of the speed that a mass takes while a force rises on an impedance: less is not followed
+_MOST_SAMPLES = 2**18  # in all, for forces that rise very fast compared with their duration
+_SETTLED = 20  # time for a force that only an impedance limits: its distance from the limit falls as exp(-1.5 t)
+_EXTREME = 1e30  # bound of all numbers in SI units, and its inverse: their products stay finite
+_SLOWEST = 1e-10  # least share of the speed that a mass takes away while the force rises on an impedance
 
 
 def _positive(name: str, value: float, unit: str) -> float:
@@ -190,8 +188,8 @@ def rod_impedance(material: Material, area: float) -> float:
 def plate_impedance(material: Material, thickness: float) -> float:
     """Wave impedance of a thin plate under a normal point force, 8 sqrt(D rho h) with D = E h^3 / (12 (1 - nu^2)).
 
-    Cremer, Heckl, Petersson: Structure-Borne Sound; the same in Zener 1941. It holds for the lower frequencies, whose
-    bending waves are long beside the thickness, and until the first wave returns from an edge.
+    Cremer, Heckl, Petersson: Structure-Borne Sound; also Zener 1941. It holds for frequencies whose bending waves are
+    long compared with the thickness, and until the first wave returns from an edge.
 
     Parameters
     ----------
@@ -227,33 +225,33 @@ def impact(
 ) -> HertzImpact:
     """Estimate an impact from masses, wave impedances and Hertz's contact, before there is a mesh.
 
-    The bodies approach by d against the force F = k d^(3/2), k = 4/3 E* sqrt(R). A compact body of mass m changes its
-    velocity by the integral of F / m, a wave guide of impedance Z by F / Z:
+    The bodies approach by d against the force F = k d^(3/2) with k = 4/3 E* sqrt(R). The force changes the velocity of
+    a compact body of mass m by the integral of F / m, and that of a wave guide of impedance Z by F / Z:
 
         d' = speed - 1 / mass int F dt - F / impedance.
 
-    With a mass alone this is Hertz's impact (Johnson, Contact Mechanics, section 11.4), with the mass of a sphere and
-    the impedance of a plate Zener's (Phys. Rev. 59, 1941, 669). The force exceeds neither limit:
+    With a mass alone this is the impact of Hertz (Johnson, Contact Mechanics, section 11.4). With the mass of a sphere
+    and the impedance of a plate it is that of Zener (Phys. Rev. 59, 1941, 669). The force has two upper limits:
 
         F <= k (5 mass speed^2 / (4 k))^(3/5)  at all times, as the energy of the relative motion is all there is,
         F <= impedance speed                   until waves return from the ends; later forces may be larger.
 
-    Give a body its mass if waves cross it many times during the contact, its impedance if they do not return. For one
-    that lies between, the lower of the two limits is an upper estimate of the force until waves return from the other
-    body. Mass and impedance of the same body in one call make it yield by both, and give less than its peak force.
+    Give the mass of a body if waves cross it many times during the contact, and its impedance if they do not return.
+    For a body between these, the lower limit is an upper estimate of the force until waves return from the other body.
+    Do not give both for the same body in one call: it would yield twice, and the force would be too small.
 
     Parameters
     ----------
     mass : float
-        Effective mass m1 m2 / (m1 + m2) [kg], see `effective`; the striker's own for a wall; `math.inf` where only
+        Effective mass m1 m2 / (m1 + m2) [kg], see `effective`; for a wall, that of the striker; `math.inf` if only
         impedances count.
     speed : float
         Approach speed [m/s].
     radius_1, radius_2, material_1, material_2 :
         As for `contact_radius`.
     impedance : float
-        Effective impedance Z1 Z2 / (Z1 + Z2) [N s/m], see `effective`, `rod_impedance`, `plate_impedance`; the only
-        one's own if the other body is compact, thick or a wall; `math.inf` if no body is a wave guide.
+        Effective impedance Z1 Z2 / (Z1 + Z2) [N s/m], see `effective`, `rod_impedance`, `plate_impedance`. If the other
+        body is compact, thick or a wall, that of one body; `math.inf` if no body is a wave guide.
 
     Returns
     -------
@@ -262,8 +260,8 @@ def impact(
     Raises
     ------
     InputError
-        If an argument is out of range, neither mass nor impedance is finite, or the mass acts 1e10 times more slowly
-        than the force rises.
+        If an argument is out of range, neither mass nor impedance is finite, or the mass acts 1e10 times slower than
+        the force rises.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
     speed = _positive("speed", speed, "m/s")
@@ -271,7 +269,7 @@ def impact(
     energy = _validate_limit("mass", mass, "kg, or math.inf where only impedances count") * speed**2
     stiffness = 4 / 3 * E * math.sqrt(R)
     mass_limit = stiffness**0.4 * (1.25 * energy) ** 0.6
-    # In units of the lower limit and its approach: y' = w - a y^(3/2), w' = -b y^(3/2), with w the speed less F / Z.
+    # In units of the lower limit and its approach: y' = w - a y^(3/2), w' = -b y^(3/2).
     limit = min(wave_limit, mass_limit)
     if math.isinf(limit):
         raise InputError("mass, impedance: expected at least one of them finite, for nothing else limits the force")

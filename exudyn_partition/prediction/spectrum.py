@@ -9,8 +9,8 @@ from ..support.arrays import Array
 from ..support.checks import validate_array, validate_choice, validate_positive
 
 _WINDOWS = ("none", "hann")
-_LARGEST = 1e150  # the transform of what is larger may not be finite
-_FINE = 2**19  # samples with zeros beyond the record, at least: they make the bins of the spectrum narrow
+_LARGEST = 1e150  # the transform of larger numbers may not be finite
+_FINE = 2**19  # least number of samples with added zeros, which make the bins of the spectrum narrow
 
 
 def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window: str = "none") -> float:
@@ -21,9 +21,9 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
 
         int_{f_h}^inf |X(f)|^2 df = tolerance^2 int_0^inf |X(f)|^2 df.
 
-    For the force on a wave impedance, or the velocity behind one, this is the share of the energy that goes out as
-    waves. As an integral it depends neither on single bins of a spectrum nor, once this is fine enough, on sampling;
-    a pulse keeps it however long the record is.
+    For the force on a wave impedance, or the velocity behind one, this is the share of the energy that leaves as waves.
+    The integral depends neither on single bins of the spectrum nor on the sampling, if that is fine enough. For a pulse
+    it does not depend on the length of the record.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
     x : (n,) array
         Signal, such as a contact force [N] or one component of a velocity [m/s].
     tolerance : float
-        Relative L2 error of the signal without what lies above its highest frequency, in (0, 1).
+        Relative L2 error of the signal without its content above the highest frequency, in (0, 1).
     window : {"none", "hann"}
-        "none" for pulses that begin and end at rest, such as a contact force: the signal is zero beyond its record.
-        "hann" for a vibration that goes on beyond its record, such as a velocity after the impact: the mean is taken
-        off and the ends faded out, for an abrupt end would count as high frequencies. Lines are then broadened by two
-        over the record's length; what happens only near an end of the record hardly counts.
+        "none" for pulses that begin and end at rest, such as a contact force: the signal is zero outside its record.
+        "hann" for a vibration that continues after its record, such as a velocity after the impact. The mean is removed
+        and the ends are faded out, since an abrupt end would count as high frequencies. Lines are then wider by two
+        over the length of the record, and events near its ends hardly count.
 
     Returns
     -------
@@ -47,8 +47,8 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
     Raises
     ------
     InputError
-        If the times are not equally spaced, the signal does not change, does not end at rest without a window, or holds
-        so high frequencies that 2 f_h lies above half the sampling rate: the record then does not show its end.
+        If the times are not equally spaced, the signal does not change, it does not end at rest without a window, or
+        2 f_h lies above half the sampling rate, so that the record does not show where its content ends.
     """
     tolerance = validate_positive("tolerance", tolerance)
     if tolerance >= 1:

@@ -1,4 +1,4 @@
-"""Pairs of points and facets that move: closest points found again from where they were."""
+"""Pairs of points and facets that move: each closest point is found from the previous one."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from .rows import EDGE_TOLERANCE
 from .surface import Projection, Surface, closest_points, cross, newton_step
 
 _STEPS = 6
-_FOLLOWED = 1e-4  # of a facet: last step of Newton's iteration, by which normals lag, and way past a facet's edge
+_FOLLOWED = 1e-4  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
 class MovingPairs:
     """Points of one patch on the facets of another, which both move.
 
-    Newton's iteration starts as far from the last closest point as that moved last: in steady motion one step does.
-    A point that leaves its facet goes on in the neighbour, and is searched on all facets if that does not hold it
-    either. Points that look past the edge of the patch are left alone.
+    Newton's method starts from the last closest point plus its last motion: in steady motion one step is enough. A
+    point that leaves its facet is projected on the neighbour; if it is not there either, all facets are searched.
+    Points that look past the edge of the patch are left alone.
 
     Parameters
     ----------
     master : Surface
-        Where facets start; their order and size are used.
+        The facets at the start.
     facet : (p,) int array
         Which facet each point is on.
     local : (p, 2) array
@@ -41,7 +41,7 @@ class MovingPairs:
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
 
     def rest(self) -> None:
-        """Forget how points moved last."""
+        """Forget the last motion of the points."""
         self._last[:] = 0.0
 
     def follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
@@ -78,11 +78,11 @@ class MovingPairs:
         return pairs, self._gone.take(index)
 
     def _on_patch(self, index: Array, left: Array) -> Array:
-        """Those of some points, `left` of `index`, that are not past the edge of the patch."""
+        """Those of the points `left`, numbers in `index`, that are not past the edge of the patch."""
         return left[~self._past[index[left]]] if len(left) else left
 
     def _cross(self, facet: Array, local: Array, last: Array) -> tuple[Array, Array, Array]:
-        """Facets over the edge that points have crossed, their coordinates and motion there; at rims as they were."""
+        """Facets across the edges that points have crossed, and coordinates and motion there; none across rims."""
         edge = np.argmin(_depths(local, self.facets.shape[1]), axis=0)
         neighbour, its_edge = (of[facet, edge] for of in self._neighbours)
         middle, turn = _middles(self.facets), self._turns[facet, edge]
@@ -97,7 +97,7 @@ class MovingPairs:
         return np.asarray((on & (self._neighbours[0][facet] < 0)).any(axis=1))
 
     def _find(self, pairs: Projection, left: Array, x: Array, x_m: Array) -> None:
-        """Project points, x (k, 3), that have left their facets: in the neighbours, else anywhere."""
+        """Project points, x (k, 3), that have left their facets: on the neighbours, or else on all facets."""
         before = pairs.facet[left]
         facet, local, _ = self._cross(before, pairs.local[left], np.zeros((len(left), 2)))
         pairs.put(left, follow(x, x_m[self.facets[facet]], facet, local))
@@ -114,7 +114,7 @@ def _middles(facets: Array) -> Array:
 
 
 def _turns(surface: Surface) -> Array:
-    """(nf, number of edges, 2, 2) array: how a step's coordinates change from each facet to that over each edge."""
+    """(nf, number of edges, 2, 2) array: turns a step in a facet's coordinates to those of each neighbour."""
     middles, n_nodes = _middles(surface.facets), surface.facets.shape[1]
     tangents = np.einsum("ein,fnd->fedi", shape_functions(middles, n_nodes)[:, 1:], surface.points[surface.facets])
     turns: Array = np.linalg.pinv(tangents[surface.neighbours]) @ tangents
@@ -122,7 +122,7 @@ def _turns(surface: Surface) -> Array:
 
 
 def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int = _STEPS) -> Projection:
-    """Project points that have moved a little on the facets where they were, which go on past their edges.
+    """Project points that have moved a little, each on its facet, which is continued past its edges.
 
     Parameters
     ----------
@@ -131,17 +131,17 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     nodes : (k, n, 3) array
         Positions of the nodes of each point's facet [m].
     facet : (k,) int array
-        Their numbers, which the projection keeps.
+        Numbers of the facets, for the result.
     local : (k, 2) array
         First guess of the closest points in the facets' coordinates.
     steps : int
-        Newton's, at most.
+        Most steps of Newton's method.
     """
     shape = shape_functions(local, nodes.shape[1])
     frame = shape @ nodes
     miss = points - frame[:, 0]
     step, _, squared = newton_step(frame, miss)
-    # What is left of the step changes the weights to first order, and the gap not at all.
+    # The last step changes the weights to first order, but not the gap.
     weights = shape[:, 0] + step[:, :1] * shape[:, 1] + step[:, 1:] * shape[:, 2]
     normal = cross(frame[:, 1], frame[:, 2]) / np.sqrt(squared)[:, None]
     gap = np.einsum("kd,kd->k", miss, normal)
@@ -155,7 +155,7 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
 
 
 def _depths(local: Array, n_nodes: int) -> list[Array]:
-    """How far points are inside of each edge of their facet, (k,) each, in its coordinates."""
+    """Distances of points from each edge of their facet, (k,) each, in its coordinates; positive inside."""
     r, s = local[:, 0], local[:, 1]
     return [s, 1 - r, 1 - s, r] if n_nodes == 4 else [s, 1 - r - s, r]
 

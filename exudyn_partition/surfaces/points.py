@@ -1,11 +1,12 @@
-"""Points of a slave's patch that are kept out of the master, and the rows that they make.
+"""Contact points of a slave's patch, which must not enter the master, and the rows that they make.
 
-Node-to-segment (paper, section 3) takes the patch's nodes, a row each. On quadratic facets that is poor: a vertex
-carries no share of a uniform pressure, so nodal forces are ragged.
-Integrated rows take the gap's mean over the patch, weighted by a hat function for each node, and its Kuhn-Tucker
-conditions hold for each hat: piecewise linear multipliers on linear or quadratic displacements, integrated on the
-slave's facets. Quadratic triangles are split into the four between their nodes, so that all hats are positive (Puso,
-Laursen and Solberg 2008).
+Node-to-segment (paper, section 3) takes the nodes of the patch, and a row for each. On quadratic facets that is poor: a
+uniform pressure has no share at the vertices, so forces vary strongly from node to node.
+
+Integrated rows take a weighted mean of the gap for each node; the weight is a hat function. The Kuhn-Tucker conditions
+hold for each mean. Multipliers are then piecewise linear, displacements linear or quadratic, and integrals are those
+over the slave's facets. Quadratic triangles are split into the four between their nodes, so that all hats are positive
+(Puso, Laursen and Solberg 2008).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ ROWS = ("integrated", "node-to-segment")
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
-    """Points of a patch, p of them, and nr rows, each the mean of some points' gaps.
+    """The p contact points of a patch, and nr rows; the gap of a row is the mean of those of some points.
 
     Parameters
     ----------
@@ -42,9 +43,9 @@ class ContactPoints:
     area : (nr,) array
         Area that each row stands for [m2]; their sum is the patch's.
     pressures : (np, np) csr matrix
-        Pressure around the patch's nodes, by the forces of the rows of all of them [1/m2]. Integrated rows: the mean
-        over each node's hat function. Node-to-segment: that over the hats of the facets' corners, for single nodal
-        forces of quadratic facets are ragged.
+        Pressure around the patch's nodes, by the forces of the rows [1/m2]. Integrated rows: the mean over the hat
+        function of each node. Node-to-segment: the mean over hats of the facets' corners, because nodal forces of
+        quadratic facets vary strongly.
     facets : (nf, p) csr matrix
         Which points belong to which facet.
     """
@@ -74,7 +75,7 @@ class ContactPoints:
         return (self.weights[:, None] @ points.take(self.nodes, axis=0))[:, 0]
 
     def restricted(self, points: Array) -> ContactPoints:
-        """Take a mask of points; rows are the means of those, and end where none is left."""
+        """Take some points (a mask); rows become the means of these, and rows without points are dropped."""
         mean = sp.csr_matrix(self.mean[:, points])
         share = np.asarray(mean.sum(axis=1)).ravel()
         kept = np.flatnonzero(share > _LEAST_SHARE)
@@ -105,8 +106,8 @@ class ContactPoints:
         return kept, points
 
 
-_NO_AREA = 1e-9  # of a mean edge's square
-_LEAST_SHARE = 1e-3  # of a row's area: what a row needs at least
+_NO_AREA = 1e-9  # a facet has no area if it is below this, by the square of the mean edge
+_LEAST_SHARE = 1e-3  # a row is dropped if less than this share of its area is left
 
 
 def contact_points(surface: Surface, rows: str) -> ContactPoints:
@@ -141,7 +142,7 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         where = np.broadcast_arrays(facets[:, None, :], points[:, :, None])
         weighted = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(n, area.size))
         weighted.eliminate_zeros()
-        # Forces make a pressure at the points, whose mean over each hat is asked for.
+        # Forces make a pressure at the points; its mean over each hat is the result.
         inverse = sp.diags(1 / hat_area, format="csr")
         pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
         return ContactPoints(
@@ -179,5 +180,5 @@ def corner_hats(surface: Surface) -> sp.csr_matrix:
     return sp.csr_matrix(hats)
 
 
-# Share of each node in a uniform pressure on a facet: on a quadratic one, corners have none.
+# Share of each node in a uniform pressure on a facet; corners of quadratic facets have none.
 _NODAL_SHARES = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: np.r_[np.zeros(3), np.full(3, 1 / 3)]}

@@ -13,10 +13,10 @@ from ..support.checks import read_only
 from .points import ContactPoints, contact_points
 from .surface import Projection, Surface, closest_points
 
-EDGE_TOLERANCE = 0.02  # of a facet's size: how far a point may look past the patch's edge and still be paired
-_FACING = 0.9  # cosine between the slave's line of contact and the master's normal, below which points do not meet
-_TOUCHING = 1e-3  # of a facet's size: as close as patches are brought before pairing
-_APPROACHES = 10  # projections at most to get there
+EDGE_TOLERANCE = 0.02  # of a facet's size: a point that looks past the patch's edge by less is still paired
+_FACING = 0.9  # points meet if the cosine between line of contact and master's inward normal is above
+_TOUCHING = 1e-3  # of a facet's size: patches are brought as close as this before pairing
+_APPROACHES = 10  # most projections to get there
 PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 
 
@@ -27,7 +27,7 @@ class ContactRows:
     Parameters
     ----------
     points : ContactPoints
-        Those that are paired, p of them, and nr rows.
+        The p points that are paired, and the nr rows.
     facet : (p,) int array
         The master's facet that each point faces.
     local : (p, 2) array
@@ -41,7 +41,7 @@ class ContactRows:
     gap : (nr,) array
         Gaps of the rows in the configuration of the pairing [m].
     at_edge : (nr,) bool array
-        Rows at the edge of what can touch: contact that reaches them leaves its patch.
+        Rows at the edge of the patches: contact that reaches them leaves its patch.
     facet_size : float
         Mean edge length of the master's facets [m].
     unpaired : int
@@ -75,7 +75,7 @@ class ContactRows:
         return normal
 
     def interpolation(self, n_slave: int, n_master: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        """Weights of the patches' nodes in each row, (nr, n_slave) and (nr, n_master), whatever their direction."""
+        """Weights of the patches' nodes in each row, (nr, n_slave) and (nr, n_master), without directions."""
         at_slave = point_matrix(self.points.nodes, self.points.weights, n_slave)
         at_master = point_matrix(self.master, self.weights, n_master)
         return self.points.mean @ at_slave, self.points.mean @ at_master
@@ -102,7 +102,7 @@ def directed_matrix(nodes: Array, weights: Array, directions: Array, n_nodes: in
 
 
 def facing(projection: Projection, direction: Array, size: float) -> Array:
-    """Which points meet the surface that they were projected on, (k,) bool: not past its edge, and not aslant."""
+    """Which points meet the surface that they were projected on, (k,) bool: neither past its edge nor too oblique."""
     return (projection.offset <= EDGE_TOLERANCE * size) & (projection.normal @ direction < -_FACING)
 
 
@@ -111,9 +111,9 @@ def pair_surfaces(
 ) -> ContactRows:
     """Pair every contact point of the slave with the point of the master's patch that it will meet.
 
-    The slave is first moved along the line of contact, the flatter patch's, until it touches; there each point takes
-    the closest point of the master, and the way is given back to the gaps: so pairs are right for bodies that start
-    apart and approach along that line.
+    The slave is first moved along the line of contact, that of the flatter patch, until it touches. There each point is
+    paired with the closest point of the master, and the way is added to the gaps. So pairs are right for bodies that
+    start apart and approach along that line.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def pair_surfaces(
     rows : {"integrated", "node-to-segment"}
         See `contact.points`.
     placed_by : str
-        What a user moves a body by, for messages.
+        What a user changes to move a body, for messages.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def pair_surfaces(
                 f"({placed_by})"
             )
         clearance = projection.gap[paired].min(initial=np.inf)
-        if not paired.any():  # far apart and aside: let the nearest point decide
+        if not paired.any():  # far apart and to the side: the nearest point decides
             clearance = float(np.hypot(projection.gap, projection.offset).min())
         if abs(clearance) <= _TOUCHING * size:
             break
@@ -170,10 +170,10 @@ def pair_surfaces(
 def rows_of(
     points: ContactPoints, projection: Projection, paired: Array, slave: Surface, master: Surface, approach: Array
 ) -> ContactRows:
-    """Rows of the points that are paired, a mask, by their projection on the master."""
+    """Rows of the points that are paired (a mask), by their projection on the master."""
     kept, size = points.restricted(paired), master.facet_size
-    # At the edge are also the neighbours of points that look past the rim of the master's patch, where its body goes
-    # on, and of points that lie on it but face it too much aslant.
+    # Rows are also at the edge beside points that look past the rim of the master's patch, where its surface
+    # continues, and beside points on the patch that face it too obliquely.
     past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
     lost = ~paired & (past_rim | (projection.offset <= EDGE_TOLERANCE * size))
     beside = np.unique(slave.facets[points.facets @ lost > 0])

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-10  # of a facet: the last step
-_CONVEX = 0.1  # of the flat facet's: second derivatives of the distance below which curvature is left out
-_CANDIDATES = 8  # facets tried a point, nearest centroids first
+_CONVEX = 0.1  # curvature is left out if second derivatives are below this share of those of a flat facet
+_CANDIDATES = 8  # facets that are tried for each point, nearest centroids first
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Surface:
     direction : (3,) array
         Outward unit vector, the patch's line of contact.
     rim : (k,) int array
-        Rows of `points` beyond which the body's surface goes on.
+        Rows of `points` beyond which the surface of the body continues.
     nodes : (np,) int array
         Nodes of the body that `points` belong to.
     direction_given : bool
@@ -58,7 +58,7 @@ class Surface:
 
     @property
     def flatness(self) -> float:
-        """How well `direction` is known: length of the facets' mean unit normal, 1 for a plane; 2 if it was given."""
+        """How certain `direction` is: length of the mean unit normal, 1 for a plane; 2 if the user gave it."""
         if self.direction_given:
             return 2.0
         normals = area_vectors(self.points, self.facets)
@@ -107,8 +107,8 @@ class Projection:
     gap : (k,) array
         Signed distance along the normal, positive outside [m].
     offset : (k,) array
-        Distance from the point's foot on that normal to the closest point [m]: zero where the closest point lies
-        inside the surface, above zero where the point looks past its edge.
+        Distance of the point from the line along that normal through the closest point [m]. It is zero if the closest
+        point lies inside the surface, and above zero if the point looks past the edge.
     """
 
     facet: Array
@@ -129,7 +129,7 @@ class Projection:
 
     @classmethod
     def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
-        """Make it of `shape_functions` at the closest points, their frame, (k, 3, 3), and the way from there."""
+        """Make it of `shape_functions` at the closest points, place and tangents there, (k, 3, 3), and vectors from there."""
         a, b = frame[:, 1], frame[:, 2]
         normal = cross(a, b)
         normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
@@ -149,7 +149,7 @@ def cross(a: Array, b: Array) -> Array:
 def closest_points(points: Array, facets: Array) -> Projection:
     """Project points on a surface of triangles, flat or curved, or of bilinear quads.
 
-    Newton in the facet's coordinates, clipped to the facet; the nearest of several candidate facets wins.
+    Newton's method in the facet's coordinates, clipped to the facet. The nearest of several candidates is taken.
 
     Parameters
     ----------
@@ -191,15 +191,16 @@ def closest_points(points: Array, facets: Array) -> Projection:
 def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[Array, tuple[Array, ...], Array]:
     """Newton's step towards the closest point.
 
-    Where the distance is not convex, as inside a curved surface, it is Gauss and Newton's, which takes the facet as
-    flat: far outside that would go past the closest point, by distance over radius of curvature; nearby it will do.
+    Where the distance is not convex, as inside a curved surface, it is the step of Gauss and Newton, which takes the
+    facet as flat. That step is good near the facet. Far from it, it would pass the closest point, by the ratio of
+    distance and radius of curvature.
 
     Parameters
     ----------
     frame : (k, 3, 3) array
         Place and tangents on the facet [m].
     miss : (k, 3) array
-        Way from the place to the point [m].
+        Vector from the place to the point [m].
     nodes : (k, n, 3) array, optional
         Positions of the nodes of each point's facet, which curve it [m]. Default: it is flat.
 
