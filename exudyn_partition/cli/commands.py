@@ -1,6 +1,7 @@
 """Command line: reduce a mesh to a body file, look into one, estimate an impact, check the installation.
 
-The only module that prints. Exit codes: 0 done, 1 an error with its message on stderr, 2 a wrong call, 130 interrupted.
+Nothing else in the library prints. Exit codes: 0 done, 1 an error with its message on stderr, 2 a wrong call, 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
     """
-    # A space in front: argparse takes -5e-3 for an option.
+    # With a space in front: argparse would take -5e-3 for an option.
     words = [f" {word}" if _is_negative(word) else word for word in (sys.argv[1:] if argv is None else argv)]
     options = parser().parse_args(words)
     run: Command = options.run
@@ -100,8 +101,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         elif "error" not in found:
             show(found)
         sys.stdout.flush()
-    except OSError as error:  # whoever reads it has gone, or the disk that it goes to is full
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python tries again as it ends
+    except OSError as error:  # the reader of a pipe has gone, or the disk is full
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python tries again at its end
         print(f"error: the result could not be printed: {error.strerror}", file=sys.stderr)
         return 1
     return code
@@ -237,7 +238,7 @@ def _reduce(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
 
 
 def _check_out(out: Path, source: str) -> None:
-    """Raise if the body cannot be written, before the work of making it, or would replace what it is made of."""
+    """Raise, before the work, if the body cannot be written or would replace its source."""
     writable(out, "--out")
     if out.exists() and os.path.exists(source) and os.path.samefile(out, source):  # noqa: PTH110, PTH121
         raise InputError(f"--out: {out} is the source itself, which the body would replace; give it another name")
@@ -256,7 +257,7 @@ def _info(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
 
 
 def _described(body: ReducedBody) -> dict[str, object]:
-    """What a body is, in JSON types."""
+    """Description of a body in types of JSON."""
     found: dict[str, object] = {
         "basis": body.basis.name,
         "f_cut_Hz": body.f_cut,
@@ -285,7 +286,7 @@ def _described(body: ReducedBody) -> dict[str, object]:
 
 
 def _kinds(body: ReducedBody) -> Counter[str]:
-    """How many coordinates there are of each kind."""
+    """Number of coordinates of each kind."""
     kinds: Counter[str] = Counter()
     for label in body.basis.labels:
         kinds["rigid" if label.startswith("rigid") else label.rsplit(" ", 2)[0]] += 1

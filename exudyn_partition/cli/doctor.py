@@ -35,7 +35,7 @@ def doctor(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
             importlib.import_module(package)
             versions[package] = metadata.version(package)
         except ImportError as error:  # also PackageNotFoundError
-            missing[wanted.get(package, package)] = str(error)  # it may be there and lack a library of its own
+            missing[wanted.get(package, package)] = str(error)  # it may be there, but miss a library that it needs
     found: dict[str, object] = {"versions": versions}
     if missing:
         line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
@@ -52,7 +52,7 @@ def _requirements() -> list[str]:
 
 
 def _self_test() -> dict[str, object]:
-    """Impact of a small steel ball on a rigid plane: against Hertz, momentum and energy."""
+    """Impact of a small steel ball on a rigid plane, compared with Hertz; balances of momentum and energy."""
     from ..contact.rigid import RigidPlane
     from ..exudyn_bodies.create_body import CreatePartitionBody
     from ..exudyn_contacts.create_contact import CreatePartitionContact

@@ -1,4 +1,4 @@
-"""What a command found, as a table on the terminal."""
+"""Results of a command as a table on the terminal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def show(found: dict[str, object]) -> None:
 
 
 def _flat(found: dict[str, object]) -> Iterator[tuple[str, str]]:
-    """Rows of a table: names in words, one for each entry of what is nested."""
+    """Rows of a table, one for each entry, nested ones included; names are written in words."""
     for key, value in found.items():
         name, _, unit = key.rpartition("_")
         known = unit in ("Hz", "kg", "m", "s", "N")

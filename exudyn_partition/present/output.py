@@ -1,8 +1,8 @@
-"""Fields of a run as files for ParaView: one VTU a body and frame, and a PVD that lists them over time.
+"""Fields of a run as files for ParaView: one VTU for each body and frame, and a PVD that lists them over time.
 
-Points are where the bodies were put. `displacement` leads from there to where they are, rigid motion and rotation of a
-floating frame included: ParaView's filter Warp By Vector with factor 1 shows the motion. `deformation` is the part of
-it that strains the body, turned into space with the body's axes: to exaggerate deformation s times, warp by
+Points are where the bodies are at the start. `displacement` leads from there to where they are now, with rigid motion
+and the rotation of a floating frame: ParaView's filter Warp By Vector with factor 1 shows the motion. `deformation` is
+the part of the displacement that strains the body, in the axes of space. To show deformation s times as large, warp by
 displacement + (s - 1) deformation.
 """
 
@@ -37,7 +37,7 @@ Load = tuple[PartitionContact, list[Array]]  # and its forces on the nodes of ea
 FIELDS = ("displacement", "deformation", "velocity", "stress", "von_mises", "contact_pressure")
 _OF_STRESS = {"stress", "von_mises"}
 _FRAMES = 50
-_LONGEST_STEM = 40  # characters of a body's name in those of its files, which file systems limit to 255 bytes
+_LONGEST_STEM = 40  # characters of a body's name in file names, which may have 255 bytes
 _LIST = "run.pvd"
 _FACETS = {3: "triangle", 6: "triangle6", 4: "quad"}
 _CELLS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}
@@ -55,14 +55,14 @@ def write_paraview(
     static_answer: bool = True,
     progress: Progress | None = None,
 ) -> Path:
-    """Write fields of a run to VTU files and a PVD that ParaView opens as a film.
+    """Write fields of a run to VTU files and a PVD file, which ParaView opens as a film.
 
-    One frame of one body is in memory at a time.
+    Only one frame of one body is in memory at a time.
 
     Parameters
     ----------
     folder : str or Path
-        Made if it is not there; files of the same names are replaced, once all are written.
+        Made if it is not there. Files of the same names are replaced when all are written.
     result : Result
     bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
         Default: all of the run. Stresses, and the inside of a body, need its FE model.
@@ -71,22 +71,22 @@ def write_paraview(
         "stress", (n, 6) xx, yy, zz, yz, xz, xy in the body's own axes [Pa]; "contact_pressure", (n,) [Pa], of slaves,
         whose nodes have the contact's rows (with passes="two" of both bodies).
     times : (k,) [s] or int
-        Times, of which the nearest samples are taken, or the number of frames, equally spaced over the run.
+        Times, for which the nearest samples are taken; or the number of frames, equally spaced over the run.
     contacts : sequence of PartitionContact, optional
         Default: all of the run.
     surface : bool
-        Write the surface alone, not the elements inside.
+        Write only the surface, not the elements inside.
     static_answer : bool
-        Of bodies with an FE model, add what the kept shapes lack of the static answer to the contacts' forces, see
-        `recovery.StaticAnswer`. Without it stresses beneath a contact are far too small. It costs a factorisation of
-        the body's stiffness. Velocities go without.
+        For bodies with an FE model, add the static answer to the contacts' forces that the kept shapes do not contain,
+        see `recovery.StaticAnswer`. Without it, stresses beneath a contact are far too small. It costs a factorisation
+        of the body's stiffness. Velocities do not include it.
     progress : callable, optional
         Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
 
     Returns
     -------
     Path
-        Of the PVD file, `run.pvd` in the folder.
+        Path of the PVD file, `run.pvd` in the folder.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def write_paraview(
         If an argument is no such thing, a field is unknown, a time not within the run, there is no body, or an FE model
         is missing or of another body.
     OutputError
-        If the disk is full or protected; files that were there are kept.
+        If the disk is full or protected; old files are kept.
     """
     names = _field_names(fields)
     validate_result(result)
@@ -135,12 +135,12 @@ def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) 
 
 
 def validate_contacts(contacts: Iterable[PartitionContact]) -> list[PartitionContact]:
-    """Return contacts as a list, all of them such, or raise `InputError`."""
+    """Return contacts as a list, or raise `InputError`."""
     return validate_items("contacts", contacts, PartitionContact, "CreatePartitionContact()")
 
 
 def _field_names(fields: str | Iterable[str]) -> list[str]:
-    """Names of fields, each once."""
+    """Names of fields without repetition."""
     if not isinstance(fields, Iterable):
         raise InputError(f"fields: expected names, {', '.join(map(repr, FIELDS))}, got {fields!r}")
     names = [validate_choice("fields", name, FIELDS) for name in ([fields] if isinstance(fields, str) else fields)]
@@ -150,24 +150,24 @@ def _field_names(fields: str | Iterable[str]) -> list[str]:
 
 
 class BodyFields:
-    """A body as it is written or drawn: its points, its cells, and its fields.
+    """What is written or drawn of a body: points, cells and fields.
 
     Parameters
     ----------
     entry : PartitionBody or (PartitionBody, FEModel)
     names : sequence of str
-        Of `FIELDS`.
+        Some of `FIELDS`.
     surface : bool
-        Without the elements inside.
+        Whether to leave out the elements inside.
 
     Attributes
     ----------
     points : (n, 3) array
-        Where its nodes are at the start, in space [m].
+        Places of its nodes at the start, in space [m].
     cells : (nc, k) int array
         Facets or elements, as rows of `points`.
     kind : str
-        Their name in meshio.
+        Name of the cells in meshio.
 
     Raises
     ------
@@ -286,7 +286,7 @@ def _pressures(
 
 
 def _stems(pieces: Sequence[BodyFields]) -> list[str]:
-    """File names of bodies: their own, as far as a file can have them and each only once, also where case is lost."""
+    """File names of bodies: their names without special characters; different also where case does not matter."""
     stems: list[str] = []
     for i, piece in enumerate(pieces):
         wanted = re.sub(r"[^\w.-]+", "_", piece.item.name)[:_LONGEST_STEM] or f"body{i}"

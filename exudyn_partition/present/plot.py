@@ -1,7 +1,7 @@
 """Figures of runs; every function draws on given axes, or on those of a new figure, and returns them.
 
-A run is a `History`, or a `Result` itself, of which `contact` and `body` say what is meant where there are several.
-Curves differ in dashes too, so that they can be told apart in print without colour.
+A run is a `History` or a `Result`. If a Result has several contacts or bodies, `contact` and `body` say which is meant.
+Curves differ in dashes as well as in colour, for prints in black and white.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..fe.facets import FLAT_TRIANGLES, facet_corners
 from ..prediction.spectrum import amplitude_spectrum
 from ..reduction.body import ReducedBody
 from ..results.compare import Comparison, front, validate_runs
@@ -44,14 +45,14 @@ _REFERENCE_STYLE = {"color": "0.6", "linewidth": 3.0}
 _RUN_STYLE = {"color": "C3", "linewidth": 1.0}
 _DASHES = ("-", "--", "-.", ":")
 _MARKERS = "os^Dv<>p"
-_MOST_SAMPLES = 2**20  # of a history that is resampled for its spectrum
+_MOST_SAMPLES = 2**20  # of a history that is resampled for a spectrum
 _PREFIXES = {1e9: "G", 1e6: "M", 1e3: "k", 1.0: "", 1e-3: "m", 1e-6: "µ", 1e-9: "n"}
 
 
 def force(
     axes: Axes, run: History | Result, reference: History | None = None, *, contact: PartitionContact | None = None
 ) -> Axes:
-    """Total contact force [N] over time [ms], the run over its reference.
+    """Total contact force [N] over time [ms], drawn over the reference.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def velocity(
     axis: int = 2,
     body: PartitionBody | None = None,
 ) -> Axes:
-    """Velocity of a point along one axis [m/s] over time [ms], the run over its reference.
+    """Velocity of a point along one axis [m/s] over time [ms], drawn over the reference.
 
     Parameters
     ----------
@@ -126,8 +127,8 @@ def spectrum(
 ) -> Axes:
     """Amplitude spectrum of the contact force [N s], or of the velocity of a point [m], over frequency [kHz].
 
-    It is the magnitude of the Fourier integral, see `spectrum.amplitude_spectrum`; the velocity is faded out at both
-    ends. Samples of an adaptive run are interpolated.
+    It is the magnitude of the Fourier integral, see `spectrum.amplitude_spectrum`. A velocity is faded out at both
+    ends. Samples of a run with variable steps are interpolated.
 
     Parameters
     ----------
@@ -181,9 +182,9 @@ def energy(
     bodies: Sequence[PartitionBody] | None = None,
     contacts: Sequence[PartitionContact] | None = None,
 ) -> Axes:
-    """Energy of bodies, kinetic and strain, in contacts, what damping has taken, and their sum over time [ms].
+    """Energy of bodies (kinetic and strain), of contacts, energy lost by damping, and their sum over time [ms].
 
-    The sum is constant as far as nothing else in the model does work on the bodies.
+    The sum is constant if nothing else in the model does work on the bodies.
 
     Parameters
     ----------
@@ -199,8 +200,8 @@ def energy(
     Raises
     ------
     InputError
-        If an argument is no such thing, there is neither body nor contact, the run kept nothing, or the energy of a
-        contact is not known after it.
+        If an argument is no such thing, there is neither body nor contact, the run has no samples, or the energy of a
+        contact is not known after the run.
     """
     axes = axes_of(axes)
     check_samples(result)
@@ -236,7 +237,7 @@ def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionConta
     Returns
     -------
     matplotlib.axes.Axes
-        A colour bar stands beside them.
+        With a colour bar.
 
     Raises
     ------
@@ -250,9 +251,9 @@ def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionConta
     x = 1e3 * item.body.points[patch.nodes] @ np.linalg.svd(patch.direction[None])[2][1:].T
     values = 1e-6 * contact.pressure(sample).toarray()[0, : len(patch.nodes)]
     facets = np.searchsorted(patch.nodes, patch.facets)
-    if facets.shape[1] == 4:
-        facets = np.vstack([facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]])
-    drawn = axes.tripcolor(*x.T, facets[:, :3], values, shading="gouraud", cmap="viridis")
+    corners = facet_corners(facets)
+    triangles = corners[:, FLAT_TRIANGLES[corners.shape[1]]].reshape(-1, 3)
+    drawn = axes.tripcolor(*x.T, triangles, values, shading="gouraud", cmap="viridis")
     axes.figure.colorbar(drawn, ax=axes, label="contact pressure [MPa]")
     axes.set_aspect("equal")
     axes.set_title(f"t = {1e3 * sample.t[0]:.4g} ms", fontsize="medium")
@@ -262,7 +263,7 @@ def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionConta
 
 
 def modes(axes: Axes, body: ReducedBody | PartitionBody) -> Axes:
-    """Frequencies [kHz] of a body's shapes by their number, each kind with its own marker, and its f_cut.
+    """Frequencies [kHz] of the shapes of a body by their number, with a marker for each kind, and f_cut.
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ def modes(axes: Axes, body: ReducedBody | PartitionBody) -> Axes:
 def pareto(
     axes: Axes, runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]], quantity: str = "force"
 ) -> Axes:
-    """Relative error [%] over run time [s] of several runs against their reference; a line joins those not dominated.
+    """Relative error [%] over run time [s] of several runs; a line joins the runs that no other run dominates.
 
     Parameters
     ----------
@@ -379,7 +380,7 @@ def _equal_samples(t: Array) -> int:
 
 
 def _prefix(largest: float) -> tuple[float, str]:
-    """Factor and name of the unit's multiple in which the largest of some values is 1 to 1000."""
+    """Factor and name of the multiple of a unit in which `largest` is 1 to 1000."""
     return next(((scale, name) for scale, name in _PREFIXES.items() if largest >= scale), (1.0, ""))
 
 

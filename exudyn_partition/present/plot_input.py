@@ -1,4 +1,4 @@
-"""What figures are asked to show: the arguments of module `plot`, checked, and labels as matplotlib takes them."""
+"""Arguments of module `plot`, checked, and labels for matplotlib."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LONGEST_LABEL = 50  # characters
 
 
 def plain(text: object) -> str:
-    """Text as matplotlib shows it: dollars are its mathematics, and long names push a figure out of its frame."""
+    """Text for matplotlib: dollars, which begin mathematics there, are escaped, and long names are cut."""
     said = str(text)
     if len(said) > _LONGEST_LABEL:
         said = said[: _LONGEST_LABEL - 3] + "..."
@@ -32,7 +32,7 @@ def plain(text: object) -> str:
 
 
 def validate_bodies(bodies: Sequence[PartitionBody]) -> list[PartitionBody]:
-    """Return bodies as a list, all of them such."""
+    """Return bodies as a list, or raise `InputError`."""
     return validate_items("bodies", bodies, PartitionBody, "CreatePartitionBody()")
 
 
@@ -95,7 +95,7 @@ def history_of_point(run: History | Result, point: object, body: PartitionBody |
 
 
 def label_of(history: History) -> str | None:
-    """What the legend says of a history."""
+    """Label of a history in the legend."""
     label = history.info.get("label")
     return None if label is None else plain(label)
 

@@ -1,6 +1,6 @@
 """One run as a page: scene, what was left out, step, conservation, contacts, timings, versions and figures.
 
-The page is one HTML file without references to others, its figures are embedded.
+The page is one HTML file; its figures are embedded.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .plot_input import plain
 if TYPE_CHECKING:
     from ..exudyn_contacts.run_result import RunResult as Result
 
-_VISIBLE = 0.03  # of the scene's size: largest deformation in the picture
+_VISIBLE = 0.03  # largest deformation in the picture, by the size of the bodies
 _MOST_IMPACTS = 20  # sub-impacts of a contact that are listed
 _STYLE = """
 body { font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
@@ -133,7 +133,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
 
 
 def _conservation(result: Result) -> str:
-    """Sums over the partition bodies, at start and end."""
+    """Sums over the partition bodies at start and end of the run."""
     if not result.bodies:
         return "<p>No partition bodies.</p>"
     rows: list[Sequence[object]] = []
@@ -179,7 +179,7 @@ def _figures(result: Result) -> str:
             axes.set_title(plain(contact.name or f"contact {i}"))
             images.append((_png(axes), "contact force over time"))
         if result.bodies:
-            with contextlib.suppress(InputError):  # of what is not known after the run; `_conservation` says so
+            with contextlib.suppress(InputError):  # an energy is not known after the run; `_conservation` says so
                 images.append((_png(plot.energy(None, result)), "energies over time"))
     if result.bodies:
         peak = float(result.t[int(np.argmax(np.max(forces, axis=0)))]) if forces else float(result.t[-1])

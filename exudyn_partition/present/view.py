@@ -1,11 +1,11 @@
 """Bodies in Exudyn's own renderer: their deforming surfaces, coloured by a field.
 
-Nothing is added to the equations of motion. `CreatePartitionView` puts an ObjectGround without coordinates into a
-model, whose graphicsDataUserFunction draws the triangles when, and only when, Exudyn renders: live, or in
-`mbs.SolutionViewer()`. `picture` and `show` draw a finished run in a scene of their own.
+`CreatePartitionView` adds an ObjectGround to a model. It has no coordinates, so the equations of motion do not change.
+Its graphicsDataUserFunction draws triangles whenever Exudyn renders: during the run, or in `mbs.SolutionViewer()`.
+`picture` and `show` draw a finished run in a scene of their own.
 
-The tests check what would be drawn, as data, and raytraced pictures, neither of which needs a screen. Exudyn's OpenGL
-window was tried under a virtual display (Xvfb), not on a screen.
+The tests check the data to be drawn, and raytraced pictures; neither needs a screen. Exudyn's OpenGL window was tried
+under a virtual display (Xvfb), but not on a real screen.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # of a body in a 
 UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 _COLOURS = "viridis"
 _WINDOW = (1024, 768)
-_MOST_PIXELS = 8192  # along a side: Exudyn asks for the memory of larger ones without a word, and ends the process
-_LARGEST_SCALE = 1e12  # of deformation, beyond which single precision, in which pictures are drawn, has no more room
-_AMBIENT = 0.8  # brightness of what no light falls on: shadows must not pass for small values
-_MARGIN = 0.6  # half of a picture's height, in diagonals of what it shows
+_MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
+_LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
+_AMBIENT = 0.8  # brightness without light: shadows must not look like small values
+_MARGIN = 0.6  # half of a picture's height, by the diagonal of the bodies
 
 
 def CreatePartitionView(
@@ -63,8 +63,8 @@ def CreatePartitionView(
 ) -> ObjectIndex:
     """Show the surfaces of partition bodies in the renderer of a model.
 
-    To be called before `mbs.Assemble()`. It costs nothing while nothing is rendered. After a run,
-    `mbs.SolutionViewer()` shows it if Exudyn wrote its solution file (`settings.solution.file.write`).
+    Call it before `mbs.Assemble()`. It costs nothing while nothing is rendered. After a run, `mbs.SolutionViewer()`
+    shows the surfaces if Exudyn wrote its solution file (`settings.solution.file.write`).
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ def CreatePartitionView(
     bodies : sequence of PartitionBody, optional
         Default: all that the model holds now.
     field : {"deformation", "displacement", "velocity"}
-        Colour: its magnitude [m], [m/s]. Stresses are another matter, for they need the static answer to contact
-        forces: `picture`, `show` and `output.write_paraview` have them.
+        Its magnitude [m], [m/s] is the colour. Stresses need the static answer to contact forces: see `picture`, `show`
+        and `output.write_paraview`.
     scale : float
-        Deformation is drawn so many times as large; rigid motion is not.
+        Factor on the drawn deformation; rigid motion is not scaled.
     limits : (2,), optional
-        Values of the ends of the colour scale. Default: least and largest of each frame.
+        Values at the ends of the colour scale. Default: least and largest value of each frame.
 
     Returns
     -------
@@ -130,9 +130,9 @@ def picture(
     time : float
         The nearest sample is drawn [s].
     bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
-        Default: all of the run. With its FE model, a body shows the static answer to its contacts' forces too.
+        Default: all of the run. A body with its FE model also shows the static answer to the contacts' forces.
     field : {"deformation", "displacement", "velocity", "von_mises"}
-        Colour: its magnitude [m], [m/s], or von Mises's stress [Pa], which needs the FE models.
+        Its magnitude [m], [m/s] is the colour, or von Mises's stress [Pa], which needs the FE models.
     scale, limits :
         As for `CreatePartitionView`.
     rotation : (3,)
@@ -161,7 +161,7 @@ def picture(
     light = SC.visualizationSettings.openGL
     light.lightModelAmbient = [_AMBIENT] * 3 + [1.0]
     light.light0.useCameraFrame = True
-    SC.renderer.ZoomAll()  # or the first drawing sets the view anew
+    SC.renderer.ZoomAll()  # otherwise the first drawing would change the view
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     height = _MARGIN * float(np.linalg.norm(high - low))
@@ -208,7 +208,7 @@ def show(
     if cycles is not None:
         validate_integer("cycles", cycles, 1)
     SC, mbs = _scene(frames, lambda: now, bodies, field, scale, limits)
-    # Exudyn ends the whole process where X11 is missing, so that this has to be asked before.
+    # Without X11, Exudyn would end the whole process.
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise RunError("show: there is no screen, DISPLAY is not set; ep.view.picture draws without one")
     if not SC.renderer.Start():
@@ -245,7 +245,7 @@ def _scene(
     limits: Sequence[float] | None,
     turn: Rotation | None = None,
 ) -> tuple[SystemContainer, MainSystem]:
-    """System container and model that hold nothing but the bodies, at the sample that `now` names."""
+    """System container and model with only the bodies, drawn at the sample whose number `now` returns."""
     SC = require("exudyn").SystemContainer()
     mbs = SC.AddSystem()
     pieces = _pieces(shown_bodies(result.bodies, bodies), field)
@@ -271,7 +271,7 @@ def _add(
     limits: Sequence[float] | None,
     turn: Rotation | None = None,
 ) -> ObjectIndex:
-    """Add the object that draws, for a view that is turned."""
+    """Add the object that draws the bodies; `turn` is the rotation of the view."""
     items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
     if scale > _LARGEST_SCALE:
         raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
@@ -295,7 +295,7 @@ def _graphics(
     limits: Array | None,
     turn: Rotation,
 ) -> list[GraphicsData]:
-    """Exudyn's graphics data of the deformed surfaces, and a text that says what the colours mean."""
+    """Exudyn's graphics data of the deformed surfaces, and of a text that explains the colours."""
     places, values = [], []
     for piece in pieces:
         data = fields(piece)
@@ -317,7 +317,7 @@ def _graphics(
 
 
 def _corner(places: list[Array], turn: Rotation) -> list[float]:
-    """Place above the bodies, as they are seen, (3,) [m]."""
+    """Place above the bodies in the view, (3,) [m]."""
     seen = turn.apply(np.vstack(places))  # to the right, up, and towards the eye
     low, high = seen.min(axis=0), seen.max(axis=0)
     corner: list[float] = turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()

@@ -1,10 +1,10 @@
 """The bases of the partition method: from an FE model and its partition to the columns of T, u = T q.
 
-Every basis here is mass-normalised in its shapes, so that mass and stiffness of the shapes are diagonal; nodal columns,
-which only the paper's basis has, are unit displacements of the impact region's nodes (paper, eq. 15).
+The shapes of every basis are mass-normalised, so their mass and stiffness are diagonal. Nodal columns, which only the
+paper's basis has, are unit displacements of the nodes of the impact region (paper, eq. 15).
 
-Interfaces for joints are the same in all bases: rigid ones are tied first (`tied`), and the static answer to the six
-resultants of each interface is in the span of the shapes, by attachment modes where nothing else holds it.
+All bases treat interfaces for joints alike. Rigid ones are tied first (`tied`). The static answer to the six resultants
+of each interface is in the span of the shapes; where other shapes do not contain it, attachment modes are added.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..support.progress import Progress
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
 from .loads import interface_loads, patch_rows
 
-_FAR_BELOW = 0.01  # of the frequency of longitudinal waves; impacts of compact bodies last some ten of their periods
-_ROUND_OFF = 10 * np.finfo(float).eps  # of the stiffest dof's stiffness over mass: that of the pivots of rigid modes
+_FAR_BELOW = 0.01  # of the frequency of longitudinal waves; impacts of compact bodies last about ten of their periods
+_ROUND_OFF = 10 * np.finfo(float).eps  # of the pivots of rigid modes, by the largest stiffness over mass of a dof
 _RIGID = tuple(f"rigid {motion} {axis}" for motion in ("translation", "rotation") for axis in "xyz")
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedBasis:
-    """Columns of T, and what the basis knows about the rest.
+    """Columns of T, and the residual flexibility of what they leave out.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ReducedBasis:
     mass : str
         "consistent" or "lumped".
     flexibility : (r, r) array or None
-        Residual flexibility of the rows of `patch_rows`: those of each patch after the other [m/N].
+        Residual flexibility of the rows of `patch_rows`, patch after patch [m/N].
     left_out : tuple of str
         What the basis leaves out, in sentences.
     shape_nodes : (k,) int array, optional
@@ -99,11 +99,10 @@ class ReducedBasis:
 def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the paper's partition basis: free modes on the non-impact region, nodes in the impact region (eq. 11-17).
 
-    Elastic modes of the whole body up to `f_cut`, and attachment modes of its interfaces, keep their rows in region I
-    only (eq. 13), every node of region II keeps its three displacements. The rigid modes, which the paper puts into the
-    frame (eq. 12), are six more columns. They and the modes are rotated within their span until mass and stiffness of
-    the modal part are diagonal, which changes neither the space of motions nor any result. The mass is lumped, as in
-    the paper (section 2.1).
+    Elastic modes of the whole body up to `f_cut`, and attachment modes of its interfaces, keep only their rows in
+    region I (eq. 13). Every node of region II keeps its three displacements. The rigid modes, which the paper puts into
+    the frame (eq. 12), are six more columns. All shapes are combined such that their mass and stiffness are diagonal;
+    this changes neither the space of motions nor any result. The mass is lumped, as in the paper (section 2.1).
     """
     if len(partition.nodes) == fem.n_nodes:
         return _all_nodal(fem, partition)
@@ -126,11 +125,11 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
             left_out=(f"{left_out} (f_cut raises that)",),
         )
     region = node_dofs(partition.nodes)
-    # Region I's part of a rigid motion is a shape of its own, for it strains the elements between the regions.
+    # The part of a rigid motion in region I is a shape, because it strains the elements between the regions.
     rigid_outside, elastic_outside = np.array(fem.rigid_modes), body.model.expand @ pairs.vectors
     rigid_outside[region] = elastic_outside[region] = 0.0
     M = fem.lumped_mass_matrix
-    # A few nodes have fewer independent motions than there are modes, or even rigid motions.
+    # If region I has few nodes, there are fewer independent motions than modes, or even than rigid motions.
     moved = orthonormal_complement(rigid_outside, M, np.empty((fem.n_dofs, 0)))
     shapes = np.hstack([moved, orthonormal_complement(elastic_outside, M, moved)])
     omega_squared, combination = np.linalg.eigh(shapes.T @ (fem.stiffness @ shapes))
@@ -165,10 +164,10 @@ def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
 def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the Craig-Bampton basis: modes with the boundary held, and its static constraint modes.
 
-    Craig and Bampton (1968), boundary = the three displacements of each patch node and the six coordinates of each
-    rigid interface; averaged interfaces add the static answers to their loads with the boundary held. The reduced
-    matrices are diagonalised, which changes neither the space of motions nor any result; the patch keeps as many
-    independent displacements as it has, with their mass, and contact is by multipliers.
+    Craig and Bampton (1968). The boundary consists of the three displacements of each patch node and the six
+    coordinates of each rigid interface. For averaged interfaces, static answers to their loads with the boundary held
+    are added. The reduced matrices are diagonalised; this changes neither the space of motions nor any result. The
+    patch keeps all its displacements, with their mass, and contact is by multipliers.
     """
     body = FreeBody(fem, partition)
     model, rigid = body.model, body.rigid
@@ -187,14 +186,14 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     )
     held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
     n_held, n_boundary = len(held.omega), len(boundary)
-    # The more modes are held, the less is left of the answers to averaged interfaces; only that is a new motion.
+    # Only the part of these answers that the held modes do not contain is a new motion.
     attached = orthonormal_complement(answers[:, n_boundary:], M, held.vectors)
     columns = np.zeros((model.n, n_held + n_boundary + attached.shape[1]), order="F")
     columns[interior] = np.hstack([held.vectors, answers[:, :n_boundary], attached])
     columns[boundary, n_held + np.arange(n_boundary)] = 1.0
     gram = columns.T @ (model.mass @ columns)
     omega_squared, combination = scipy.linalg.eigh(columns.T @ (model.stiffness @ columns), gram)
-    # The six lowest are rigid motion, which constraint modes hold exactly but round-off does not.
+    # The six lowest are rigid motion with round-off; the exact one is used instead.
     combination = combination[:, 6:]
     shapes = columns @ combination
     shapes -= rigid @ ((model.mass @ rigid).T @ shapes)
@@ -232,12 +231,14 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
 
-    Loads are a uniform traction on each patch and the resultants of each interface. The static answers to them lead the
-    basis; block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2 from the same loads follows, then Rayleigh-Ritz.
-    Without the static answers, the Krylov vectors find the lowest modes last, and until then the residual flexibility
-    takes their large compliance for a static one. The basis grows until the mobility of each of these loads
-    below `f_cut` has settled; what they cannot excite is never computed (method.md, section 2). Ritz pairs far above
-    `f_cut` are left to the residual flexibility: all of them, of a compact body that moves slowly.
+    Loads are a uniform traction on each patch and the resultants of each interface. The basis begins with the static
+    answers to them. Vectors of block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, from the same loads, follow; then
+    comes Rayleigh-Ritz. Without the static answers, the Krylov vectors would find the lowest modes last, and the
+    residual flexibility would until then contain their large compliance.
+
+    The basis grows until the mobility of each load below `f_cut` has converged. Modes that the loads do not excite are
+    never computed (method.md, section 2). Ritz pairs far above `f_cut` are left to the residual flexibility. In a
+    compact body that moves slowly, these are all pairs.
     """
     space = AdaptedSpace(fem, partition, f_cut)
     space.grow(f_cut, progress)
@@ -245,9 +246,9 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
 
 
 def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises that") -> ReducedBasis:
-    """Contact-adapted basis of what a space, grown to `f_cut` or further, holds below 1.5 times that.
+    """Contact-adapted basis of the Ritz pairs below 1.5 `f_cut` of a space that was grown to `f_cut` or further.
 
-    `remedy` says how a user keeps more.
+    `remedy` tells the user how to keep more.
     """
     found = space.pairs(f_cut)
     pairs = _with_attachments(space, found, space.static.of_interfaces)
@@ -279,7 +280,7 @@ def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
 
 
 def warn_if_far_below(fem: FEModel, f_cut: float) -> None:
-    """Warn (`UnitsWarning`) of a truncation frequency far below the modes of a body that keeps none of them."""
+    """Warn (`UnitsWarning`) of a truncation frequency far below all modes of a body."""
     if f_cut < _FAR_BELOW * _wave_frequency(fem):
         warnings.warn(
             f"f_cut: no elastic mode lies anywhere near {f_cut:.6g} Hz, {_waves(fem)}. The body is rigid but for its "
@@ -302,10 +303,10 @@ def _waves(fem: FEModel) -> str:
 
 
 def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPairs:
-    """Span of `pairs` and of `static`, (nz, 6 i), the static answers to the interfaces' resultants, as pairs again.
+    """Ritz pairs of the span of `pairs` and of `static`, (nz, 6 i), the static answers to the interfaces' resultants.
 
-    What the pairs lack of those answers has mass like any motion, which is kept: it becomes attachment modes, high
-    above the others.
+    The part of these answers that the pairs do not contain becomes attachment modes, with their mass. Their frequencies
+    are far above the others.
     """
     if not static.shape[1]:
         return pairs
@@ -328,7 +329,7 @@ def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers
 def _with_residual_flexibility(
     name: str, body: FreeBody, pairs: RitzPairs, n_elastic: int, static: StaticAnswers, left_out: tuple[str, ...]
 ) -> ReducedBasis:
-    """Basis of rigid motion and `pairs`, and the residual flexibility of all else at the contact."""
+    """Basis of rigid motion and `pairs`, with the residual flexibility of all other motion at the contact."""
     if not len(pairs.omega):
         left_out = ("all vibration: the body is rigid but for the static answer of its contact", *left_out)
     if any(patch.axes == "normal" for patch in body.partition.patches):
@@ -351,7 +352,7 @@ def _rigid_coordinates(body: FreeBody, n_elastic: int) -> Array:
 
 
 def _pair_labels(pairs: RitzPairs, n_elastic: int) -> tuple[str, ...]:
-    """Labels of rigid motion and of pairs of `_with_attachments`, whose first are the elastic modes: the lowest."""
+    """Labels of rigid motion and of pairs of `_with_attachments`; the first pairs are the elastic modes."""
     return _RIGID + _labels(np.where(np.arange(len(pairs.omega)) < n_elastic, "elastic", "attachment"), pairs.omega)
 
 

@@ -44,7 +44,7 @@ class ReducedBody:
     points : (n, 3) array
         Nodes of the FE model [m].
     facets : (nf, 3), (nf, 6) or (nf, 4) int array
-        Its surface, as `FEModel.facets`: what pictures need.
+        Its surface for pictures, as `FEModel.facets`.
     mass, stiffness : (n_dofs, n_dofs) csr matrix
         T' M T and T' K T (paper, eq. 16).
     total_mass : float
@@ -54,12 +54,12 @@ class ReducedBody:
     f_cut : float
         Truncation frequency [Hz].
     reduce_s : float
-        Time that the reduction took [s]; of one of a pair, half of the pair's.
+        Time that the reduction took [s]; for a body of a pair, half of the time for both.
     inertia : InertiaIntegrals
-        What a floating frame needs to know of the mass: of the elastic shapes, or with nodal columns of all shapes and
-        the body's part without those nodes.
+        What a floating frame needs of the mass: integrals of the elastic shapes. With nodal columns: of all shapes,
+        over the body without those nodes.
     estimate : Estimate or None
-        Estimated errors, of a body that was grown to a tolerance.
+        Estimated errors, if the body was reduced to a tolerance.
     """
 
     basis: ReducedBasis
@@ -185,7 +185,7 @@ class ReducedBody:
         return result
 
     def rows(self, nodes: Array) -> sp.csr_matrix | Array:
-        """T's rows of some nodes, (3k, n_dofs): dense where there are shapes only, csr with nodal columns.
+        """Rows of T at some nodes, (3k, n_dofs): dense if there are only shapes, csr with nodal columns.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class ReducedBody:
         Parameters
         ----------
         rows : (k, 3n) csr matrix
-            As `recovery` makes them; rows @ u of the recovered displacements u is the result times q.
+            As `recovery` makes them. The result times q is rows @ u for the recovered displacements u.
 
         Raises
         ------
@@ -335,13 +335,13 @@ class ReducedBody:
         return self.basis.labels + tuple(f"nodal {axis} of node {node}" for node in self.basis.nodal for axis in "xyz")
 
     def table(self) -> str:
-        """Columns of T, one a line: number, what it is."""
+        """Columns of T, one in a line: its number and what it is."""
         return "\n".join(f"{i:5d}  {label}" for i, label in enumerate(self.labels))
 
     def save(self, path: str | Path, *, inside: bool = True) -> None:
         """Write to an npz file, all fields in full precision; `load_body` reads it.
 
-        The file is written under another name and then renamed, so that a process that is killed leaves no half file.
+        The file is written under another name and then renamed. So a process that is killed leaves no partial file.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""Links under compression: the force between two interfaces of a body, against the load that buckles it there.
+"""Links under compression: the force between two interfaces of a body, compared with the load that buckles it.
 
-A reduced body is linear: an axial force does not soften its bending, as it does in truth (P-delta). The share of the
-buckling load is what that is off by, in a link's stiffness against bending. The body itself knows both: its static
-answer to a force and moment between two interfaces is exact.
+In reality an axial force softens a link against bending (P-delta). A reduced body is linear and does not show that. Its
+bending stiffness is wrong by the ratio of the force and the buckling load. Both follow from the body itself, since its
+static answer to forces and moments between two interfaces is exact.
 
 S. P. Timoshenko, J. M. Gere, Theory of Elastic Stability, 1961, sections 1.11 and 2.1.
 """
@@ -22,18 +22,18 @@ from .body import ReducedBody
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """Two interfaces of a body and what is between them.
+    """The part of a body between two of its interfaces.
 
     Parameters
     ----------
     ends : (str, str)
         Their names.
     force : (n_dofs,) array
-        Tension between them, statically, by the body's coordinates without rigid motion [N].
+        Static tension between them [N], by the body's coordinates without rigid motion.
     buckling_load : float
-        Euler's, of a column whose ends are hinged [N].
+        That of Euler for a column with hinged ends [N].
     period : float
-        Of its lowest bending vibration, hinged at both ends [s].
+        Of the lowest bending vibration with hinged ends [s].
     """
 
     ends: tuple[str, str]
@@ -56,7 +56,7 @@ def links(body: ReducedBody) -> list[Link]:
         length = float(np.linalg.norm(way))
         if length == 0:
             continue
-        # Motion of the second as the first's axes see it, and the balanced loads that do work on it.
+        # Motion of the second relative to the first, and the balanced loads that do work on it.
         moved = np.eye(6)
         moved[:3, 3:] = -np.cross(np.eye(3), way)
         relative = rows[second.name] - moved @ rows[first.name]
@@ -77,7 +77,7 @@ def links(body: ReducedBody) -> list[Link]:
 
 
 def compression(link: Link, t: Array, elastic: Array) -> Array:
-    """Mean compression over a period of bending, (n,) [N]: a shorter pulse is over before the link bends.
+    """Mean compression over one period of bending, (n,) [N]; shorter pulses end before the link bends.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def compression(link: Link, t: Array, elastic: Array) -> Array:
         Coordinates of the motion within the frame.
     """
     impulse = np.r_[0.0, np.cumsum(np.diff(t) * _middles(-(elastic @ link.force)))]
-    # Before the start it was at rest: a run shorter than a period has less than its mean.
+    # The force before the start is zero.
     compression: Array = (impulse - np.interp(t - link.period, t, impulse)) / link.period
     return compression
 
@@ -98,7 +98,7 @@ def _middles(x: Array) -> Array:
 
 
 def _static_answers(body: ReducedBody, loads: Array) -> Array:
-    """Elastic coordinates by loads on the coordinates, both (n_dofs, k); inertia takes what is not balanced."""
+    """Elastic coordinates by loads on the coordinates, both (n_dofs, k); inertia balances the loads."""
     border = body.mass @ sp.csr_matrix(body.rigid)
     scale = body.stiffness.diagonal().max() / abs(border).max()
     system = sp.bmat([[body.stiffness, scale * border], [scale * border.T, None]], format="csc")

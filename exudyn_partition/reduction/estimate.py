@@ -1,20 +1,22 @@
-"""A-posteriori estimate of what a truncation costs: the impact itself, with the basis and with a richer one.
+"""A-posteriori estimate of the error of a truncation, from the impact itself, computed with two bases.
 
-Reduced bodies are so small that their impact takes a fraction of a second. So the error of a truncation at f need not
-be bounded by norms; it is measured on the scene's own impact, against the same bodies truncated at a higher f_top:
+Reduced bodies are so small that computing their impact takes a fraction of a second. So the error of a truncation at f
+is measured on the impact of the scene, by comparison with the same bodies truncated at a higher f_top:
 
     e(f) = ||F_f - F_top|| / ||F_top|| / (1 - (f / f_top)^2)
 
 F_f is the contact force over the whole duration, with modes up to f, the static answer of all others (residual
-flexibility), and the steps that a run takes by default (`default_step`). F_top has modes up to f_top and shorter steps,
-so that the estimate holds truncation and time step together. What modes above f contribute beyond their static answer
-is their inertia, of relative size (w / w_k)^2 for motion at w: summed over the cut modes it falls as f^-2 (Rubin 1975;
-method.md, section 2). So ||F_f - F_top|| lacks the share (f / f_top)^2 of the error, which the denominator gives back
-(Richardson). The error of velocities is the same with the kinetic-energy norm of the difference of the two motions,
-integrated over the duration, relative to that of the velocity's change since the start.
+flexibility), and the default steps of a run (`default_step`). F_top has modes up to f_top and shorter steps, so the
+estimate includes the errors of truncation and time step.
 
-It is an estimate, no bound: it needs f_top high enough that the two differ less and less (saturation assumption; Bank
-and Weiser 1985), and knows nothing of the error of the mesh.
+Modes above f have inertia besides their static answer. Its relative size is (w / w_k)^2 for motion at w; the sum over
+the cut modes falls as f^-2 (Rubin 1975; method.md, section 2). Therefore ||F_f - F_top|| is too small by the share
+(f / f_top)^2 of the error, which the denominator corrects (Richardson). The error of velocities is defined in the same
+way. Its norm is the kinetic energy of the difference of the two motions, integrated over the duration, relative to that
+of the change in velocity since the start.
+
+This is an estimate and no bound. It assumes that f_top is high enough for differences to become smaller and smaller
+(saturation assumption; Bank and Weiser 1985). It does not include the error of the mesh.
 """
 
 from __future__ import annotations
@@ -46,13 +48,13 @@ _LOG = logging.getLogger(__name__)
 
 PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
 
-_AIM = 1.5  # an estimate is trusted to that factor: it has to be below the tolerance by it
-_SETTLED = 3  # of the tolerance: how far the mobilities of the richer bodies settle
-_CROSSINGS = 30  # default duration: of a longitudinal wave through the larger body
-_SHORTEST, _LONGEST = 0.01, 1e4  # durations in such crossings: of the smaller body, of the larger one
-_FIRST = 8  # first f_top: times the inverse of a longitudinal wave's way through the smaller body and back
+_AIM = 1.5  # trusted accuracy of an estimate: it must be below the tolerance by this factor
+_SETTLED = 3  # the mobilities of the richer bodies converge to this multiple of the tolerance
+_CROSSINGS = 30  # default duration, in crossings of a longitudinal wave through the larger body
+_SHORTEST, _LONGEST = 0.01, 1e4  # durations in crossings of the smaller and of the larger body
+_FIRST = 8  # first f_top, by the frequency of longitudinal waves in the smaller body
 _SAMPLES = 5000
-_FINER = 4  # steps of F_top for one of F_f where the impact decides on both: a sixteenth of its error
+_FINER = 4  # steps of F_top for one of F_f if the impact decides on both: a sixteenth of the error
 
 
 @dataclass(frozen=True)
@@ -62,23 +64,23 @@ class Estimate:
     Parameters
     ----------
     force : float
-        Of the total contact force.
+        Error of the total contact force.
     velocity : float
-        Of the bodies' velocity fields in the kinetic-energy norm, relative to their change since the start.
+        Error of the bodies' velocity fields in the kinetic-energy norm, relative to their change since the start.
     f_cut : float
-        The truncation that they hold for [Hz].
+        Truncation frequency of the estimate [Hz].
     f_top : float
-        Truncation of the richer bodies that it was compared with [Hz].
+        Truncation frequency of the richer bodies in the comparison [Hz].
     speed : float
         Approach speed of the impact [m/s].
     duration : float
         [s]
     against : str
-        What was hit, the worst of it: "a rigid plane", "a rigid sphere" or "the other body".
+        The partner with the largest error: "a rigid plane", "a rigid sphere" or "the other body".
     tolerance : float
-        What was asked for.
+        Tolerance of the user.
     limit : str
-        What kept the estimate above the tolerance, and what to do; empty if nothing did.
+        Why the estimate is above the tolerance, and what to do; empty if it is not.
     """
 
     force: float
@@ -134,14 +136,14 @@ class Impact:
     size: float
 
     def truncated(self, omega_top: float) -> tuple[Impact, Array]:
-        """Without the dynamics of modes above `omega_top`, their static answer in F; and which coordinates it keeps."""
+        """The impact with only the static answer of modes above `omega_top`, and a mask of its coordinates."""
         keep = self.omega < omega_top
         cut = self.H[:, ~keep] / self.omega[~keep]
         H, F = self.H[:, keep], self.F + cut @ cut.T
         return replace(self, H=H, F=F, omega=self.omega[keep], velocity=self.velocity[keep]), keep
 
     def step(self, f_cut: float, finer: float = 1.0) -> float:
-        """Default step of a run of bodies truncated at `f_cut` [s]; that of the contact divided by `finer`."""
+        """Default step of a run with bodies truncated at `f_cut` [s]; the step for the impact is divided by `finer`."""
         problem = Complementarity(self.F)
         stiffness = self.H.T @ np.linalg.solve(problem.F, self.H) + np.diag(self.omega**2)
         limit = float(2 / np.sqrt(scipy.linalg.eigvalsh(stiffness)[-1]))
@@ -182,12 +184,12 @@ class Impact:
 
 
 def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> dict[str, Impact]:
-    """Impacts of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`, by the other.
+    """Impacts of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
 
-    Two bodies are moved along their line of contact until they touch; only their relative velocity matters. A body
-    alone hits a rigid plane. Of a flat patch, which meets a plane everywhere at once, the first impact is on a rigid
-    sphere whose Hertz contact just fills the patch: radius (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a
-    (eq. 30 and `hertz.impact`).
+    The keys of the result name the partners. Two bodies are moved along their line of contact until they touch; only
+    their relative velocity matters. A single body hits a rigid plane. A flat patch would meet the plane everywhere at
+    once, so it first hits a rigid sphere whose Hertz contact just fills the patch. The radius of that sphere is
+    (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a (eq. 30 and `hertz.impact`).
     """
     pairs = [space.pairs(f_top) for space in spaces]
     surfaces = [
@@ -226,7 +228,7 @@ def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[i
 
 
 def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Array]:
-    """Gaps, (np,) [m], to a rigid plane, and before those, of a flat patch, to a rigid sphere."""
+    """Gaps, (np,) [m], to a rigid plane; for a flat patch also those to a rigid sphere, which stand first."""
     height = surface.points @ surface.direction
     foot = surface.points - surface.points.mean(axis=0)
     across_squared = np.sum(foot**2, axis=1) - (foot @ surface.direction) ** 2
@@ -267,15 +269,16 @@ def grow_to_tolerance(
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
-    The spaces grow to f_top, on them truncations down to f_top / 32 are tried; if none will do, f_top is raised. A flat
-    patch of a body alone is judged against a sphere and a plane; where the plane's errors do not fall, as a force that
-    rings does not let them, the sphere decides on the truncation, and the estimate says what the plane costs.
+    The spaces grow to f_top, and truncations from f_top / 32 to f_top / 2 are tried. If none is good enough, f_top is
+    raised. For a single body with a flat patch there are impacts on a sphere and on a plane. If the errors on the plane
+    do not fall, because the force rings, the sphere decides on the truncation; the estimate tells the error on the
+    plane.
 
     Parameters
     ----------
     models : sequence of (FEModel, Partition)
     patches : sequence of sequence of int
-        The impacts to judge, each with the number of the patch of every body; the worst counts.
+        The impacts, each with the number of the patch of every body; the largest error counts.
     tolerance, speed : float
         Tolerance relative; speed [m/s].
     duration : float, optional
@@ -315,15 +318,15 @@ def grow_to_tolerance(
         good = found.max(axis=2) <= tolerance / _AIM
         _LOG.info("tolerance: at f_cut = %.4g Hz the estimated error is %.3g", ladder[-1], found[:, -1].max())
         at_end = f_top >= 2 * f_limit * (1 - 1e-9)
-        # A plane on a flat patch may make the force ring at any f_top: it is waited for while its errors fall, as the
-        # first power of the frequency at least.
+        # On a flat patch a plane may make the force ring at any f_top. Go on while its errors fall at least as the
+        # first power of the frequency.
         hopeless = found[flat].max(axis=(0, 2), initial=0.0)
         if good[:, -1].all() or at_end or (good[~flat, -1].all() and hopeless[-1] > hopeless[-3] / 2):
             break
         # Errors fall as f^-2.
         f_top = min(f_top * np.clip(np.sqrt(found[:, -1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
     kept = good.all(axis=0) if good[:, -1].all() else good[~flat].all(axis=0)
-    # The lowest from which on all do. If none does the richest: where errors do not fall, the least is so by chance.
+    # The lowest truncation from which on all are good. If none is, the richest: a least error would be by chance.
     n_good = int(np.argmin(np.r_[kept[::-1], False]))
     chosen = len(ladder) - max(1, n_good)
     worst = found[:, chosen].max(axis=1)
@@ -343,7 +346,7 @@ def grow_to_tolerance(
 
 
 def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: float, flat: bool) -> str:
-    """What kept an estimate above its tolerance, and what to do."""
+    """Why an estimate is above its tolerance, and what to do."""
     if reached:
         return ""
     if but_for_planes:
@@ -357,7 +360,7 @@ def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: floa
 
 
 def warn_if_missed(estimate: Estimate | None) -> None:
-    """Warn (`ToleranceWarning`) if something kept an estimate above its tolerance: of a body from the cache, too."""
+    """Warn (`ToleranceWarning`) if an estimate is above its tolerance, also for a body from the cache."""
     if estimate is not None and estimate.limit:
         warnings.warn(
             f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "

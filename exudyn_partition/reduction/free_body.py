@@ -1,4 +1,4 @@
-"""The free body under its scene's loads: static answers, and the Krylov space that the contact-adapted basis is of."""
+"""The free body under the loads of a scene: static answers, and the Krylov space of the contact-adapted basis."""
 
 from __future__ import annotations
 
@@ -21,19 +21,17 @@ _LOG = logging.getLogger(__name__)
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
-_SETTLED = 0.1  # relative change of each load's mobility over the band by the last growth, at most
-_MEMORY = 0.02  # of a frequency: decay rate at which the mobility is taken, so that no lone resonance decides
-# Of 2 pi f_cut, where the mobility is judged: the whole band, and each octave below, however little of the band it is.
+_SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
+_MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
+# Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
 _BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
 _OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
-
-
-COLUMNS = 96  # unit loads answered at a time: of all of them, only what is read is kept
+COLUMNS = 96  # unit loads that are solved for at a time; of the answers only what is needed is kept
 
 
 @dataclass(frozen=True, eq=False)
 class StaticAnswers:
-    """Elastic answers of a free body to `unit_loads`, as far as they are read.
+    """Elastic answers of a free body to `unit_loads`, as far as they are needed.
 
     Parameters
     ----------
@@ -48,7 +46,7 @@ class StaticAnswers:
 
 
 class FreeBody:
-    """An FE model with its rigid interfaces tied and its rigid motion mass-normalised: where all bases start.
+    """An FE model with tied rigid interfaces and mass-normalised rigid motion: the start of all bases.
 
     Parameters
     ----------
@@ -73,7 +71,7 @@ class FreeBody:
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
 
     def flexibility(self) -> FreeBodyFlexibility:
-        """Its elastic flexibility, which costs a factorisation."""
+        """Its elastic flexibility; this costs a factorisation."""
         return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
 
     def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> StaticAnswers:
@@ -112,12 +110,12 @@ class AdaptedSpace(FreeBody):
         flexibility = self.flexibility()
         self._lead = flexibility(self.loads)
         self.static = self.static_answers(flexibility)
-        del flexibility  # its factors, before there are others
+        del flexibility  # frees its factors before others are made
         self.shift_to(f_shift)
 
     def shift_to(self, f_shift: float) -> None:
         """Begin the Krylov space anew, about half of `f_shift` [Hz]."""
-        self.__dict__.pop("krylov", None)  # its factors, before there are others
+        self.__dict__.pop("krylov", None)  # frees its factors before others are made
         M, shift = self.model.mass, (np.pi * f_shift) ** 2
         solve = Factorisation(self.model.stiffness + shift * M).solve
         lead = orthonormal_complement(self._lead, M, self.rigid)
@@ -127,8 +125,9 @@ class AdaptedSpace(FreeBody):
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
 
-        That is the relative L2 change over the band, and the rms of the relative changes over all octaves: waves of low
-        frequency last longest, and the band's norm, in which its upper end is all that counts, lets them be wrong.
+        Two norms are used: the relative L2 change over the band, and the rms of the relative change over all octaves.
+        The first depends mostly on the upper end of the band. The second keeps low frequencies accurate, whose waves
+        last longest.
         """
         krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
         s = omega_cut * np.vstack([_BAND, _OCTAVES])
@@ -139,7 +138,7 @@ class AdaptedSpace(FreeBody):
             omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
             keep = omega < DROP_ABOVE * omega_cut
             participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
-            # What modes answer beyond their static answer, at Laplace variables s.
+            # The modes' answer without their static answer, at Laplace variables s.
             previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
             changes, whole = abs(mobility - previous), abs(mobility + rest)
             band, octaves = slice(len(_BAND)), slice(len(_BAND), None)

@@ -1,4 +1,4 @@
-"""Loads of a scene on the FE model: of contact patches' nodes, and resultants of interfaces."""
+"""Loads of a scene on the FE model: on the nodes of contact patches, and resultants of interfaces."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
 
 
 def resultants(fem: FEModel, partition: Partition) -> Array:
-    """(r + 6 i, p) combinations of `unit_loads`: a uniform traction on each patch in its directions, each resultant."""
+    """(r + 6 i, p) combinations of `unit_loads`: uniform tractions on each patch, and each resultant of interfaces."""
     blocks = []
     for patch in partition.patches:
         share = nodal_area(fem.points, patch.facets)[patch.nodes]

@@ -1,4 +1,4 @@
-"""Memory that a reduction will need, told before it is asked for."""
+"""Memory that a reduction will need, estimated before the work."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _LOG = logging.getLogger(__name__)
 
 _GB = 1e9
 # Entries of the factors in the order of nested dissection, over n^(4/3): 45 for a cube of 61 000 dofs, 40 for bodies
-# with a refined patch, 17 for a thin plate. The bytes of most are fewer than _ENTRY, for columns share their indices.
+# with a refined patch, 17 for a thin plate. Most entries take fewer bytes than _ENTRY, since columns share indices.
 _FILL = 30
 _ENTRY = 12  # bytes of an entry and its index
-_DENSE_BLOCKS = 5  # of COLUMNS right-hand sides, at once
+_DENSE_BLOCKS = 5  # of COLUMNS right-hand sides at a time
 _KRYLOV = 150  # vectors of a large Krylov space, with M times each and the room to grow
-_SQUARES = 6  # of the order of all patch rows, at once
-_MATRICES = 4  # sparse ones with the pattern of the stiffness, at once
+_SQUARES = 6  # dense matrices of the order of all patch rows at a time
+_MATRICES = 4  # sparse matrices with the pattern of the stiffness at a time
 
 
 def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
     """Estimated peak of memory beyond what is in use, to a factor of 1.5 for a contact-adapted basis [bytes].
 
-    The bodies are reduced one after the other: vectors of all are kept, factors only of the one at work.
+    Bodies are reduced one after the other. Vectors of all bodies are kept, but only the factors of one.
     """
     at_work, kept, rows = 0.0, 0.0, 0
     for fem, partition in models:
@@ -45,7 +45,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
 
 @contextlib.contextmanager
 def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator[None]:
-    """Warn of, or refuse, a reduction that memory is too small for, and name a MemoryError that comes all the same.
+    """Refuse, or warn of, a reduction that needs too much memory; a MemoryError during the work is named.
 
     Raises
     ------

@@ -1,13 +1,16 @@
 """Recovery of strain and stress, on request: at points, along strain gauges, and as nodal fields.
 
-Whatever is linear in the nodal displacements is a sparse matrix of rows on them, xyz interleaved as in `FEModel`. The
-same rows serve the full model, `rows @ u`, and a reduced one, `ReducedBody.reduced_rows` and `PartitionBody.recover`.
+Quantities that are linear in the nodal displacements are sparse rows on them, xyz interleaved as in `FEModel`. The same
+rows are used for the full model, `rows @ u`, and for a reduced one, `ReducedBody.reduced_rows` and
+`PartitionBody.recover`.
 
-Six components stand in Voigt order xx, yy, zz, yz, xz, xy; shear strains are engineering ones, gamma_xy = 2 eps_xy.
+The six components are in Voigt order xx, yy, zz, yz, xz, xy. Shear strains are engineering strains, gamma_xy = 2
+eps_xy.
 
-With the residual and contact-adapted bases the recovered field is that of the kept shapes. What all others add to the
-static answer is at the contact alone, as its residual flexibility, and is missing here. That is much: it fades only
-beyond a wavelength at f_cut. `static_correction` gives it back (mode acceleration). The other bases have no such part.
+With the residual and contact-adapted bases the recovered field is that of the kept shapes. The static answer of all
+other shapes is known at the contact only, as its residual flexibility, and is missing here. This part is large, and
+fades only beyond a wavelength at f_cut. `static_correction` adds it (mode acceleration). The other bases do not need
+it.
 """
 
 from __future__ import annotations
@@ -56,7 +59,7 @@ _VOIGT[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
 _VOIGT[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = 1.0
 _VOIGT[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 1.0
 
-# How far outside a point may lie, as a share of an element's height: points on a curved surface and its facets.
+# How far outside a point may lie, as a share of an element's height: facets differ from a curved surface.
 _OVERSHOOT = 0.05
 _NEWTON_STEPS = 20
 _CONVERGED = 1e-9  # local coordinates
@@ -66,14 +69,14 @@ _CONVERGED = 1e-9  # local coordinates
 class StrainGauge:
     """A strain gauge bonded to a body: it measures the mean normal strain along its length.
 
-    Nothing is projected: on a surface `direction` has to lie in it, so that both ends of the gauge are in the body.
+    On a surface, `direction` must lie in it such that both ends of the gauge are in the body; nothing is projected.
 
     Parameters
     ----------
     position : (3,) array
-        Its middle, in the body's own coordinates [m].
+        The middle of the gauge, in the body's own coordinates [m].
     direction : (3,) array
-        Its axis, of any length but zero; stored as a unit vector.
+        Its axis, a vector of any length but zero; stored as a unit vector.
     length : float
         Gauge length [m].
     name : str
@@ -165,7 +168,7 @@ def displacement_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
 def strain_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
     """Strain at points, from the gradients of the shape functions.
 
-    Strain jumps between elements; at a point between some it is that of one of them.
+    Strain is discontinuous between elements; on their common boundary it is that of one of them.
 
     Parameters
     ----------
@@ -212,7 +215,7 @@ def stress_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
 
 
 def nodal_strain(fem: FEModel, displacement: Array) -> Array:
-    """Strain field: at each node the mean of its elements' strains there, weighted by their volumes.
+    """Strain field: at each node, the mean of the strains of its elements there, weighted by mass.
 
     Parameters
     ----------
@@ -319,11 +322,11 @@ def _validate_tetrahedra(fem: FEModel) -> None:
 def _locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]".format) -> tuple[Array, Array]:
     """Cell of each point and its local coordinates there, (m,) and (m, 3).
 
-    A point slightly outside keeps its coordinates outside the cell: so extrapolated, linear fields remain exact.
+    A point slightly outside has coordinates outside the cell, so that linear fields are extrapolated exactly.
     """
     _validate_tetrahedra(fem)
     nodes = fem.points[fem.cells]
-    # Spheres around the cells, not the nearest centroids: in a graded mesh those of many small cells can be nearer.
+    # Spheres around cells, not nearest centroids: in a graded mesh, centroids of many small cells can be nearer.
     centre = nodes.mean(axis=1)
     radius = 1.1 * np.linalg.norm(nodes - centre[:, None], axis=2).max(axis=1)
     near = cKDTree(points).query_ball_point(centre, radius)
@@ -334,7 +337,7 @@ def _locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}
     order = np.argsort(depth)
     order = order[depth[order] >= -_OVERSHOOT]
     pair = np.full(len(points), -1)
-    pair[point[order]] = order  # the last one stays: the cell in which the point lies deepest
+    pair[point[order]] = order  # the last one is kept: the cell in which the point lies deepest
     outside = np.flatnonzero(pair < 0)
     if len(outside):
         i = int(outside[0])
@@ -356,7 +359,7 @@ def _local_coordinates(nodes: Array, targets: Array) -> Array:
         miss = targets - np.einsum("mk,mka->ma", values, nodes)
         jacobian = np.einsum("mka,mkj->maj", nodes, derivatives)
         before = local
-        # Far outside a curved cell the map folds; what leaves this box is not in the cell.
+        # Far outside a curved cell the map is not unique; points outside this box are not in the cell.
         local = np.clip(local + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0], -1, 2)
         moving = abs(local - before).max(axis=1, initial=0) > _CONVERGED
         if not moving.any():

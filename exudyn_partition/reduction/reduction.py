@@ -28,8 +28,8 @@ from .memory import watched
 _LOG = logging.getLogger(__name__)
 
 _SPEED = 1.0  # m/s
-_FASTEST = 1e30  # m/s: errors do not depend on the speed of impact, but numbers have an end
-_OVERSIZE = 2  # times maxh is what Netgen's largest elements come out as
+_FASTEST = 1e30  # m/s: bound of the speed, so that numbers stay finite
+_OVERSIZE = 2  # size of Netgen's largest elements, by maxh
 
 BASES = {
     "free": bases.free,
@@ -59,24 +59,24 @@ def reduce(
     partition : Partition
         Impact region, contact patches and interfaces.
     f_cut : float, optional
-        Truncation frequency [Hz]: motion below it is kept. The paper's principle: twice the highest frequency of the
-        response (section 5.2), `truncation_frequency`. A body whose modes all lie above is rigid but for its contact.
+        Truncation frequency [Hz]: motion below it is kept. By the paper (section 5.2) it is twice the highest frequency
+        of the response, see `truncation_frequency`. If all modes lie above it, the body is rigid except at its contact.
     tolerance : float, optional
         Instead of `f_cut`: the contact-adapted basis grows until the estimated errors of force and velocity are below
-        it when the body hits a rigid plane, and a rigid sphere too if the patch is flat; see `body.estimate` and module
-        `estimate`. For two bodies that hit each other `reduce_pair` knows better.
+        the tolerance. They are those of an impact on a rigid plane, and on a rigid sphere too if the patch is flat; see
+        `body.estimate` and module `estimate`. For two bodies that hit each other use `reduce_pair`.
     basis : {"contact-adapted", "residual", "craig-bampton", "free"}
-        "free" is the paper's, "craig-bampton" keeps the patch's nodes as boundary with their static answer, "residual"
-        all modes below `f_cut` with the residual flexibility of the contact, "contact-adapted" only what contacts and
-        interfaces excite, with the same residual flexibility.
+        "free" is that of the paper. "craig-bampton" keeps the nodes of the patch as boundary, with their static answer.
+        "residual" keeps all modes below `f_cut`, and the residual flexibility of the contact. "contact-adapted" keeps
+        only the motion that contacts and interfaces excite, with the same residual flexibility.
     speed, duration : float, optional
-        Of that impact [m/s], [s], with `tolerance`; see `reduce_pair`. Default of the speed: 1 m/s.
+        Speed and duration of the impact for `tolerance` [m/s], [s]; see `reduce_pair`. Default of the speed: 1 m/s.
     progress : callable, optional
         Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes more than two seconds.
     cache : bool or path
-        Whether to keep the body for the next run that reduces the same FE model in the same way, `reduce_s` included.
-        True: in the folder that the environment variable EXUDYN_PARTITION_CACHE names, or in the user's folder for
-        caches; a path: in that folder. Nothing there is ever deleted; it may be, at any time.
+        Whether to keep the body for the next time that the same FE model is reduced in the same way. True: in the
+        folder that the environment variable EXUDYN_PARTITION_CACHE names, or in the user's folder for caches. A path:
+        in that folder. The library never deletes these files; you may, at any time.
 
     Returns
     -------
@@ -90,17 +90,17 @@ def reduce(
         If another argument is out of range, both or none of `f_cut` and `tolerance` are given, or the impact region
         holds every node and the basis is not "free".
     MemoryLimitError
-        If memory is too small, by an estimate before the work, or runs out.
+        If there is too little memory, by an estimate before the work or during it.
 
     Warns
     -----
     ToleranceWarning
-        If the mesh does not let the basis reach the tolerance, the best body is returned; or if a flat patch would ring
-        on a plane whatever is kept, the body is one for curved partners.
+        If the mesh is too coarse for the tolerance; the best body is returned. Or if a flat patch rings on a plane with
+        any basis; the body is then one for curved partners.
     UnitsWarning
-        If `f_cut` is so far below all modes that it may be in kHz.
+        If `f_cut` is so far below all modes that it may have been given in kHz.
     CacheWarning
-        If a kept file is damaged, or the folder cannot be written; the body is computed.
+        If a file in the cache is damaged, or the folder cannot be written; the body is computed.
     MemoryWarning
         If the reduction needs more memory than is free, by an estimate.
     """
@@ -117,7 +117,7 @@ def reduce(
             f"f_cut, tolerance: expected one of them, got f_cut={f_cut!r} and tolerance={tolerance!r}. f_cut [Hz] "
             "truncates, tolerance=1e-2 grows the basis until its estimated error is below 1 %"
         )
-    # Whatever changes the body belongs into `inputs`.
+    # Everything that changes the body must be in `inputs`.
     inputs: dict[str, object] = {"fem": fem, "partition": partition, "basis": basis}
     if f_cut is not None:
         for name, value in (("speed", speed), ("duration", duration)):
@@ -156,19 +156,20 @@ def reduce_pair(
 ) -> tuple[ReducedBody, ReducedBody]:
     """Reduce two bodies so far that the error of their impact on each other is below a tolerance.
 
-    How fine a body has to be depends on what it hits: a plate yields within microseconds where a wall would not. Both
-    bodies' spaces grow together, and their impact decides on a truncation common to both; see module `estimate`.
+    How fine a body must be depends on its partner: a plate yields within microseconds, a wall does not. The spaces of
+    both bodies grow together, and their impact decides on one truncation for both; see module `estimate`.
 
     Parameters
     ----------
     slave, master : (FEModel, Partition)
         Placed where they touch, or apart along their line of contact.
     tolerance : float
-        Of contact force and velocities, relative L2 over `duration`.
+        Of contact force and velocities: relative error in the L2 norm over `duration`.
     speed : float
         Approach speed along the line of contact [m/s].
     duration : float, optional
-        How long the impact is followed [s]. Default: 30 crossings of a longitudinal wave through the larger body.
+        Duration over which errors are measured [s]. Default: 30 crossings of a longitudinal wave through the larger
+        body.
     patches : (int or str, int or str), optional
         Which patches meet, if a body has several.
     progress, cache :
@@ -297,7 +298,8 @@ def _body(
         )
         reduced = replace(reduced, left_out=(*reduced.left_out, said))
     _LOG.info("basis %r: %d shapes and %d nodes that stay", reduced.name, reduced.shapes.shape[1], len(reduced.nodal))
-    # The FE mass is at hand here, not where a frame is chosen; six products of shapes cost little beside the modes.
+    # These integrals need the FE mass, so they are made here. Six products of shapes cost little compared with the
+    # modes.
     shapes = reduced.shapes if len(reduced.nodal) else reduced.shapes[:, 6:]
     inertia = InertiaIntegrals.of(fem, shapes, reduced.mass, reduced.nodal)
     return ReducedBody(
@@ -317,7 +319,7 @@ def _body(
 
 
 def _reduced_matrices(fem: FEModel, basis: ReducedBasis) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """T' M T and T' K T; the shapes are mass-normalised and, with lumped mass, apart from the nodal columns."""
+    """T' M T and T' K T. The shapes are mass-normalised; with lumped mass they have no mass in common with nodes."""
     mass = sp.identity(basis.shapes.shape[1], format="csr")
     stiffness = sp.diags(basis.omega**2, format="csr")
     if not len(basis.nodal):

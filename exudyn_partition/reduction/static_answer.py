@@ -1,4 +1,4 @@
-"""What the kept shapes of a body lack of its static answer to forces: mode acceleration."""
+"""The part of a body's static answer to forces that its kept shapes do not contain (mode acceleration)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .tied import tie
 
 
 def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None = None) -> Array:
-    """Static displacement by a unit contact force that the kept shapes lack: the mode-acceleration correction.
+    """Static displacement by a unit contact force, without the part in the kept shapes: mode acceleration.
 
-    The force presses on the contact patch with uniform pressure, so that it holds where the patch's size does not
-    matter. It completes a history, as `force` is positive in compression::
+    The force is a uniform pressure on the contact patch. So the result is valid where the size of the patch does not
+    matter. It completes a recovered history, with `force` positive in compression::
 
         item.recover(result, rows) + np.outer(contact.force(result), rows @ static_correction(fem, body).ravel())
 
-    What is left is the inertia of the cut modes, as in the contact itself: of the order of (f / f_cut)^2.
+    The inertia of the cut modes is still missing, as in the contact itself. Its size is of the order of (f / f_cut)^2.
 
     Parameters
     ----------

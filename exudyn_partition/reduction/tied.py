@@ -17,8 +17,8 @@ from ..support.checks import read_only
 class TiedModel:
     """Matrices on the coordinates z that rigid interfaces leave, u = T z.
 
-    First stand the dofs of all other nodes in their order, then translations and rotations of each rigid interface
-    about its position. Without rigid interfaces z is u.
+    First come the dofs of all other nodes in their order, then translations and rotations of each rigid interface about
+    its position. Without rigid interfaces z is u.
 
     Parameters
     ----------

@@ -12,23 +12,23 @@ from ..support.arrays import Array
 class HHT:
     """Hilber, Hughes and Taylor's integration of M u_tt + K u = G' lambda, with contact forces lambda.
 
-    The contact force's own part of the acceleration is implicit. With a = -M^-1 K ((1 - alpha) u1 + alpha u0) and
-    c = M^-1 G' lambda1 a step is::
+    The part of the acceleration that comes from the contact force is implicit. A step h from u0, v0, a0 is::
 
+        a1 = -M^-1 K ((1 - alpha) u1 + alpha u0),   c = M^-1 G' lambda1
         u1 = u0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1) + h^2/2 c
         v1 = v0 + h ((1 - gamma) a0 + gamma a1) + h c
 
-    A step ends with its gaps closed exactly, and contact only ever takes energy. Were c part of a, as in HHT for smooth
-    forces, closed nodes would ring from step to step. Their energy would grow without bound when flat faces meet.
+    At the end of a step the gaps are closed exactly, and contact never adds energy. If c were part of a, as in HHT for
+    smooth forces, closed nodes would ring from step to step, and their energy would grow when flat faces meet.
 
-    A step is `predict`, then `correct` with the forces that close the gaps, which `compliance` is for.
+    A step calls `predict`, then `correct` with the forces that close the gaps. These follow from `compliance`.
 
     Parameters
     ----------
     mass, stiffness : (n, n) csr matrix
         M [kg] and K [N/m].
     rows : (m, n) csr matrix
-        G: gaps, or other motions, by the displacements.
+        G: gaps, or other motions, as linear functions of the displacements.
     step : float
         h [s].
     alpha : float

@@ -33,7 +33,7 @@ from .integrator import HHT
 
 _LOG = logging.getLogger(__name__)
 
-_MOST_STEPS = 100_000_000  # beyond which the histories alone take gigabytes, and the run weeks
+_MOST_STEPS = 100_000_000  # with more, histories take gigabytes and the run takes weeks
 
 
 @one_blas_thread()
@@ -52,11 +52,11 @@ def simulate(
     Parameters
     ----------
     bodies : two FullBody
-        Slave, whose patch nodes are kept out, and master, whose facets they face.
+        Slave and master: the contact points of the slave must not enter the facets of the master.
     end_time, step : float
         [s]
     points : dict of str to (body index, (3,) point), optional
-        Where velocities are recorded: at the node nearest to the point in the body's own coordinates [m].
+        Velocities are recorded at the nodes nearest to these points, in the body's own coordinates [m].
     alpha : float
         Numerical damping, 0 to 1/3.
     rows : {"integrated", "node-to-segment"} or ContactRows
@@ -68,8 +68,8 @@ def simulate(
     -------
     History
         The force at a time is the mean of the steps before and after it. `info` holds `time_s` (stepping), `setup_s`
-        (factorisations), `step_s`, `steps`, `dofs`, `contact_nodes`, `energy_error`. After Ctrl-C it ends where the
-        run was, once the factorisations are done.
+        (factorisations), `step_s`, `steps`, `dofs`, `contact_nodes`, `energy_error`. After Ctrl-C during the steps it
+        ends with the last step.
 
     Raises
     ------

@@ -129,7 +129,7 @@ class Projection:
 
     @classmethod
     def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
-        """Make it of `shape_functions` at the closest points, place and tangents there, (k, 3, 3), and vectors from there."""
+        """Make it of `shape_functions` at the closest points, places and tangents, (k, 3, 3), and vectors to points."""
         a, b = frame[:, 1], frame[:, 2]
         normal = cross(a, b)
         normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
