@@ -71,7 +71,7 @@ def orthonormal_complement(vectors: Array, mass: sp.spmatrix, basis: Array) -> A
 
 
 class FreeBodyFlexibility:
-    """Elastic (inertia-relief) flexibility of a free body, F_e = P' Kc^-1 P with P = 1 - M R R' (method.md, section 2).
+    """Elastic (inertia-relief) flexibility of a free body, F_e = P' Kc^-1 P with P = 1 - M R R'.
 
     In Kc six statically determinate dofs are held; they are chosen such that the rigid modes there are as independent
     as possible. F_e first balances a load by the inertia of rigid motion. Its answer contains no rigid motion.

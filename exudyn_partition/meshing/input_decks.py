@@ -101,7 +101,7 @@ def _check_abaqus(path: Path, keywords: list[_Keyword]) -> None:
     placed = sum(k.data_lines for k in keywords if k.name == "INSTANCE")
     if counts.get("PART", 0) > 1 or counts.get("INSTANCE", 0) > 1 or placed:
         raise MeshError(
-            f"{path}: expected one part where its nodes say, got {counts.get('PART', 0)} *PART and "
+            f"{path}: expected one part at the place of its nodes, got {counts.get('PART', 0)} *PART and "
             f"{counts.get('INSTANCE', 0)} *INSTANCE with {placed} lines of translation or rotation, which meshio does "
             "not apply. Export one part, or a flat deck, and place the body by referencePosition"
         )
@@ -155,7 +155,7 @@ def _check_nastran(path: Path, mesh: MeshioMesh, cards: list[list[str]]) -> None
 def _refuse_structure(path: Path, found: list[str], mark: str) -> None:
     if found:
         raise MeshError(
-            f"{path}: expected solid elements alone, got {', '.join(mark + name for name in found)}, whose mass and "
+            f"{path}: expected only solid elements, got {', '.join(mark + name for name in found)}, whose mass and "
             "stiffness would be missing. Delete them from the deck, and put them into the Exudyn model"
         )
 
@@ -210,6 +210,6 @@ def refuse_regions(source: object, kind: str, names: list[str]) -> None:
     listed = ", ".join(repr(name) for name in names[:8]) + (", ..." if len(names) > 8 else "")
     raise MeshError(
         f"{source}: expected a body of one material, got {len(names)} regions by {kind}: {listed}. All would be "
-        "made of the one material that is given. Export the body that you mean alone, or, if all is of one material, "
+        "made of the one material that is given. Export only the body that you need, or, if all is of one material, "
         "give it one region or name"
     )

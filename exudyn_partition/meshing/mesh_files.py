@@ -79,7 +79,7 @@ def read_mesh(path: Path) -> VolumeMesh:
     if not volumes:
         raise MeshError(
             f"{path}: expected tetrahedra or hexahedra, got {_listing(counts) or 'no elements'}. Export the volume "
-            "mesh, not the surface alone"
+            "mesh, not only the surface"
         )
     if len(volumes) > 1 or volumes[0] not in _VOLUMES:
         raise MeshError(

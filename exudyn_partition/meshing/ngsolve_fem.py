@@ -212,7 +212,7 @@ def _check_volume(points: Array, cells: Array) -> None:
         where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
         raise MeshError(
             f"mesh: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first at ({where}). Curved "
-            "sides do that to elements that are large beside the curvature or the wall's thickness: take a smaller "
+            "sides do that to elements that are too large for the curvature or the thickness of a wall: take a smaller "
             "maxh, or refine there"
         )
 
@@ -311,7 +311,7 @@ def _nodal_basis(ngsolve: NGSolve, mesh: NGSolveMesh, order: int) -> tuple[sp.cs
     edges = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
     scalar = ngsolve.H1(mesh, order=2)
     if scalar.ndof != nv + len(edges):
-        raise MeshError("mesh: its order-2 space has other dofs than one a vertex and one an edge")
+        raise MeshError("mesh: expected one dof for each vertex and each edge in its space of order 2")
     element = ngsolve.ElementId(ngsolve.VOL, 0)
     midpoint_values = scalar.GetFE(element).CalcShape(0.5, 0.5, 0.0)
     c = float(max(np.array(midpoint_values)[4:], key=abs))

@@ -58,8 +58,8 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
         raise InputError(f"x: expected a signal that changes, got {x[0]:.4g} throughout")
     if validate_choice("window", window, _WINDOWS) == "none" and max(abs(x[0]), abs(x[-1])) > tolerance * abs(x).max():
         raise InputError(
-            f"x: expected a pulse that begins and ends at rest, got {x[0]:.4g} and {x[-1]:.4g} at the ends beside "
-            f'{abs(x).max():.4g} at most; record it wholly, or use window="hann" for a vibration that goes on'
+            f"x: expected a pulse that begins and ends at rest, got {x[0]:.4g} and {x[-1]:.4g} at the ends, "
+            f'with a largest value of {abs(x).max():.4g}; record the whole pulse, or use window="hann" for a vibration'
         )
     f, amplitude = amplitude_spectrum(t, x / abs(x).max(), window=window)
     energy = (amplitude / amplitude.max()) ** 2

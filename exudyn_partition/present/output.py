@@ -266,7 +266,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     try:
         return [(contact, contact.nodal_forces(result)) for contact in contacts if contact.elastic]
     except InputError as error:
-        raise InputError(f"{error}; without FE models, or with static_answer=False, fields do without them") from error
+        raise InputError(f"{error}; they are not needed without FE models, or with static_answer=False") from error
 
 
 def _pressures(

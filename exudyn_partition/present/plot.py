@@ -208,7 +208,7 @@ def energy(
     bodies = result.bodies if bodies is None else validate_bodies(bodies)
     contacts = result.contacts if contacts is None else validate_contacts(contacts)
     if not bodies and not contacts:
-        raise InputError("bodies, contacts: expected at least one, for there is no energy without")
+        raise InputError("bodies, contacts: expected at least one of them, got none")
     curves = {name_of(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
     curves |= {name_of(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
     damped = np.sum([item.dissipated_energy(result) for item in bodies], axis=0)

@@ -237,7 +237,7 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     residual flexibility would until then contain their large compliance.
 
     The basis grows until the mobility of each load below `f_cut` has converged. Modes that the loads do not excite are
-    never computed (method.md, section 2). Ritz pairs far above `f_cut` are left to the residual flexibility. In a
+    never computed. Ritz pairs far above `f_cut` are left to the residual flexibility. In a
     compact body that moves slowly, these are all pairs.
     """
     space = AdaptedSpace(fem, partition, f_cut)
@@ -318,7 +318,7 @@ def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPa
 
 
 def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers) -> Array:
-    """F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2 of all rows of `patch_rows` (method.md, section 2)."""
+    """F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2 of all rows of `patch_rows` (Rubin 1975)."""
     G = patch_rows(body.fem, body.partition) @ body.model.expand
     at_patch = G @ pairs.vectors
     F = static.at_patches - (at_patch / pairs.omega**2) @ at_patch.T

@@ -281,7 +281,7 @@ class ReducedBody:
         return u
 
     def nearest_node(self, point: Array) -> int:
-        """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `fem.nearest_node`."""
+        """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `model.nearest_node`."""
         return nearest_node(self.points, point)
 
     def surface(self, position: Array, patch: int | str = 0) -> Surface:
@@ -394,5 +394,5 @@ def load_body(path: str | Path) -> ReducedBody:
     """
     body = FILE.load(path)
     if not isinstance(body, ReducedBody):
-        raise InputError(f"path: expected a saved reduced body, got {len(body)} of them in {path}, from the cache")
+        raise InputError(f"path: expected one saved reduced body, got {len(body)} in {path}, a file of the cache")
     return body

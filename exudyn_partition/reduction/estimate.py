@@ -10,7 +10,7 @@ flexibility), and the default steps of a run (`default_step`). F_top has modes u
 estimate includes the errors of truncation and time step.
 
 Modes above f have inertia besides their static answer. Its relative size is (w / w_k)^2 for motion at w; the sum over
-the cut modes falls as f^-2 (Rubin 1975; method.md, section 2). Therefore ||F_f - F_top|| is too small by the share
+the cut modes falls as f^-2 (Rubin 1975). Therefore ||F_f - F_top|| is too small by the share
 (f / f_top)^2 of the error, which the denominator corrects (Richardson). The error of velocities is defined in the same
 way. Its norm is the kinetic energy of the difference of the two motions, integrated over the duration, relative to that
 of the change in velocity since the start.

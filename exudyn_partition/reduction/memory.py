@@ -66,13 +66,11 @@ def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator
     )
     if need > most:
         raise MemoryLimitError(
-            f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory, of {most / _GB:.3g} GB that there are. "
-            f"{remedy}"
+            f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory; there are {most / _GB:.3g} GB. {remedy}"
         )
     if need > free:
         warnings.warn(
-            f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory, of {free / _GB:.3g} GB that are free. "
-            f"{remedy}",
+            f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory; {free / _GB:.3g} GB are free. {remedy}",
             MemoryWarning,
             stacklevel=7,  # the caller of reduce or reduce_pair
         )

@@ -110,7 +110,7 @@ def reduce(
     if len(partition.nodes) == fem.n_nodes and basis != "free":
         raise InputError(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
-            "Take a smaller radius, or basis='free', which is the full FE model then"
+            "Take a smaller radius, or basis='free', which is then the full FE model"
         )
     if (f_cut is None) == (tolerance is None):
         raise InputError(
@@ -122,7 +122,9 @@ def reduce(
     if f_cut is not None:
         for name, value in (("speed", speed), ("duration", duration)):
             if value is not None:
-                raise InputError(f"{name}: {value!r} has no effect beside f_cut; it is of the impact of a tolerance")
+                raise InputError(
+                    f"{name}: {value!r} has no effect beside f_cut; it belongs to the impact for a tolerance"
+                )
         f_cut = _resolved(fem, f_cut)
         inputs |= {"f_cut": f_cut}
         with shown(progress, "reduce") as report:

@@ -60,7 +60,7 @@ def simulate(
     alpha : float
         Numerical damping, 0 to 1/3.
     rows : {"integrated", "node-to-segment"} or ContactRows
-        The same rows as a partition contact has, with the first body as slave (`contact.rows.pair_surfaces`).
+        The same rows as a partition contact has, with the first body as slave (`surfaces.rows.pair_surfaces`).
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -187,6 +187,6 @@ def _validate_rows(rows: ContactRows, n_slave: int, n_master: int) -> None:
     of_slave, of_master = int(rows.points.nodes.max(initial=-1)), int(rows.master.max(initial=-1))
     if of_slave >= n_slave or of_master >= n_master:
         raise InputError(
-            f"rows: are of other patches, with more nodes than these bodies' {n_slave} and {n_master}; make them by "
-            "contact.rows.pair_surfaces of these bodies' surfaces, slave first"
+            f"rows: are of other patches, with more nodes than the {n_slave} and {n_master} of these bodies; make them "
+            "by surfaces.rows.pair_surfaces of the surfaces of these bodies, slave first"
         )

@@ -119,7 +119,7 @@ def pair_surfaces(
     ----------
     slave, master : Surface
     rows : {"integrated", "node-to-segment"}
-        See `contact.points`.
+        See module `points`.
     placed_by : str
         What a user changes to move a body, for messages.
 
