@@ -1,4 +1,4 @@
-"""Exudyn adapter: partition bodies as nodes, objects, user functions and sensors of a model."""
+"""Exudyn adapter: partition bodies as nodes, objects, user functions and sensors of a model (paper, eq. 17)."""
 
 from __future__ import annotations
 

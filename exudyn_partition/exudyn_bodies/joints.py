@@ -1,4 +1,7 @@
-"""Joints and other constraints of an Exudyn model as rows on the coordinates that they move, for explicit steps."""
+"""Joints and other constraints of an Exudyn model as rows on the coordinates that they move, for explicit steps.
+
+These are the rows G_J of the paper (eq. 10, 18, 28). In implicit steps Exudyn has its own.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Multipliers of contacts and joints in Exudyn's VelocityVerlet, which itself knows neither of them."""
+"""Multipliers of contacts and joints in Exudyn's VelocityVerlet, which has neither (paper, eq. 28 with joints, 29)."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The finite element model: material, mesh, matrices, facets, and what is divided off it as contact region."""
+"""The finite element model: material, mesh, matrices, facets, and its partition into two regions (paper, eq. 11)."""

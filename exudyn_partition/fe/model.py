@@ -1,4 +1,8 @@
-"""The FE model of one free body: points, mass and stiffness in Exudyn's xyz order, and its surface."""
+"""The FE model of one free body: points, mass and stiffness in Exudyn's xyz order, and its surface.
+
+The mass M_F and stiffness K_F of the paper (section 2.1, eq. 6 and 13) are made by `meshing.ngsolve_fem`; the lumped
+mass is made here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Partition of a body: its impact region, the patches of it that may touch, and the interfaces for joints."""
+"""Partition of a body (paper, eq. 11): impact region, contact patches, and interfaces for joints."""
 
 from __future__ import annotations
 

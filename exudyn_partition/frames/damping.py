@@ -1,4 +1,4 @@
-"""Damping of a body's vibration: a ratio for each kept mode, or Rayleigh's proportional damping.
+"""Damping of a body's vibration: a ratio for each kept mode, or Rayleigh's proportional damping (paper, C_F of eq. 8d).
 
 The damping force on a mode of circular frequency omega is 2 zeta omega times the velocity of its coordinate. Rigid
 motion is not damped, because the force acts on the deformation only.

@@ -10,6 +10,10 @@ linear, so integrals of products of two shapes are enough. Lagrange's equations,
     J(z) omega_t + C(z) z_tt  = tau - omega x (J(z) omega + C(z) z_t) - J_t omega
     z_tt + C(z)' omega_t + K z = f + d(omega' J(z) omega)/dz / 2 + 2 (omega . N) z_t
 
+These are the paper's equations of motion of one body (eq. 6 to 9). On the right-hand side, the parts with omega are -w
+(eq. 8b). The paper sums over accelerations of nodes (eq. 2b, 4b, 5b); here the integrals over the body are computed
+beforehand.
+
 Shabana, Dynamics of Multibody Systems (2013), chapter 5; mean axes: Agrawal and Shabana (1985).
 """
 

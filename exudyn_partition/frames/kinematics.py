@@ -1,5 +1,8 @@
 """Motion of a reduced body in space, as contact, markers and results see it: one protocol for all frames.
 
+Its methods ask for the paper's places and velocities of nodes (eq. 1, 2a), rows B of these velocities (eq. 4a, 5a) and
+generalised forces (eq. 8c). `floating` has the formulas.
+
 A body in an inertial frame moves by small rotations about its place (`inertial`), one in a floating frame by any
 rotation (`floating`). Coordinates q are those of the body's Exudyn nodes, (n_dofs,), or a history of them,
 (m, n_dofs). Where a shape begins with `...`, a method takes both.

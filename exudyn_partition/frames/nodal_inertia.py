@@ -1,7 +1,8 @@
 """Inertia in a floating frame of a body that keeps nodes: point masses, beside the integrals of its shapes.
 
 In the paper's basis the shapes are zero at the kept nodes, and the mass is lumped. So what `InertiaIntegrals` holds as
-dense matrices is a sum over point masses for these nodes. For the equations see module `inertia_forces`.
+dense matrices is a sum over point masses for these nodes, as in the paper (eq. 8a, 8b). For the equations of motion see
+module `inertia_forces`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Matrices of vector products and rotations."""
+"""Matrices of vector products and rotations.
+
+`skew` is the matrix of eq. 3 of the paper.
+"""
 
 from __future__ import annotations
 

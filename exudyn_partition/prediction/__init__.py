@@ -1,1 +1,1 @@
-"""What is known before a mesh: impacts by Hertz, and the frequencies that they excite."""
+"""What is known before a mesh: impacts by Hertz (paper, eq. 30), and the frequencies that they excite (section 5.2)."""

@@ -1,4 +1,4 @@
-"""The bases of the partition method: from an FE model and its partition to the columns of T, u = T q.
+"""The bases of the partition method: from an FE model to the columns of T, u = T q (paper, eq. 13, 15).
 
 The shapes of every basis are mass-normalised, so their mass and stiffness are diagonal. Nodal columns, which only the
 paper's basis has, are unit displacements of the nodes of the impact region (paper, eq. 15).

@@ -1,4 +1,4 @@
-"""The reduced body: reduced matrices, its contact patch and the recovery u = T q."""
+"""The reduced body: coordinates q, matrices (paper, eq. 14 and 16), contact patches, and the recovery u = T q."""
 
 from __future__ import annotations
 

@@ -321,7 +321,10 @@ def _body(
 
 
 def _reduced_matrices(fem: FEModel, basis: ReducedBasis) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """T' M T and T' K T. The shapes are mass-normalised; with lumped mass they have no mass in common with nodes."""
+    """T' M T and T' K T (paper, eq. 16).
+
+    The shapes are mass-normalised. With lumped mass they have no mass in common with nodes.
+    """
     mass = sp.identity(basis.shapes.shape[1], format="csr")
     stiffness = sp.diags(basis.omega**2, format="csr")
     if not len(basis.nodal):

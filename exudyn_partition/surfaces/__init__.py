@@ -1,1 +1,1 @@
-"""Two patches that face each other: places, closest points, integration points and the rows that they make."""
+"""Two patches that face each other: closest points, contact points and the rows of gaps (paper, eq. 19, 20)."""

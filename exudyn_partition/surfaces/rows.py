@@ -1,4 +1,4 @@
-"""Gap rows of a contact pair: g = g0 + G_s u_s + G_m u_m (paper, eq. 19-27)."""
+"""Gap rows of a contact pair: g = g0 + G_s u_s + G_m u_m (paper, eq. 19, 20)."""
 
 from __future__ import annotations
 
