@@ -2,20 +2,10 @@
 
 import exudyn as exu
 import netgen.occ as occ
-import numpy as np
 import pytest
+from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, TOP, box, end, hexahedra, write
 
 import exudyn_partition as ep
-
-SPHERE_RADIUS = 0.010
-TOP = (0.0, 0.0, 0.03)  # centre of the block's upper face
-MARBLE_RADIUS = 5e-3
-SPHERE_MATERIAL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
-
-
-def box(lx, ly, lz):
-    """A box from the origin upwards, centred in x and y."""
-    return occ.Box(occ.Pnt(-lx / 2, -ly / 2, 0), occ.Pnt(lx / 2, ly / 2, lz))
 
 
 @pytest.fixture(scope="session")
@@ -105,6 +95,53 @@ def reduced_sphere(sphere, kept):
     return ep.reduce(*sphere, f_cut=200e3, cache=kept)
 
 
+@pytest.fixture(scope="session")
+def round_body(ball, kept):
+    """The ball with all three directions."""
+    return ep.reduce(ball[0], ep.Partition.ball(ball[0], (0, 0, 0), 1.0e-3, axes="xyz"), f_cut=150e3, cache=kept)
+
+
+@pytest.fixture(scope="session")
+def flat_body(kept):
+    """A steel plate, 16 x 16 x 5 mm, its upper face at z = 0, fine in the middle, with all three directions."""
+    shape = box(0.016, 0.016, 0.005).Move((0, 0, -0.005))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=4e-3, refine=[ep.Refine((0, 0, 0), 1.2e-3, 0.35e-3)], grading=0.5)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.6e-3, axes="xyz"), f_cut=120e3, cache=kept)
+
+
+@pytest.fixture(scope="session")
+def bricks(tmp_path_factory):
+    """The block as linear hexahedra."""
+    return ep.fe_model(write(tmp_path_factory.mktemp("mesh") / "block.vtu", *hexahedra(4, 8, 12)), ep.STEEL)
+
+
+@pytest.fixture(scope="session")
+def link():
+    """A bar along z, 10 x 8 x 60 mm."""
+    return ep.fe_model(box(0.010, 0.008, 0.060), ep.STEEL, maxh=6e-3)
+
+
+@pytest.fixture(scope="session")
+def arm(link):
+    """The bar with an interface at each end, of which one is rigid."""
+    foot, head = end(link, 0.0), end(link, 0.06)
+    return link, ep.Partition.interface(link, "foot", foot) | ep.Partition.interface(
+        link, "head", head, kind="averaged"
+    )
+
+
+@pytest.fixture(scope="session")
+def arm_body(arm):
+    """The same, reduced."""
+    return ep.reduce(*arm, f_cut=60e3)
+
+
+@pytest.fixture(params=["inertial", "floating"])
+def frame(request):
+    """Each frame by its name."""
+    return request.param
+
+
 @pytest.fixture
 def impact(mbs, bodies):
     """The ball about to hit the block at 1 m/s, assembled: model, striker, target, contact."""
@@ -113,8 +150,3 @@ def impact(mbs, bodies):
     contact = ep.CreatePartitionContact(mbs, striker, target, name="tip", rows="node-to-segment")
     mbs.Assemble()
     return mbs, striker, target, contact
-
-
-def relative(x, y):
-    """||x - y|| / ||y||."""
-    return np.linalg.norm(x - y) / np.linalg.norm(y)

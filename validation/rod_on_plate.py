@@ -10,10 +10,12 @@ Tolerance: force 1 %, P1 0.8 %, P2 3 %, momentum 1e-6, energy 0.1 % with the def
 
 import argparse
 import json
+import runpy
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples" / "rod_on_plate.py"
@@ -44,8 +46,8 @@ def reference_step_error():
     """Errors of the stored reference's 1 us steps over the first millisecond, against steps of half the length."""
     sys.path.insert(0, str(EXAMPLE.parent))
     import exudyn_partition as ep
-    from models import rod_on_plate as example
 
+    example = SimpleNamespace(**runpy.run_path(str(EXAMPLE.parent / "models" / EXAMPLE.name)))
     fems, partitions, _ = example.fe_models(quick=False)
     finer = example.full_reference(fems, partitions, end_time=1e-3, step=0.5e-6)
     return ep.compare(ep.History.load(example.STORED).until(1e-3), finer).error

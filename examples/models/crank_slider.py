@@ -10,7 +10,8 @@ import exudyn as exu
 import exudyn.itemInterface as items
 
 import exudyn_partition as ep
-from models.crank_slider_parts import CONTACT_ANGLE, CRANK, CRANK_MASS, DAMPING, LENGTHS, SPEED, STIFFNESS, Start
+
+from .crank_slider_parts import CONTACT_ANGLE, CRANK, CRANK_MASS, DAMPING, LENGTHS, SPEED, STIFFNESS, Start
 
 SCHEMES = {  # basis of the blocks, formulation and rows of their contact
     "contact-adapted": ("contact-adapted", "compliance", "integrated"),

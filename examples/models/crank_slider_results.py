@@ -9,7 +9,7 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 
-from models.crank_slider_parts import CRANK, DAMPING, LENGTHS, RADIUS, SPEED, STIFFNESS
+from .crank_slider_parts import CRANK, DAMPING, LENGTHS, RADIUS, SPEED, STIFFNESS
 
 
 def integral(t, x):

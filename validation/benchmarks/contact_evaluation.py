@@ -6,7 +6,7 @@ Quantity: median time of `law.force(q)` over 2000 calls with the contact closed 
 coordinates that change but do not slide (frozen), and that slide by 0.1 % of a facet a call, over facets' edges
 (moving). Beside it node-to-segment and integrated rows, closed rows, and the same with the patches apart.
 
-    python validation/benchmarks/contact_evaluation.py
+    python -m validation.benchmarks.contact_evaluation
 """
 
 import json

@@ -7,7 +7,7 @@ Limits: three times faster, frequencies equal to 1e-6, at least 40 000 nodes.
 
 Both sides have quadratic tetrahedra with straight edges. They run in turn, twice, and the shorter time of each counts.
 
-    python validation/benchmarks/feminterface.py
+    python -m validation.benchmarks.feminterface
 """
 
 import json

@@ -7,7 +7,7 @@ Quantity: the estimate of `reduction.memory.needed`, the peak, their ratio, by e
 of memory in use from the second of the five reductions to the last.
 Limits: estimates within a factor of 1.5 of the peak, growth below 50 MB (factors are some 200 MB).
 
-    python validation/benchmarks/memory.py [--elements 2 3] [--no-leak]
+    python -m validation.benchmarks.memory [--elements 2 3] [--no-leak]
 
 Off-line time grows as the 2.3rd power of the patch's nodes, for dofs of the refined region grow as their power of 1.5
 and the factorisations as the square of the dofs.
@@ -88,7 +88,12 @@ def leak_case():
 
 def in_a_process(*arguments):
     """Result of this script with other arguments."""
-    process = subprocess.run([sys.executable, __file__, *arguments], stdout=subprocess.PIPE, text=True, check=True)
+    process = subprocess.run(
+        [sys.executable, "-m", "validation.benchmarks.memory", *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
     return json.loads(process.stdout.splitlines()[-1])
 
 

@@ -14,7 +14,7 @@ bases less than 15 min; exponent below 1.5; time per step at each size within 20
 on-line 3000 times faster than the full FE model's implicit stepping; reduction and run together 50 times faster than
 its explicit stepping, by which the paper's factor of 20 is.
 
-    python validation/benchmarks/size.py [--only small medium large bases full]
+    python -m validation.benchmarks.size [--only small medium large bases full]
 
 Cases are kept in size.json; without `--only` all run anew.
 """
@@ -34,8 +34,6 @@ from rich.console import Console
 from rich.table import Table
 
 RESULTS = Path(__file__).with_suffix(".json")
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "paper"))
 F_CUT, END_TIME, RUNS = 40e3, 1e-3, 10
 WHOLE, COMPARED, STEP = 5e-3, 0.3e-3, 1e-6  # the paper's duration, what is run of the full FE model, and its step [s]
 MAXH = {"small": 18e-3, "medium": 8e-3, "large": 3.7e-3}  # [m]
@@ -62,7 +60,7 @@ def run_online(bodies, end_time=END_TIME):
     import exudyn as exu
 
     import exudyn_partition as ep
-    from models import rod_on_plate as example
+    from examples.models import rod_on_plate as example
 
     mbs = exu.SystemContainer().AddSystem()
     rod = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -example.SPEED])
@@ -78,7 +76,7 @@ def peak_memory():
 
 def size_case(maxh):
     """One mesh: off-line times, peak memory, and the quickest of the on-line runs, which the machine disturbs least."""
-    from models import rod_on_plate as example
+    from examples.models import rod_on_plate as example
 
     fems, partitions, times = example.fe_models(quick=False, maxh=maxh)
     bodies = reduce_both(fems, partitions, "contact-adapted")
@@ -105,7 +103,7 @@ def size_case(maxh):
 
 def bases_case(maxh):
     """All bases on one mesh, off-line."""
-    from models import rod_on_plate as example
+    from examples.models import rod_on_plate as example
 
     fems, partitions, times = example.fe_models(quick=False, maxh=maxh)
     result = {"maxh_m": maxh, "nodes": sum(fem.n_nodes for fem in fems), **times, "bases": {}}
@@ -123,9 +121,8 @@ def bases_case(maxh):
 
 def full_case(maxh):
     """The full FE model on one mesh: its steps, implicit and explicit, and the reduced bodies beside it."""
-    import cost
-
-    from models import rod_on_plate as example
+    from examples.models import rod_on_plate as example
+    from validation.paper import cost
 
     fems, partitions, _ = example.fe_models(quick=False, maxh=maxh)
     reference = example.full_reference(fems, partitions, COMPARED, STEP)
@@ -155,7 +152,12 @@ def full_case(maxh):
 
 def run_case(name):
     """One case in a process of its own."""
-    process = subprocess.run([sys.executable, __file__, "--case", name], stdout=subprocess.PIPE, text=True, check=True)
+    process = subprocess.run(
+        [sys.executable, "-m", "validation.benchmarks.size", "--case", name],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
     return json.loads(process.stdout.splitlines()[-1])
 
 

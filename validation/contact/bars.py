@@ -14,7 +14,7 @@ x = f / f_cut > 1. That vanishes at x = 1.2: a frequency above all kept modes th
 plateau after a step of velocity (standard deviation 57 %), whatever f_cut is. Impacts of round bodies hardly excite it.
 Implicit integration that damps high frequencies takes it out; one such run is reported.
 
-    python validation/contact/bars.py
+    python -m validation.contact.bars
 """
 
 import itertools
@@ -25,11 +25,11 @@ from pathlib import Path
 import exudyn as exu
 import meshio
 import numpy as np
-import scenes
 from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from validation.contact import scenes
 
 LIMIT = 0.01
 ROWS = ("node-to-segment", "integrated")

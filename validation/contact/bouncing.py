@@ -8,7 +8,7 @@ energy, 5 MB, 10 000 impacts.
 The explicit step is a tenth of the stability limit: central differences keep a shadow of the energy, which differs from
 it by (w h)^2, and over thousands of impacts the highest modes, for which that is most, take their share of it.
 
-    python validation/contact/bouncing.py
+    python -m validation.contact.bouncing
 """
 
 import contextlib

@@ -11,19 +11,19 @@ Limits, at the highest f_cut: 1 % of the period for starts and the period, 1 % f
 
 The strain is a third: linear elasticity is all that is asked here, and what the library warns of is counted.
 
-    python validation/contact/bouncing_bar.py
+    python -m validation.contact.bouncing_bar
 """
 
 import warnings
 
 import exudyn as exu
 import numpy as np
-import scenes
-from bars import bar
 from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from validation.contact import scenes
+from validation.contact.bars import bar
 
 LIMIT = 0.01
 LENGTH, SIDE, HEIGHT, GRAVITY = 10.0, 0.5, 5.0, 10.0

@@ -8,7 +8,7 @@ Limits: with the residual flexibility, impulse
 within 0.5 % and force within 3 % of the reference; with multipliers on nodes, impulse within 10 %, for their bases lack
 the static answer of the modes that are cut (../error_against_time/rod_on_plate.py).
 
-    python validation/contact/formulations.py
+    python -m validation.contact.formulations
 """
 
 import json
@@ -23,10 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "examples"))
-from models import rod_on_plate as example  # noqa: E402
+from examples.models import rod_on_plate as example
 
 RESULTS = Path(__file__).with_suffix(".json")
 END_TIME, STEP, F_CUT = 0.5e-3, 0.5e-6, 40e3

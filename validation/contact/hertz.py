@@ -16,7 +16,7 @@ less error in the force; they close later and open earlier, for the mean gap aro
 tip's own. What decides is where meshes do not match: uniform pressure is within 0.1 to 0.3 % instead of 1 to 3 %
 (patch_test.py), a sliding contact's force ripples a sixth as much (sliding.py), and energy is kept better (oblique.py).
 
-    python validation/contact/hertz.py [--only "two spheres, 0.5 m/s" static]
+    python -m validation.contact.hertz [--only "two spheres, 0.5 m/s" static]
 """
 
 import argparse
@@ -27,14 +27,14 @@ from pathlib import Path
 
 import exudyn as exu
 import numpy as np
-import scenes
-from elastic_sphere import ElasticSphere
 from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.fe.facets import facet_corners
 from exudyn_partition.surfaces.points import ROWS, contact_points, corner_hats
+from validation.contact import scenes
+from validation.contact.elastic_sphere import ElasticSphere
 
 RADIUS, F_CUT, STEP = 0.010, 200e3, 0.1e-6
 # Element size asked for, over Hertz' contact radius (edges come out some 1.4 times as long): random placements.

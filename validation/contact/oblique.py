@@ -9,7 +9,7 @@ Angular momentum deviates by the order of the integrator, not by the contact: fo
 to round-off (tests/test_gaps.py). Energy deviates by the order of the rows: what a pair's residual flexibility changes
 when its point slides along a facet has no force in frictionless rows. It falls with the mesh.
 
-    python validation/contact/oblique.py
+    python -m validation.contact.oblique
 """
 
 import json

@@ -12,7 +12,7 @@ Limits: 2 % for the pressure (L2) on both faces with integrated rows on the fine
 are reported: two passes are worse, for half of the force then comes from the coarse side in lumps, but with integrated
 rows they are within 3 %.
 
-    python validation/contact/patch_test.py
+    python -m validation.contact.patch_test
 """
 
 import time
@@ -20,12 +20,12 @@ import time
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
-import scenes
 from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.fe.facets import nodal_area
+from validation.contact import scenes
 
 SIDE, HEIGHT, FORCE = 2.0, 2.0, 1.0
 MATERIAL = ep.Material(E=1e4, nu=0.3, rho=1.0)

@@ -10,7 +10,7 @@ Quantity: ripple of the force, a standard deviation over the plateau, and energy
 Limits: means of the force within 1 %; the library warns of all that ring by more than 20 %; at the default step the
 block gains less than 0.5 % of its energy.
 
-    python validation/contact/ringing.py
+    python -m validation.contact.ringing
 """
 
 import warnings
@@ -18,12 +18,12 @@ import warnings
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
-import scenes
-from bars import bar
 from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from validation.contact import scenes
+from validation.contact.bars import bar
 
 F_CUT, SPEED = 25e3, 0.1
 STEEL = ep.Material(E=210e9, nu=0.0, rho=7800.0)

@@ -7,7 +7,7 @@ is the elastic equilibrium of both bodies at the held rigid motion (quasi-static
 Limits: ripple (standard deviation and largest) below 2 % at the default mesh, about five nodes across the contact, for
 both kinds of rows with one pass. A coarser and a finer mesh and two passes are reported beside.
 
-    python validation/contact/sliding.py
+    python -m validation.contact.sliding
 """
 
 import time
@@ -15,11 +15,11 @@ import time
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
-import scenes
 from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from validation.contact import scenes
 
 RADIUS, APPROACH, F_CUT = 0.010, 4e-6, 200e3
 WAY, STATES, SUBSTEPS = 0.5e-3, 101, 100

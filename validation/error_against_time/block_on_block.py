@@ -3,20 +3,17 @@
 Reference: the full FE model of the same mesh, HHT; its own error: what twice its step changes, and what a finer mesh
 changes in the force of reduced bodies. Quantity: see measure.py. No limits here: ../pareto.py judges.
 
-    python validation/error_against_time/block_on_block.py [--again]
+    python -m validation.error_against_time.block_on_block [--again]
 """
 
-import sys
 from pathlib import Path
 
 import netgen.occ as occ
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-import measure
-from measure import Setting
-from two_bodies import TwoBodies
-
 import exudyn_partition as ep
+from validation.error_against_time import measure
+from validation.error_against_time.measure import Setting
+from validation.error_against_time.two_bodies import TwoBodies
 
 R, LENGTHS, H = 0.010, (0.071, 0.058), 0.16e-3  # radius, lengths, elements at the contact [m]
 

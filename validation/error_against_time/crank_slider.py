@@ -7,26 +7,22 @@ bodies of `tolerance=` are reduced as a pair that hits freely, and the link to 5
 patch has mass have a mesh of their own, with as many nodes in the impact regions as the paper's. No limits here:
 ../pareto.py judges.
 
-    python validation/error_against_time/crank_slider.py [--again]
+    python -m validation.error_against_time.crank_slider [--again]
 """
 
 import functools
-import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation/joints"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 import exudyn as exu
-import exudyn_own
-import measure
-from baselines import cms_blocks, cms_hertz_run, cms_run, hertz_run
-from full_blocks import full_blocks
-from measure import Setting
 
 import exudyn_partition as ep
-from models import crank_slider as example
-from models.crank_slider_parts import CONTACT_ANGLE, FULL_MESH, PAPER_MESH, SPEED, Start, block, link
+from examples.models import crank_slider as example
+from examples.models.crank_slider_parts import CONTACT_ANGLE, FULL_MESH, PAPER_MESH, SPEED, Start, block, link
+from validation import exudyn_own
+from validation.error_against_time import measure
+from validation.error_against_time.measure import Setting
+from validation.joints.baselines import cms_blocks, cms_hertz_run, cms_run, hertz_run
+from validation.joints.full_blocks import full_blocks
 
 ANGLE = CONTACT_ANGLE - 20e-6 * SPEED  # at the start
 LINK_CUT, MODES = 5e3, 16  # of the link [Hz]; of Exudyn's blocks

@@ -5,21 +5,17 @@ The mesh is coarse because bases whose patch has mass take steps of nanoseconds;
 Reference: the full FE model of the same mesh, HHT; its own error: what twice its step changes, and what a finer mesh
 changes in the force of reduced bodies. Quantity: see measure.py. No limits here: ../pareto.py judges.
 
-    python validation/error_against_time/rod_on_plate.py [--again]
+    python -m validation.error_against_time.rod_on_plate [--again]
 """
 
 import math
-import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-import measure
-from measure import Setting
-from two_bodies import TwoBodies
-
 import exudyn_partition as ep
-from models import rod_on_plate as example
+from examples.models import rod_on_plate as example
+from validation.error_against_time import measure
+from validation.error_against_time.measure import Setting
+from validation.error_against_time.two_bodies import TwoBodies
 
 
 def models(size=1.0, region=1.0):

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import exudyn as exu
 import exudyn.itemInterface as items
-import exudyn_own
-import measure
 import numpy as np
 
 import exudyn_partition as ep
+from validation import exudyn_own
+from validation.error_against_time import measure
 
 Z = 2
 RADIUS = 0.1e-3  # of the spheres of GeneralContact [m]

@@ -3,20 +3,17 @@
 Reference: the full FE model of the same mesh, HHT; its own error: what twice its step changes, and what a finer mesh
 changes in the force of reduced bodies. Quantity: see measure.py. No limits here: ../pareto.py judges.
 
-    python validation/error_against_time/two_spheres.py [--again]
+    python -m validation.error_against_time.two_spheres [--again]
 """
 
-import sys
 from pathlib import Path
 
 import netgen.occ as occ
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-import measure
-from measure import Setting
-from two_bodies import TwoBodies
-
 import exudyn_partition as ep
+from validation.error_against_time import measure
+from validation.error_against_time.measure import Setting
+from validation.error_against_time.two_bodies import TwoBodies
 
 STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)
 R, H = 0.010, 0.11e-3  # radius; elements at the contact [m]

@@ -5,7 +5,7 @@ harmonic force makes half the power of the peak, from the closed response of one
 the decay rate, of the frequency and of the width, each from runs in Exudyn, in both frames and by both integrators; the
 decay also for Rayleigh damping with the same ratio at that mode. Limit: 1e-3 each.
 
-    python validation/inelastic/damping.py
+    python -m validation.inelastic.damping
 """
 
 import json

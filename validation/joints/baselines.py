@@ -1,9 +1,7 @@
 """The crank slider around its first impact by Exudyn's own means."""
 
 import math
-import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import exudyn as exu
@@ -12,13 +10,9 @@ import numpy as np
 from exudyn.FEM import FEMinterface
 
 import exudyn_partition as ep
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "validation"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-import exudyn_own
-
-from models import crank_slider as example
-from models.crank_slider_parts import LENGTHS, LINK_SIZE, RADIUS, STEEL, Start, link_shape
+from examples.models import crank_slider as example
+from examples.models.crank_slider_parts import LENGTHS, LINK_SIZE, RADIUS, STEEL, Start, link_shape
+from validation import exudyn_own
 
 
 def hertz_run(link_body, angle, window, step):

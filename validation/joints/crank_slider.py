@@ -13,7 +13,7 @@ force. The whole turn: run time, energy balance. Explicit against implicit steps
 Limits: peak and impulse 1 %, force 3 %, torque 2 % for the recommended setting; energy 0.5 % of the drive's work; the
 integrators within 1 %; baseline (a) at least 20 times slower at no smaller force error.
 
-    python validation/joints/crank_slider.py [--quick]
+    python -m validation.joints.crank_slider [--quick]
 """
 
 import argparse
@@ -28,14 +28,23 @@ from unittest import mock
 
 import matplotlib.pyplot as plt
 import numpy as np
-from baselines import add_cms_link, cms_blocks, cms_link, cms_run, hertz_run
-from full_blocks import full_blocks
 from rich.console import Console
 
 import exudyn_partition as ep
-from models import crank_slider as example
-from models.crank_slider_parts import CONTACT_ANGLE, FULL_MESH, PAPER_MESH, QUICK_MESH, SPEED, TURN, block, link
-from models.crank_slider_results import histories, imbalance
+from examples.models import crank_slider as example
+from examples.models.crank_slider_parts import (
+    CONTACT_ANGLE,
+    FULL_MESH,
+    PAPER_MESH,
+    QUICK_MESH,
+    SPEED,
+    TURN,
+    block,
+    link,
+)
+from examples.models.crank_slider_results import histories, imbalance
+from validation.joints.baselines import add_cms_link, cms_blocks, cms_link, cms_run, hertz_run
+from validation.joints.full_blocks import full_blocks
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"

@@ -11,7 +11,7 @@ Limits: 1e-3 for the tip; 1e-2 for the reaction at an interface's marker. That o
 told, without a limit: Exudyn turns the offset with the body's frame, not with the bore. Exudyn's own modes hold
 this bore in the frame, ours hold none, so that bending turns the bore about the mean of its nodes, off the axis.
 
-    python validation/joints/exudyn_examples.py [--quick]
+    python -m validation.joints.exudyn_examples [--quick]
 """
 
 import json

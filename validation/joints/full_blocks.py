@@ -1,22 +1,18 @@
 """The crank slider around its first impact with full FE blocks: an own integration of what the impact adds."""
 
 import math
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 
+from examples.models.crank_slider_parts import CONTACT_ANGLE, CRANK, DAMPING, LENGTHS, LINK, SPEED, STIFFNESS, slider
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.factorisation import one_blas_thread
 from exudyn_partition.fe.model import node_dofs
 from exudyn_partition.reference.full_body import FullBody, rows_on_dofs
 from exudyn_partition.reference.integrator import HHT
 from exudyn_partition.surfaces.rows import pair_surfaces
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
-from models.crank_slider_parts import CONTACT_ANGLE, CRANK, DAMPING, LENGTHS, LINK, SPEED, STIFFNESS, slider
 
 
 def interface_rows(fem, partition, name):

@@ -10,7 +10,7 @@ Limits: 0.1 % for frequencies at the higher f_cut, tip displacement and force.
 Deflections differ, by the square of the load: outer forces act on the inertia of the undeformed body, so that phases
 of vibration drift apart.
 
-    python validation/joints/markers.py
+    python -m validation.joints.markers
 """
 
 import itertools

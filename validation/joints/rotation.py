@@ -6,7 +6,7 @@ Quantity: change of angular momentum and energy, relative to their first values;
 and of modal coordinates over a third of a turn; run time of a step.
 Limits: 1e-6 for conservation, 1e-4 for angular velocity, 1e-3 for modal coordinates, of every basis.
 
-    python validation/joints/rotation.py
+    python -m validation.joints.rotation
 """
 
 import json

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import exudyn as exu
 import numpy as np
-from statements import statement
 
 import exudyn_partition as ep
+from validation.paper.statements import statement
 
 PRINTED_HOURS = 20.0, 0.973  # FEM (more than that), partition method
 DURATION = 5e-3  # [s]

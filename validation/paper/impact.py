@@ -1,20 +1,17 @@
 """Rod on plate at the paper's settings: Table 2 and Figs. 6, 7, 9 and 10."""
 
 import math
-import sys
 from pathlib import Path
 
-import cost
 import matplotlib.pyplot as plt
 import numpy as np
-import schemes
-from statements import statement
 
 import exudyn_partition as ep
+from examples.models import rod_on_plate as example
+from validation.paper import cost, schemes
+from validation.paper.statements import statement
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "examples"))
-from models import rod_on_plate as example  # noqa: E402
 
 F_CUT = 40e3  # [Hz], scheme 4
 PRINTED_RADIUS, PRINTED_FORCE = 0.49e-3, 800.0  # eq. 30 [m], [N]

@@ -8,20 +8,28 @@ After the blocks have parted, adaptive steps grow and damp what rings on: the de
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from statements import statement
 
 import exudyn_partition as ep
+from examples.models import crank_slider as example
+from examples.models.crank_slider_parts import (
+    CONTACT_ANGLE,
+    DAMPING,
+    FULL_MESH,
+    QUICK_MESH,
+    SPEED,
+    STIFFNESS,
+    TURN,
+    block,
+    link,
+)
+from examples.models.crank_slider_results import histories, imbalance, integral
+from validation.paper.statements import statement
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "examples"))
-from models import crank_slider as example  # noqa: E402
-from models.crank_slider_parts import CONTACT_ANGLE, DAMPING, FULL_MESH, QUICK_MESH, SPEED, STIFFNESS, TURN, block, link  # noqa: E402
-from models.crank_slider_results import histories, imbalance, integral  # noqa: E402
 
 STORED = ROOT / "validation" / "joints" / "crank_slider.json"
 F_CUT, LINK_F_CUT, STEP = 100e3, 5e3, 2e-6

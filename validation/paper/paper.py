@@ -7,7 +7,7 @@ thickness and material constants are reconstructed, for Tables 1 and 4 are missi
 Quantities and limits: stated in each part. A row says whether it agrees with the paper's statement. Disagreements that
 are understood say why and fail nothing; any other does.
 
-    python validation/paper/paper.py [--quick] [--only PART ...] [--out FILE]
+    python -m validation.paper.paper [--quick] [--only PART ...] [--out FILE]
 
 `--only` measures some parts, and keeps what the file holds of the others; each is written as soon as it is done.
 """
@@ -27,11 +27,8 @@ from rich.table import Table
 import exudyn_partition as ep
 
 mpl.use("Agg")
-import cost
-import impact
-import mechanism
-import schemes
-from statements import HEAD, cells, failures
+from validation.paper import cost, impact, mechanism, schemes
+from validation.paper.statements import HEAD, cells, failures
 
 PARTS = {"impact": impact.run, "schemes": schemes.run, "mechanism": mechanism.run}
 

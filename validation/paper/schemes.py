@@ -5,22 +5,20 @@ its regions of 1 mm radius have 227 nodes where the paper has 250. All runs have
 segment. Errors are relative L2 over the run; that of the velocities is of their change.
 """
 
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
 
-import cost
 import exudyn as exu
 import matplotlib.pyplot as plt
 import numpy as np
-from statements import statement
 
 import exudyn_partition as ep
+from examples.models import rod_on_plate as example
+from validation.paper import cost
+from validation.paper.statements import statement
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "examples"))
-from models import rod_on_plate as example  # noqa: E402
 
 SCHEMES = {5e3: (21, 30), 10e3: (32, 56), 20e3: (54, 124), 40e3: (94, 276)}  # Table 2: modes of rod and plate
 REGION, ROWS = 1e-3, "node-to-segment"  # radius of the impact region [m]

@@ -15,7 +15,12 @@ import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 from exudyn.utilities import InertiaSphere
-from scenes import (
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import exudyn_partition as ep
+from exudyn_partition.contact.formulations.penalty import bed_stiffness
+from validation.stability.scenes import (
     PLANE,
     RADIUS,
     Run,
@@ -34,11 +39,6 @@ from scenes import (
     read,
     strike,
 )
-from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
-
-import exudyn_partition as ep
-from exudyn_partition.contact.formulations.penalty import bed_stiffness
 
 BOTH = ("explicit", "implicit")
 QUIET = {"progress": lambda share: None}

@@ -5,7 +5,7 @@ Reference: every argument of every public function with values that are wrong fo
 alone show that nothing else is refused. Quantity: how each ends. Limit: raw errors of the inside, wrong values taken
 silently, hangs and crashes: none, but for those that `KNOWN` explains; right values that end in an error: none.
 
-    python validation/stability/misuse.py [--only PART OF A NAME] [--out FILE] [--limit SECONDS]
+    python -m validation.stability.misuse [--only PART OF A NAME] [--out FILE] [--limit SECONDS]
 """
 
 import argparse
@@ -23,15 +23,15 @@ from functools import cache
 from pathlib import Path
 
 import exudyn as exu
-from misuse_calls import misuses, right_calls
-from misuse_scenes import SCENES
-from misuse_values import Scene
 from rich.console import Console
 from rich.table import Table
-from worker import Worker
 
 import exudyn_partition as ep
 from exudyn_partition.errors import PartitionError, PartitionWarning
+from validation.stability.misuse_calls import misuses, right_calls
+from validation.stability.misuse_scenes import SCENES
+from validation.stability.misuse_values import Scene
+from validation.stability.worker import Worker
 
 LIMIT = 60.0  # seconds a call
 KINDS = ("named error", "warning", "raw", "silent", "hang", "crash")

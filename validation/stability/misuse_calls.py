@@ -10,13 +10,13 @@ from itertools import combinations
 from types import ModuleType
 from typing import Any
 
-import misuse_values as v
 import numpy as np
 import scipy.sparse as sp
-from misuse_values import STEP, Kind, Made
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.choices import Penalty
+from validation.stability import misuse_values as v
+from validation.stability.misuse_values import STEP, Kind, Made
 
 
 def public():

@@ -8,11 +8,11 @@ from typing import Any
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
-from misuse_values import STEP, Made
 
 import exudyn_partition as ep
 from exudyn_partition import cli
 from exudyn_partition.errors import CallError
+from validation.stability.misuse_values import STEP, Made
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Reference: what `cases.py` says of each case, from analytic answers, rigid bodie
 momentum, complementarity (forces and gaps evaluated anew from stored coordinates), and the reference's own. Limit: in
 the table; no result that is not finite, no warning that is not stated, no silent wrong answer.
 
-    python validation/stability/stability.py [--quick] [--only PART OF A NAME] [--out FILE]
+    python -m validation.stability.stability [--quick] [--only PART OF A NAME] [--out FILE]
 """
 
 import argparse
@@ -17,13 +17,13 @@ import traceback
 import warnings
 from pathlib import Path
 
-import cases
 from rich.console import Console
 from rich.table import Table
-from worker import Worker
 
 import exudyn_partition as ep
 from exudyn_partition.errors import PartitionError, PartitionWarning
+from validation.stability import cases
+from validation.stability.worker import Worker
 
 
 def evaluate(case, method):

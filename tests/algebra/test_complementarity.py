@@ -1,0 +1,64 @@
+"""Complementarity problems against non-negative least squares, and problems that are none."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exudyn_partition.algebra import complementarity
+from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.errors import (
+    ComplementarityError,
+    IndefiniteMatrixError,
+)
+
+
+def conditions(F, h, lam):
+    w = F @ lam + h
+    scale = abs(h).max() + 1e-300
+    assert (lam >= 0).all()
+    assert w.min() > -1e-9 * scale
+    assert abs(lam * w).max() <= 1e-9 * scale * max(lam.max(), 1e-300)
+
+
+@pytest.mark.parametrize("patience", [10, 0])
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10_000), n=st.integers(1, 40), shift=st.floats(-3, 3))
+def test_complementarity_conditions(patience, seed, n, shift):
+    """Also with no patience at all, which leaves single pivots alone to find the answer."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, n + 2))
+    F = A @ A.T + 1e-3 * np.eye(n)
+    problem = Complementarity(F)
+    before, complementarity._PATIENCE = complementarity._PATIENCE, patience
+    try:
+        for _ in range(3):  # warm-started from the last active set
+            h = rng.standard_normal(n) + shift
+            lam = problem.solve(h)
+            conditions(F, h, lam)
+            L = np.linalg.cholesky(F)  # the oracle: min |L' x + L^-1 h| over x >= 0
+            expected = scipy.optimize.nnls(L.T, -np.linalg.solve(L, h), maxiter=1000)[0]
+            np.testing.assert_allclose(lam, expected, atol=1e-6 * (1 + expected.max()))
+    finally:
+        complementarity._PATIENCE = before
+
+
+def test_an_unchanged_active_set_takes_one_iteration():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((60, 80))
+    problem = Complementarity(A @ A.T)
+    h = rng.standard_normal(60)
+    problem.solve(h)
+    before = problem.iterations
+    problem.solve(1.001 * h)
+    assert problem.iterations == before + 1
+
+
+def test_bad_complementarity_problems():
+    with pytest.raises(IndefiniteMatrixError, match="not positive definite"):
+        Complementarity(np.array([[1.0, 2.0], [2.0, 1.0]]))
+    with pytest.raises(IndefiniteMatrixError, match="symmetric"):
+        Complementarity(np.array([[1.0, 0.5], [0.0, 1.0]]))
+    with pytest.raises(ComplementarityError, match="not finite"):
+        Complementarity(np.eye(2)).solve(np.array([1.0, np.nan]))

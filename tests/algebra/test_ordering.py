@@ -1,0 +1,49 @@
+"""Nested dissection: an order of all rows, cuts that separate, and factors that fill less."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.ordering import _cut, nested_dissection
+
+
+def grid(*shape):
+    """Stiffness of springs on a grid."""
+    chains = [sp.diags([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1]) for n in shape]
+    total = chains[0]
+    for chain in chains[1:]:
+        total = sp.kronsum(total, chain)
+    return sp.csr_matrix(total)
+
+
+@pytest.mark.parametrize(
+    "matrix", [grid(3), grid(40, 50), sp.block_diag([grid(30, 30), grid(7, 90)]), sp.identity(20000)]
+)
+def test_every_row_once(matrix):
+    order = nested_dissection(matrix)
+    np.testing.assert_array_equal(np.sort(order), np.arange(matrix.shape[0]))
+
+
+def test_a_cut_separates_and_is_as_small_as_the_body_is_narrow():
+    graph = abs(grid(10, 80)).astype(float)
+    side = _cut(graph)
+    assert np.count_nonzero(side == 0) <= 10
+    assert min(np.count_nonzero(side < 0), np.count_nonzero(side > 0)) >= 0.25 * 800 - 10
+    assert graph[side < 0][:, side > 0].nnz == 0
+
+
+def test_the_dofs_of_a_node_stay_together():
+    order = nested_dissection(sp.kron(grid(30, 30), np.ones((3, 3)))).reshape(-1, 3)
+    assert (order // 3 == order[:, :1] // 3).all()
+
+
+def test_factors_of_a_solid_body_fill_less_than_by_minimum_degree():
+    cube = ep.fe_model(box(0.02, 0.02, 0.02), ep.STEEL, maxh=2e-3)
+    matrix = cube.stiffness + 1e10 * cube.mass
+    options = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    by_degree = scipy.sparse.linalg.splu(sp.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", **options)
+    assert Factorisation(matrix)._lu.nnz < 0.85 * by_degree.nnz

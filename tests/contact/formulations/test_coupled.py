@@ -1,0 +1,38 @@
+"""Contacts on common bodies, whose forces are found together."""
+
+import numpy as np
+import pytest
+
+from exudyn_partition.contact.formulations.coupled import CoupledContacts
+from exudyn_partition.errors import ComplementarityError
+
+
+class Runaway:
+    """A law whose force grows with what another pushes: patches that move each other more than themselves."""
+
+    carrier_pose = np.empty(0)
+    constant_rows = None
+
+    def __init__(self):
+        self.gaps = self
+        self.reset()
+
+    def reset(self):
+        self.lam, self.index = np.ones(1), np.zeros(1, dtype=int)
+
+    def at(self, q):
+        return q
+
+    def side_rows(self, side):
+        return np.eye(1)
+
+    def answer(self, h, pushed=0.0):
+        self.lam = np.maximum(-(h + pushed), 0.0)
+
+
+def test_contacts_that_do_not_settle_are_an_error():
+    """The sweeps used to end after their hundredth with whatever forces there were."""
+    laws = [Runaway(), Runaway()]
+    links = [(0, 0, 1, 0, -1.5 * np.eye(1)), (1, 0, 0, 0, -1.5 * np.eye(1))]
+    with pytest.raises(ComplementarityError, match="2 contacts on common bodies did not settle in 100 sweeps"):
+        CoupledContacts(laws, links).forces([np.array([-1.0]), np.array([-2.0])])

@@ -1,0 +1,304 @@
+"""Multipliers in implicit runs: against explicit ones, no chatter, joints, rest, redundant rows, tangents."""
+
+from types import SimpleNamespace
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from oracles import TOP, box, hexahedra, relative, write
+
+import exudyn_partition as ep
+from exudyn_partition.contact.formulations.stabilised import StabilisedContact
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.frames.inertial import InertialKinematics
+
+END = 40e-6
+
+
+@pytest.fixture(scope="module", params=["free", "craig-bampton"])
+def basis(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def nodal(basis, pair_of):
+    """Ball and block whose patches have mass."""
+    return pair_of(basis)
+
+
+def strike(nodal, assemble=True, frame="inertial"):
+    """The ball about to hit the block at 1 m/s."""
+    mbs = exu.SystemContainer().AddSystem()
+    striker = ep.CreatePartitionBody(mbs, nodal[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0], frame=frame)
+    target = ep.CreatePartitionBody(mbs, nodal[1], frame=frame)
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange", name="tip")
+    if assemble:
+        mbs.Assemble()
+    return mbs, striker, target, contact
+
+
+def implicit(mbs, end_time=END, step=0.2e-6, **options):
+    return ep.solve_dynamic(mbs, end_time=end_time, step=step, method="implicit", **options)
+
+
+def roughness(force, window=5):
+    """Largest ratio of a force to its mean over some samples, both of the middle half of the contact."""
+    smooth = np.convolve(force, np.ones(window) / window, "same")
+    closed = np.flatnonzero(force)
+    quarter = (closed[-1] - closed[0]) // 4
+    middle = slice(closed[0] + quarter, closed[-1] - quarter)
+    return (force[middle] / smooth[middle]).max()
+
+
+@pytest.mark.parametrize("basis", ["craig-bampton"], indirect=True)  # the paper's basis is in a joint and a sliding tip
+def test_against_explicit_multipliers_at_twenty_and_forty_times_the_step(nodal):
+    """Force, impulse and peak; energy falls by little, of second order in the step; momentum is exact."""
+    mbs, striker, target, contact = strike(nodal)
+    explicit = ep.solve_dynamic(mbs, end_time=END, sample_period=0.4e-6)
+    expected, impulse = contact.force(explicit), striker.momentum(explicit)[-1, 2] - striker.momentum(explicit)[0, 2]
+    losses = []
+    for step in (0.4e-6, 0.2e-6):
+        result = implicit(mbs, step=step)
+        force = contact.force(result)
+        assert result.status == "finished"
+        assert relative(np.interp(explicit.t, result.t, force), expected) < 0.02
+        assert force.max() == pytest.approx(expected.max(), rel=5e-3)
+        assert roughness(force) < 1.02
+        change = [item.momentum(result)[-1] - item.momentum(result)[0] for item in (striker, target)]
+        assert change[0][2] == pytest.approx(impulse, rel=2e-3)
+        np.testing.assert_allclose(change[1], -change[0], atol=1e-9 * impulse)
+        assert result.history(contact).impulse == pytest.approx(change[0][2], rel=1e-3)
+        energy = (striker.energy(result) + target.energy(result)) / striker.energy(result)[0] - 1
+        assert energy.max() < 5e-4
+        losses.append(-energy[-1])
+    assert 0 < losses[1] < 0.5 * losses[0] < 2e-3
+    assert not contact.gap(result)[force > 0].any()
+
+
+def test_floating_frames_as_inertial_ones(pair_of):
+    """Pairs of floating bodies are followed; nothing turns, so that the forces are the same."""
+    nodal = pair_of("craig-bampton")
+    forces = []
+    for frame in ("inertial", "floating"):
+        mbs, striker, target, contact = strike(nodal, frame=frame)
+        result = implicit(mbs, end_time=0.3 * END, step=0.4e-6)
+        forces.append(contact.force(result))
+        momentum = striker.momentum(result) + target.momentum(result)
+        np.testing.assert_allclose(momentum, momentum[:1] + 0 * momentum, atol=1e-9 * abs(momentum).max())
+    assert forces[0].max() > 100
+    assert relative(*forces) < 1e-3
+
+
+@pytest.fixture(scope="module")
+def bars(tmp_path_factory):
+    """Two bars of hexahedra, 2 x 2 x 10 (cases.md), the second one upwards from the first."""
+    material = ep.Material(E=1.0, nu=0.0, rho=1.0)
+    points, cells = hexahedra(3, 3, 18)
+    points = points / [0.01, 0.02, 0.03] * [2, 2, 10]
+    fem = ep.fe_model(write(tmp_path_factory.mktemp("bars") / "bar.vtu", points, cells), material)
+    ends = [ep.Partition.ball(fem, (0, 0, z), 2.0) for z in (10.0, 0.0)]
+    return [ep.reduce(fem, end, basis="free", f_cut=0.2) for end in ends]
+
+
+@pytest.mark.parametrize(("method", "step"), [
+    ("implicit", 0.05), ("implicit", 0.1), ("implicit", 0.2), ("explicit", 0.05),
+])  # fmt: skip
+def test_two_bars_flat_on_flat(mbs, bars, method, step):
+    """cases.md: 0.4 for 20 units of time, velocities swap but for what coarse nodes carry when they meet."""
+    lower = ep.CreatePartitionBody(mbs, bars[0], initialVelocity=[0, 0, 0.1])
+    upper = ep.CreatePartitionBody(mbs, bars[1], referencePosition=[0, 0, 10], initialVelocity=[0, 0, -0.1])
+    contact = ep.CreatePartitionContact(mbs, lower, upper, formulation="lagrange")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=26.0, step=step, method=method)
+    force = contact.force(result)
+    assert force[(result.t > 2) & (result.t < 17)].mean() == pytest.approx(0.4, rel=0.01)
+    assert roughness(force, window=round(1 / step) | 1) < 1.1
+    assert contact.impacts(result)[-1].end == pytest.approx(20, rel=0.05)
+    for item, v in ((lower, -0.1), (upper, 0.1)):
+        assert item.momentum(result)[-1, 2] / item.body.total_mass == pytest.approx(v, rel=0.06)
+    energy = (lower.energy(result) + upper.energy(result)) / 0.4 - 1
+    assert -0.06 < energy[-1] < 0
+    assert energy.max() < 0.02
+
+
+def test_a_joint_in_the_model(nodal, basis):
+    """A mass hangs on the block's lower face by three constraints: momentum of all three is constant."""
+    mbs, striker, target, contact = strike(nodal, assemble=False)
+    body = target.body
+    row = body.rows(np.array([body.nearest_node((0, 0, 0))]))
+    row = row if isinstance(row, np.ndarray) else row.toarray()
+    assert not row[:, body.n_shapes :].any()
+    node = mbs.AddNode(items.NodePoint())
+    mbs.AddObject(items.MassPoint(mass=0.02, nodeNumber=node))
+    markers = [mbs.AddMarker(items.MarkerNodeCoordinates(nodeNumber=n)) for n in (node, target["nModal"])]
+    joint = items.ObjectConnectorCoordinateVector(
+        markerNumbers=markers, scalingMarker0=np.eye(3), scalingMarker1=row[:, : body.n_shapes]
+    )
+    mbs.AddObject(joint)
+    mass = mbs.AddSensor(
+        items.SensorNode(nodeNumber=node, outputVariableType=exu.OutputVariableType.Velocity, storeInternal=True)
+    )
+    mbs.Assemble()
+    forces = []
+    for step in (0.4e-6, 0.2e-6):
+        result = implicit(mbs, end_time=20e-6, step=step)
+        forces.append(contact.force(result))
+        momentum = striker.momentum(result) + target.momentum(result) + 0.02 * result.sensor(mass)
+        np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0, 2]))
+        velocity = target.velocity(result, (0, 0, 0))
+        np.testing.assert_allclose(result.sensor(mass), velocity, atol=1e-6 * abs(velocity).max())
+        energy = striker.energy(result) + target.energy(result) + 0.01 * (result.sensor(mass) ** 2).sum(axis=1)
+        assert energy[-1] == pytest.approx(energy[0], rel=5e-3)
+    assert relative(forces[1][::2], forces[0]) < 0.02
+    assert abs(result.sensor(mass)[-1, 2]) > 0.02
+
+
+@pytest.mark.parametrize(("basis", "damping"), [("free", 2e5), ("craig-bampton", 0.0)], indirect=["basis"])
+def test_rest_on_a_plane(mbs, basis, damping):
+    """A bar put down under its weight rings, gains next to nothing, and with damping comes to rest at its weight."""
+    fem = ep.fe_model(box(0.010, 0.008, 0.030), ep.STEEL, maxh=5e-3)
+    bar = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 8e-3), basis=basis, f_cut=150e3)
+    item = ep.CreatePartitionBody(mbs, bar)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="lagrange")
+    g = 1e4
+    weight = g * bar.total_mass
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=item.nodes,
+            dampingMatrix=exu.MatrixContainer(sp.csr_matrix(damping * bar.mass)),
+            forceVector=-g * (bar.mass @ bar.rigid[:, 2]),
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
+    mbs.Assemble()
+    result = implicit(mbs, end_time=240e-6, step=0.4e-6)
+    force, height = contact.force(result), item.rigid_motion(item.coordinates(result))[:, 2]
+    elastic = item.energy(result)
+    assert (elastic + weight * height).max() < 0.01 * elastic.max()
+    assert force.mean() == pytest.approx(weight, rel=0.03)
+    assert force.max() < 2.2 * weight
+    assert contact.closed_rows(result)[10:].min() > 3
+    if damping:
+        np.testing.assert_allclose(force[-50:], weight, rtol=1e-3)
+        assert abs(item.momentum(result)[-50:, 2]).max() < 1e-3 * abs(item.momentum(result)[:, 2]).max()
+        law = result.kept(contact).law
+        gaps = law.gaps.at(item.coordinates(result)[-1])
+        assert abs(gaps[law.index]).max() < 1e-4 * abs(height[-1])
+
+
+def test_plain_solve_dynamic_and_both_solvers_in_turn(nodal):
+    mbs, *_, contact = strike(nodal)
+    first = contact.force(implicit(mbs, end_time=4e-6, step=0.1e-6))
+    explicit = contact.force(ep.solve_dynamic(mbs, end_time=4e-6, sample_period=0.1e-6))
+    assert explicit[-1] == pytest.approx(first[-1], rel=0.05)
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 4e-6, 40
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    settings.solution.sensors.writePeriod = 0.1e-6
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+    np.testing.assert_allclose(contact.force(ep.collect(mbs)), first, rtol=1e-9)
+
+
+@pytest.fixture
+def law(nodal):
+    """The stabilised law of ball and block, two steps in a closed state old."""
+    sides = [Side.of(InertialKinematics(body, np.array(p))) for body, p in zip(nodal, (TOP, (0, 0, 0)), strict=True)]
+    return StabilisedContact(PatchGaps(*sides, "node-to-segment"))
+
+
+def test_tangent_against_finite_differences(law, nodal):
+    q = np.concatenate([-2e-6 * nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
+    q_t, step = 1e4 * q, 1e-7
+    for start in (0.0, 1.0, 2.0):
+        law.commit(start)
+        force = law.force(q * (1 + 0.1 * start), q_t, step)
+    assert law.index.size > 3
+    tangents = [law.tangent_matrix(1.0, 0.0), law.tangent_matrix(0.0, 1.0)]
+    direction = np.random.default_rng(0).standard_normal(len(q))
+    for tangent, moved in zip(tangents, ((1, 0), (0, 1)), strict=True):
+        size = 1e-12 / (step if moved[1] else 1)
+        change = law.force(q * 1.2 + size * moved[0] * direction, q_t + size * moved[1] * direction, step) - force
+        assert relative(-tangent @ (size * direction), change) < 1e-5
+
+
+def test_steady_forces_bend_nothing(law, nodal):
+    """Closed gaps that stand still need the same force whatever the step: what it was, without penetration."""
+    rest = np.concatenate([-2e-6 * nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
+    law.force(rest, 0 * rest, 1e-7)
+    lam = law.lam.copy()
+    law._last = law._expected = np.zeros_like(law._expected)
+    law._last[law.row_nodes] = lam
+    law.commit(1.0)
+    np.testing.assert_allclose(law._expected[law.row_nodes], lam)
+    law.gaps._gap = law.gaps._gap - law.gaps.at(rest)
+    law.force(rest, 0 * rest, 1e-7)
+    np.testing.assert_allclose(law.lam, lam, atol=1e-6 * lam.max())
+
+
+class FlatRows(SimpleNamespace):
+    """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
+
+    def reset(self):
+        self.held = self
+
+    def at(self, q):
+        return self.H @ q
+
+    def jacobian(self, index):
+        return self.H[index]
+
+    def moved(self, q, way):
+        return q + way
+
+    def generalised(self, lam):
+        return lam @ self.H
+
+    def flexibility(self, index):
+        met = np.linalg.inv(4 / self.step**2 * np.diag(self.mass))
+        return self.H[index] @ met @ self.H[index].T
+
+
+def flat_rows():
+    x = np.linspace(-1, 1, 40)
+    surface = SimpleNamespace(points=np.zeros((40, 3)))
+    body = SimpleNamespace(
+        mass=sp.diags([2.0, 0.5], format="csr"), stiffness=sp.csr_matrix((2, 2)), rows=lambda nodes: np.zeros((120, 2))
+    )
+    kinematics = SimpleNamespace(body=body, nodes=np.arange(40))
+    side = Side(surface, kinematics)
+    return FlatRows(
+        H=np.column_stack([np.ones(40), x]), n=2, row_nodes=np.arange(40), slave=side, sides=(side,), moving=False,
+        mass=np.array([2.0, 0.5]), step=1e-3, size=1.0,
+    )  # fmt: skip
+
+
+def test_redundant_rows_have_a_unique_total_force():
+    """As test_contact's of explicit steps."""
+    gaps = flat_rows()
+    law = StabilisedContact(gaps)
+    force = law.force(np.zeros(2), np.array([-0.3, 0.0]), 1e-3)
+    # 0.1 step^2 / m of the row's mobility gives way to 2 step v.
+    assert force[0] == pytest.approx(2 * 0.3 / 1e-3 * 2.0 / 0.1, rel=1e-8)
+    assert law.tangent_matrix(1.0, 0.0).toarray()[0, 0] == pytest.approx(2.0 / 0.1 / 1e-6, rel=1e-8)
+
+
+def test_a_sliding_tip(nodal):
+    """Pairs follow: the explicit run's force, and constant momentum."""
+    forces = []
+    for method, step in (("explicit", None), ("implicit", 5e-8)):
+        mbs = exu.SystemContainer().AddSystem()
+        tip = ep.CreatePartitionBody(mbs, nodal[0], referencePosition=TOP, initialVelocity=[300.0, 0, -1.0])
+        target = ep.CreatePartitionBody(mbs, nodal[1])
+        contact = ep.CreatePartitionContact(mbs, tip, target, formulation="lagrange")
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=1.5e-6, step=step, method=method, sample_period=5e-8)
+        assert result.kept(contact).law.gaps.moving
+        momentum = tip.momentum(result) + target.momentum(result)
+        np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0]).max())
+        forces.append(np.interp(np.linspace(0, 1.5e-6, 16), result.t, contact.force(result)))
+    assert relative(*forces) < 0.1

@@ -1,0 +1,175 @@
+"""Patches that slide, rigid surfaces, integrated rows, and the laws on them."""
+
+import numpy as np
+import pytest
+from oracles import SPHERE_RADIUS, floating, inertial, moved, relative
+
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.frames.floating import FloatingKinematics
+from exudyn_partition.surfaces.points import ROWS
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_moving_pairs_are_the_frozen_ones_where_nothing_slides(round_body, flat_body, kind):
+    laws = [ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body), kind)) for _ in range(2)]
+    laws[1].gaps.moving, laws[1].gaps._searched_at = True, None
+    q = np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
+    frozen, moving = (law.force(q) for law in laws)
+    assert not laws[0].gaps.moving
+    assert laws[1].gaps.moving
+    assert laws[0].lam.sum() > 50
+    assert laws[1].lam.sum() == pytest.approx(laws[0].lam.sum(), rel=2e-3)
+    assert relative(moving, frozen) < 5e-3
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_sliding_over_facets(round_body, flat_body, kind):
+    """The flat plate is as stiff here as there but for its mesh; the force has hardly a tangential part."""
+    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body), kind))
+    force = []
+    for x in np.linspace(0, 0.6e-3, 61):
+        q = np.r_[moved(inertial(round_body), [x, 0.2 * x, -4e-6]), np.zeros(flat_body.n_dofs)]
+        law.force(q)
+        force.append(law.resultant())
+    force = np.array(force)
+    assert law.gaps.moving
+    assert abs(force[:, 2] / force[:, 2].mean() - 1).max() < 0.05
+    assert abs(np.diff(force[:, 2])).max() < 0.02 * force[:, 2].mean()
+    assert abs(force[:, :2]).max() < 1e-3 * force[:, 2].mean()
+
+
+@pytest.mark.parametrize("frame", [inertial, floating])
+@pytest.mark.parametrize("kind", ROWS)
+def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
+    """Pairs held, and normals: those terms vanish at the closest point and for the flat master."""
+    slave, master = frame(round_body, (0, 0, 2e-6)), inertial(flat_body)
+    gaps = PatchGaps(slave, master, kind)
+    turn = [1e-3, -2e-3, 0.1] if frame is floating else [1e-4, -2e-4, 0]
+    q = np.r_[moved(slave, [0.1e-3, 0, -3e-6], turn), np.zeros(flat_body.n_dofs)]
+    gaps.moving = True
+    gaps.at(q)
+    rng, H = np.random.default_rng(0), gaps.jacobian(np.arange(len(gaps.row_nodes)))
+    near = np.flatnonzero(gaps.at(q) < 10e-6)
+    for _ in range(3):
+        d = rng.standard_normal(gaps.n)
+        d *= 1e-8 / abs(H @ d).max()
+        if frame is floating:  # coordinates of rotation are a vector, velocities turn about the body's axes
+            d[3:6] = 0
+        slope = (gaps.at(q + d) - gaps.at(q - d)) / 2
+        gaps.at(q)
+        np.testing.assert_allclose(slope[near], (H @ d)[near], atol=2e-11)
+
+
+def paths(round_body, slave):
+    """Coordinates of the ball on its way: it comes down, slides over facets, tilts, jumps and leaves."""
+    rng = np.random.default_rng(0)
+    for k, u in enumerate(np.linspace(0, 1, 120)):
+        depth = 5e-6 * np.sin(2 * np.pi * u) + 2e-6
+        jump = 0.2e-3 * rng.standard_normal() if k % 40 == 39 else 0.0
+        tilt = [2e-4 * np.sin(9 * u), 1e-4 * u, 0.0]
+        yield moved(slave, [0.5e-3 * u + jump, 0.1e-3 * u, -depth], tilt)
+
+
+@pytest.mark.parametrize("ball_is_slave", [True, False])
+@pytest.mark.parametrize("kind", ROWS)
+def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_is_slave):
+    """Against a search of all points at every place; and those that are have the gaps that it finds."""
+    sides = (
+        [inertial(round_body), inertial(flat_body)] if ball_is_slave else [inertial(flat_body), inertial(round_body)]
+    )
+    gaps = PatchGaps(*sides, kind)
+    gaps.moving, fewest = True, np.inf
+    for own in paths(round_body, inertial(round_body)):
+        q = np.r_[own, np.zeros(flat_body.n_dofs)] if ball_is_slave else np.r_[np.zeros(flat_body.n_dofs), own]
+        found = gaps.at(q)
+        gaps._since = 0  # never frozen again
+        every = gaps._project(*gaps.places(q))[0]
+        expected = dict(zip(every.points.row_nodes, every.gap, strict=True))
+        least = every.gap.min()
+        assert found.min() == pytest.approx(least, abs=1e-10)
+        followed = set(gaps.row_nodes)
+        fewest = min(fewest, len(followed) / len(expected))
+        assert all(gap > max(least, -0.25 * least) for node, gap in expected.items() if node not in followed)
+        inner = [node in expected and not edge for node, edge in zip(gaps.row_nodes, gaps.at_edge, strict=True)]
+        np.testing.assert_allclose(found[inner], [expected[node] for node in gaps.row_nodes[inner]], atol=2e-10)
+    assert fewest < 0.5
+
+
+def test_forces_are_the_same_wherever_both_bodies_are(round_body, flat_body):
+    """Both turned by 70 degrees about an oblique axis and carried away."""
+    turn = np.array([0.7, -0.5, 0.9])
+    axes = FloatingKinematics(round_body, np.zeros(3), turn).frame(np.zeros(round_body.n_dofs))[1]
+    answers = []
+    for rotation, A in ((np.zeros(3), np.eye(3)), (turn, axes)):
+        sides = (
+            floating(round_body, A @ [0.1e-3, 0, 2e-6] + [1, 2, 3], rotation),
+            floating(flat_body, [1.0, 2, 3], rotation),
+        )
+        law = ComplianceContact(PatchGaps(*sides))
+        force = law.force(np.r_[moved(sides[0], A @ [0, 0, -5e-6]), np.zeros(flat_body.n_dofs)])
+        answers.append((A.T @ law.resultant(), force[6 : round_body.n_dofs]))
+    np.testing.assert_allclose(answers[1][0], answers[0][0], rtol=1e-6, atol=1e-6 * answers[0][0][2])
+    assert relative(answers[1][1], answers[0][1]) < 1e-6
+
+
+def test_action_is_reaction_while_sliding(round_body, flat_body):
+    """Linear and angular momentum: forces and moments on both bodies cancel."""
+    slave, master = floating(round_body), floating(flat_body)
+    law = ComplianceContact(PatchGaps(slave, master))
+    q = np.r_[moved(slave, [0.3e-3, 0.1e-3, -4e-6], [1e-3, 2e-3, 0.2]), moved(master, [0, 0, 1e-7], [0, 1e-4, 0])]
+    force = law.force(q)
+    parts = force[: slave.n], force[slave.n :]
+    total, moment = np.zeros(3), np.zeros(3)
+    for side, part, own in zip((slave, master), parts, law.gaps.split(q), strict=True):
+        r, A = side.kinematics.frame(own)
+        total += part[:3]
+        moment += np.cross(r, part[:3]) + A @ part[3:6]
+    size = np.linalg.norm(law.resultant())
+    assert size > 50
+    np.testing.assert_allclose(total, 0, atol=1e-12 * size)
+    np.testing.assert_allclose(moment, 0, atol=1e-9 * size * SPHERE_RADIUS)
+
+
+def test_patches_far_apart_have_no_rows_and_are_hardly_searched(round_body, flat_body, monkeypatch):
+    gaps = PatchGaps(inertial(round_body), inertial(flat_body))
+    gaps.moving, searches = True, []
+    project = PatchGaps._project
+    monkeypatch.setattr(PatchGaps, "_project", lambda *a: searches.append(1) or project(*a))
+    far = np.r_[moved(inertial(round_body), [0, 0, 0.3]), np.zeros(flat_body.n_dofs)]
+    for height in np.geomspace(0.3, 1e-6, 1000):
+        q = np.r_[moved(inertial(round_body), [0.2e-3 * np.sin(1e3 * height), 0, height]), np.zeros(flat_body.n_dofs)]
+        gap = gaps.at(q)
+        if height > 1.5 * gaps.size:
+            assert not len(gap)
+    assert len(searches) < 60
+    assert 0 < gaps.closing(far, 0 * far, 0 * far)[0].min() < 0.301
+    assert gap.min() == pytest.approx(project(gaps, *gaps.places(q))[0].gap.min(), abs=1e-10)
+
+
+def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):
+    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body)))
+    q = np.r_[moved(inertial(round_body), [0.2e-3, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
+    law.force(q)
+    assert law.gaps.moving
+    moving = law.lam.sum()
+    for _ in range(500):
+        law.force(q)
+    assert not law.gaps.moving
+    assert law.lam.sum() == pytest.approx(moving, rel=1e-9)
+
+
+def test_points_past_the_master_s_edge_carry_nothing(round_body, flat_body):
+    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body)))
+    for x in np.linspace(0, 6e-3, 61):
+        law.force(np.r_[moved(inertial(round_body), [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
+        if law.edge_reached() is not None:
+            break
+    assert 1.1e-3 < x < 1.7e-3  # the contact's radius is 0.2 mm, the patch's 1.6
+    for further in np.linspace(x, 6e-3, 61):
+        law.force(np.r_[moved(inertial(round_body), [further, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
+    assert not law.lam.any()
+
+
+def closed(round_body, flat_body):
+    return np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]

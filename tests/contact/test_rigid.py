@@ -1,0 +1,52 @@
+"""Rigid surfaces: gaps to them, surfaces that a body carries, and surfaces that are none."""
+
+import numpy as np
+import pytest
+from oracles import floating, inertial, moved
+
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
+from exudyn_partition.errors import InputError, PenetrationError
+from exudyn_partition.frames.floating import FloatingKinematics
+
+
+@pytest.mark.parametrize("surface", [
+    RigidPlane((0, 0, 0), (0, 0, 2.0)),
+    RigidSphere((0, 0, -0.02), 0.02),
+    RigidCylinder((0, 0, -0.02), (3.0, 0, 0), 0.02),
+])  # fmt: skip
+def test_gap_to_rigid_surfaces(round_body, surface):
+    gaps = RigidGaps(inertial(round_body), surface, "node-to-segment")
+    x = round_body.points[round_body.partition.patches[0].nodes] + [0, 0, 5e-6]
+    expected = {
+        RigidPlane: x[:, 2],
+        RigidSphere: np.linalg.norm(x - [0, 0, -0.02], axis=1) - 0.02,
+        RigidCylinder: np.hypot(x[:, 1], x[:, 2] + 0.02) - 0.02,
+    }[type(surface)]
+    np.testing.assert_allclose(gaps.at(moved(inertial(round_body), [0, 0, 5e-6])), expected, atol=1e-12)
+    assert gaps.moving == (not isinstance(surface, RigidPlane))
+
+
+def test_a_rigid_surface_that_is_carried(round_body):
+    """Contact with a plane that a body turns is that of the patch turned the other way."""
+    A = FloatingKinematics(round_body, np.zeros(3), np.array([0.4, 0.2, -0.3])).frame(np.zeros(round_body.n_dofs))[1]
+    place = np.array([0.1, 0.2, 0.3])
+    side = floating(round_body, place, (0.4, 0.2, -0.3))
+    law = ComplianceContact(RigidGaps(side, RigidPlane(), pose=lambda: (place, A)))
+    law.force(moved(side, A @ [0, 0, -4e-6]))
+    at_rest = ComplianceContact(RigidGaps(inertial(round_body), RigidPlane()))
+    at_rest.force(moved(inertial(round_body), [0, 0, -4e-6]))
+    assert at_rest.lam.sum() > 100
+    assert law.lam.sum() == pytest.approx(at_rest.lam.sum(), rel=1e-6)
+    np.testing.assert_allclose(A.T @ law.resultant(), at_rest.resultant(), rtol=1e-6, atol=1e-6 * at_rest.lam.sum())
+
+
+def test_bad_rigid_surfaces(round_body):
+    with pytest.raises(PenetrationError, match="start inside the rigid surface"):
+        RigidGaps(inertial(round_body, (0, 0, -1e-4)), RigidPlane())
+    with pytest.raises(InputError, match="faces away"):
+        RigidGaps(inertial(round_body), RigidPlane((0, 0, -1), (0, 0, -1)))
+    with pytest.raises(InputError, match="normal: expected a vector"):
+        RigidPlane((0, 0, 0), (0, 0, 0))
+    with pytest.raises(InputError, match="radius"):
+        RigidSphere((0, 0, 0), -1.0)

@@ -1,0 +1,74 @@
+"""Several contacts on one body: hit on both ends at once, a cradle, and one contact a patch."""
+
+from itertools import pairwise
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import box, relative
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError
+
+
+def three_bars(basis, speeds):
+    """Three equal bars that touch, end to end, with these speeds; returns model, bars and contacts."""
+    mbs = exu.SystemContainer().AddSystem()
+    bar = ep.fe_model(box(0.010, 0.008, 0.030), ep.STEEL, maxh=5e-3)
+    top = ep.Partition.ball(bar, (0, 0, 0.03), 8e-3, name="top")
+    bottom = ep.Partition.ball(bar, (0, 0, 0), 8e-3, name="bottom")
+    body = ep.reduce(bar, bottom | top, basis=basis, f_cut=150e3)
+    bars = [
+        ep.CreatePartitionBody(
+            mbs, body, name=f"bar {i}", referencePosition=[0, 0, 0.03 * i], initialVelocity=[0, 0, v]
+        )
+        for i, v in enumerate(speeds, start=-1)
+    ]
+    formulation = "compliance" if basis == "contact-adapted" else "lagrange"
+    between = {"slavePatch": "top", "masterPatch": "bottom", "formulation": formulation}
+    contacts = [ep.CreatePartitionContact(mbs, *pair, **between) for pair in pairwise(bars)]
+    mbs.Assemble()
+    return mbs, bars, contacts
+
+
+@pytest.mark.parametrize(("basis", "loss"), [("contact-adapted", 5e-3), ("free", 0.05), ("craig-bampton", 0.07)])
+def test_a_body_is_hit_on_both_ends_at_once(basis, loss):
+    """A bar between two equal ones that come from both sides: symmetric forces, it stays in place."""
+    mbs, bars, contacts = three_bars(basis, (1.0, 0.0, -1.0))
+    result = ep.solve_dynamic(mbs, end_time=12e-6)
+    forces = [contact.force(result) for contact in contacts]
+    assert forces[0].max() > 100
+    assert relative(forces[0], forces[1]) < 0.1  # the mesh is not symmetric
+    momentum = [bar.momentum(result)[-1, 2] - bar.momentum(result)[0, 2] for bar in bars]
+    assert abs(sum(momentum)) < 1e-9 * abs(momentum[0])
+    energy = sum(item.energy(result) for item in (*bars, *contacts))
+    # Nodes with mass lose their approach velocity when they meet; the residual flexibility has none to lose.
+    np.testing.assert_allclose(energy, energy[0], rtol=loss)
+
+
+def test_a_cradle_of_bars_whose_shapes_move_both_patches():
+    """Craig-Bampton: multipliers of two contacts are one problem, with the impulses of another basis."""
+    impulses = []
+    for basis in ("craig-bampton", "contact-adapted"):
+        mbs, bars, contacts = three_bars(basis, (1.0, 0.0, 0.0))
+        result = ep.solve_dynamic(mbs, end_time=26e-6)
+        assert result.status == "finished"
+        momentum = [bar.momentum(result)[:, 2] for bar in bars]
+        np.testing.assert_allclose(sum(momentum), momentum[0][0], rtol=1e-9)
+        impulses.append([result.history(contact).impulse for contact in contacts])
+        assert momentum[2][-1] > 0.9 * momentum[0][0]
+    np.testing.assert_allclose(*impulses, rtol=0.05)
+
+
+def test_a_patch_takes_one_contact_only(mbs, link):
+    body = ep.reduce(link, ep.Partition.ball(link, (0.005, 0, 0.03), 5e-3, name="side"), f_cut=60e3)
+    ball = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), 5e-3), ep.STEEL, maxh=2e-3)
+    ball_body = ep.reduce(ball, ep.Partition.ball(ball, (-5e-3, 0, 0), 2e-3), f_cut=300e3)
+    target = ep.CreatePartitionBody(mbs, body)
+    balls = [ep.CreatePartitionBody(mbs, ball_body, referencePosition=[0.0101, 0, 0.03]) for _ in range(2)]
+    ep.CreatePartitionContact(mbs, balls[0], target, masterPatch=0)
+    with pytest.raises(InputError, match="its patch 0 already has the contact"):
+        ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="side")
+    with pytest.raises(InputError, match=r"patch: expected the name or number of one of the 1 contact patches"):
+        ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="back")

@@ -1,0 +1,143 @@
+"""Multipliers in explicit runs: conservation, closed gaps, plain and interrupted runs, other solvers."""
+
+import os
+import signal
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from oracles import TOP, collide
+
+import exudyn_partition as ep
+from exudyn_partition.errors import (
+    StoppedRunWarning,
+)
+from exudyn_partition.exudyn_contacts.partition_contact import partition_items
+
+
+@pytest.fixture(scope="module", params=["free", "craig-bampton"])
+def nodal_bodies(request, pair_of):
+    return pair_of(request.param)
+
+
+def nodal_impact(mbs, nodal_bodies):
+    striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
+    target = ep.CreatePartitionBody(mbs, nodal_bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange", name="tip")
+    mbs.Assemble()
+    return striker, target, contact
+
+
+def test_multipliers_conserve_momentum_and_agree_with_compliance(nodal_bodies, impact):
+    mbs = exu.SystemContainer().AddSystem()
+    striker, target, contact = nodal_impact(mbs, nodal_bodies)
+    result = ep.solve_dynamic(mbs, end_time=30e-6)
+    change = [item.momentum(result)[-1, 2] - item.momentum(result)[0, 2] for item in (striker, target)]
+    assert change[0] == pytest.approx(-change[1], rel=1e-9)
+    assert change[0] == pytest.approx(result.history(contact).impulse, rel=1e-9)
+    seldom = ep.solve_dynamic(mbs, end_time=30e-6, sample_period=1e-6)
+    assert change[0] == pytest.approx(seldom.history(contact).impulse, rel=1e-9)
+    energy = striker.energy(result) + target.energy(result)
+    assert energy[-1] == pytest.approx(energy[0], rel=0.02)
+    # Bases without the static answer of what is cut are the stiffer ones: their impulse comes earlier.
+    compliance = ep.solve_dynamic(impact[0], end_time=30e-6, step=0.1e-6)
+    other = impact[1].momentum(compliance)[-1, 2] - impact[1].momentum(compliance)[0, 2]
+    assert 0.99 < change[0] / other < 1.25
+
+
+def test_multipliers_keep_gaps_closed(mbs, nodal_bodies):
+    _, _, contact = nodal_impact(mbs, nodal_bodies)
+    result = ep.solve_dynamic(mbs, end_time=3e-6)
+    q = np.hstack([contact.slave.coordinates(result), contact.master.coordinates(result)])
+    gaps = contact.law.gaps.held.gap[:, None] + contact.law.G @ q.T
+    assert gaps.min() > -1e-15
+    assert contact.force(result).max() > 100
+
+
+def test_a_prestep_function_set_after_the_multipliers(nodal_bodies):
+    mbs, _, _, contact = collide(nodal_bodies, formulation="lagrange")
+    calls = []
+    mbs.SetPreStepUserFunction(lambda mbs, t: calls.append(t) or True)
+    result = ep.solve_dynamic(mbs, end_time=2e-6)
+    assert contact.force(result).max() > 10
+    assert len(calls) == result.steps
+
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 2e-6, result.steps
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    with pytest.raises(Exception, match="its multipliers were not applied in the step"):
+        mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+
+
+def test_a_second_run_is_the_first_again(nodal_bodies, impact):
+    lagrange = collide(nodal_bodies, formulation="lagrange")
+    for mbs, *_, contact in (lagrange, impact):
+        first, second = (contact.force(ep.solve_dynamic(mbs, end_time=3e-6)) for _ in range(2))
+        np.testing.assert_array_equal(first, second)
+        assert first[0] < 0.02 * first.max()
+
+
+def test_multipliers_keep_all_steps_of_plain_runs(nodal_bodies):
+    """Exudyn reads its sensors at the ends alone; explicit multipliers are found before the steps that they act in."""
+    mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
+    for method, solver in (("explicit", "VelocityVerlet"), ("implicit", "GeneralizedAlpha")):
+        ours = ep.solve_dynamic(mbs, end_time=20e-8, step=1e-8, method=method)
+        expected = contact.force(ours)
+        settings = exu.SimulationSettings()
+        settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = ours.t[-1], ours.steps
+        settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+        settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+        mbs.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
+        result = ep.collect(mbs)
+        assert expected.max() > 1
+        np.testing.assert_allclose(result.t, ours.t, atol=1e-15)
+        np.testing.assert_allclose(contact.force(result), expected, atol=1e-5 * expected.max())
+
+
+def test_an_interrupted_run_leaves_nothing_to_the_next(nodal_bodies):
+    mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
+    whole = contact.force(ep.solve_dynamic(mbs, end_time=3e-6))
+
+    def press_ctrl_c(share):
+        if 0.4 < share < 0.6:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
+        ep.solve_dynamic(mbs, end_time=3e-6, sample_period=3e-6, progress=press_ctrl_c)
+    np.testing.assert_array_equal(contact.force(ep.solve_dynamic(mbs, end_time=3e-6)), whole)
+
+
+def test_reading_the_force_during_a_run_changes_nothing(nodal_bodies):
+    mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
+    undisturbed = contact.force(ep.solve_dynamic(mbs, end_time=3e-6, sample_period=0.3e-6))
+    mbs.SetPreStepUserFunction(lambda mbs, t: len(mbs.GetSensorValues(contact["sForce"])) > 0)
+    read = contact.force(ep.solve_dynamic(mbs, end_time=3e-6, sample_period=0.3e-6))
+    np.testing.assert_allclose(read, undisturbed, rtol=1e-12)
+
+
+@pytest.mark.parametrize("nodal_bodies", ["craig-bampton"], indirect=True)  # nodes of mass would only be slower
+def test_multipliers_refuse_the_static_solver(nodal_bodies):
+    """One load step presses the ball into the block, for multipliers act on velocities."""
+    mbs, striker, _, _ = collide(nodal_bodies, formulation="lagrange", initialVelocity=[0, 0, 0])
+    for item in partition_items(mbs)[0]:
+        # Springs hold the rigid motion of both; 50 N, spread over its mass, press the striker down.
+        M_rigid = item.body.mass @ item.body.rigid
+        load = -50.0 / item.body.total_mass * M_rigid[:, 2] * (item is striker)
+        mbs.AddObject(
+            items.ObjectGenericODE2(
+                nodeNumbers=item.nodes,
+                stiffnessMatrix=exu.MatrixContainer(sp.csr_matrix(1e6 / item.body.total_mass**2 * M_rigid @ M_rigid.T)),
+                forceVector=load,
+                visualization=items.VObjectGenericODE2(show=False),
+            )
+        )
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.staticSolver.verboseMode = 0
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    with pytest.raises(Exception, match="needs Exudyn's explicit solver VelocityVerlet"):
+        mbs.SolveStatic(settings)

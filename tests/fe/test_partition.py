@@ -1,0 +1,105 @@
+"""Impact regions and contact patches."""
+
+from dataclasses import replace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.errors import EmptyRegionError, InputError
+from exudyn_partition.fe.model import mesh_fingerprint, same_mesh
+from exudyn_partition.reference import FullBody
+
+
+def test_ball_takes_the_nodes_within_it(block):
+    partition = ep.Partition.ball(block, (0, 0, 0.03), 8e-3, contact_radius=5e-3)
+    distance = np.linalg.norm(block.points - [0, 0, 0.03], axis=1)
+    assert set(np.flatnonzero(distance <= 8e-3)) <= set(partition.nodes)
+    assert set(partition.patch_nodes) <= set(partition.nodes)
+    (patch,) = partition.patches
+    centres = block.points[patch.facets[:, :3]].mean(axis=1)
+    assert np.linalg.norm(centres - [0, 0, 0.03], axis=1).max() <= 5e-3
+    np.testing.assert_allclose(patch.direction, [0, 0, 1], atol=1e-12)
+
+
+def test_direction_can_be_given_within_the_patch_s_half_space(block):
+    given = ep.Partition.ball(block, (0, 0, 0.03), 8e-3, direction=[0, 0.1, 2.0])
+    np.testing.assert_allclose(given.patches[0].direction, np.array([0, 0.1, 2.0]) / np.hypot(0.1, 2.0))
+    with pytest.raises(InputError, match="points out of the patch"):
+        ep.Partition.ball(block, (0, 0, 0.03), 8e-3, direction=[0, 0, -1])
+
+
+def test_region_outside_the_body(block):
+    with pytest.raises(EmptyRegionError, match=r"no node lies within .* the nearest is .* Move the center"):
+        ep.Partition.ball(block, (1, 1, 1), 1e-3)
+
+
+def test_region_without_contact_nodes(block):
+    with pytest.raises(EmptyRegionError, match="so nothing there can touch"):
+        ep.Partition.ball(block, (0, 0, 0.015), 4.5e-3)
+
+
+@pytest.mark.parametrize(
+    ("center", "radius", "message"),
+    [
+        ((0, 0), 1e-3, r"center: expected shape \(3,\), got \(2,\)"),
+        ((0, 0, np.nan), 1e-3, "center: expected finite numbers"),
+        ("abc", 1e-3, "center: expected numbers"),
+        ((0, 0, 0), 0.0, "radius: expected a finite number above zero in m, got 0.0"),
+    ],
+)
+def test_bad_arguments(block, center, radius, message):
+    with pytest.raises(InputError, match=message):
+        ep.Partition.ball(block, center, radius)
+
+
+def test_contact_radius_above_the_region(block):
+    with pytest.raises(InputError, match="contact_radius: expected at most radius"):
+        ep.Partition.ball(block, (0, 0, 0.03), 8e-3, contact_radius=9e-3)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_given_direction_finds_its_side_of_a_thin_sheet(side):
+    """The nearest node may be on the other side; it used to lead, and the direction was refused."""
+    sheet = occ.Box(occ.Pnt(-0.01, -0.01, -5e-5), occ.Pnt(0.01, 0.01, 5e-5))
+    fem = ep.fe_model(sheet, ep.STEEL, maxh=4e-3, grading=0.9)
+    other = fem.points[np.isclose(fem.points[:, 2], -side * 5e-5)]
+    center = other[np.linalg.norm(other, axis=1).argmin()] * [1, 1, -0.9]
+    patch = ep.Partition.ball(fem, center, 3e-3, direction=(0, 0, side)).patches[0]
+    np.testing.assert_allclose(fem.points[patch.facets][:, :, 2], side * 5e-5)
+
+
+def test_a_partition_knows_its_mesh_and_not_only_its_number_of_nodes(block, top):
+    """Nodes at other places: patches of such a partition would lie at the wrong place."""
+    again = ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, maxh=5e-3)
+    assert (top | ep.Partition.ball(again, (0, 0, 0), 4e-3)).n_nodes == block.n_nodes  # one mesh, made twice
+    stretched = ep.fe_model(box(0.01, 0.02, 0.030001), ep.STEEL, maxh=5e-3)
+    assert stretched.n_nodes == block.n_nodes
+    assert top.is_of(block)
+    assert not top.is_of(stretched)
+    for call in (lambda: ep.reduce(stretched, top, f_cut=8e4), lambda: FullBody(stretched, top)):
+        with pytest.raises(InputError, match="partition: was made for another mesh with as many nodes"):
+            call()
+    with pytest.raises(InputError, match=r"both are of meshes with .* these differ"):
+        top | ep.Partition.ball(stretched, (0, 0, 0), 4e-3)
+
+
+def test_patches_go_along_with_a_mesh_that_is_moved_and_interfaces_do_not(block, top):
+    moved = replace(block, points=block.points + 1e-3)
+    assert top.is_of(moved)
+    base = ep.Partition.interface(block, "base", np.flatnonzero(block.points[:, 2] < 1e-9))
+    assert base.is_of(block)
+    assert not base.is_of(moved)
+
+
+def test_a_fingerprint_depends_on_places_order_and_facets_of_nodes(block):
+    def differs(points, facets):
+        return not same_mesh(block.fingerprint, mesh_fingerprint(points, facets))
+
+    order = np.random.default_rng(0).permutation(block.n_nodes)
+    assert differs(block.points[order], block.facets)
+    assert differs(block.points, order[block.facets])
+    assert differs(block.points + 1e-7 * (np.arange(block.n_nodes) == 99)[:, None], block.facets)
+    assert not differs(block.points * (1 + 1e-15), block.facets[::-1])

@@ -1,0 +1,75 @@
+"""Kinematics of nodes in both frames: places, velocities, generalised forces, histories."""
+
+import numpy as np
+import pytest
+from oracles import PLACE, TURNED
+from scipy.spatial.transform import Rotation
+
+from exudyn_partition.frames.floating import FloatingKinematics
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.frames.rotations import rotation_matrix
+
+# --- kinematics of nodes
+
+
+@pytest.fixture(params=["inertial", "floating", "floating off the node's axes"])
+def kinematics(request, plank, body):
+    nodes = plank[1].patch_nodes
+    if "floating" in request.param:
+        node_rotation = np.array([0.3, -0.2, 0.9]) if "off" in request.param else None
+        return FloatingKinematics(body, PLACE, Rotation.from_matrix(TURNED).as_rotvec(), nodes, node_rotation)
+    return InertialKinematics(body, PLACE, nodes)
+
+
+def moved(kinematics, q, q_t, dt):
+    """Coordinates after dt at constant velocities."""
+    after = q + dt * q_t
+    if isinstance(kinematics, FloatingKinematics):
+        axes = Rotation.from_matrix(kinematics.frame(q)[1] @ kinematics.node_axes)
+        turn = axes * Rotation.from_rotvec(dt * q_t[3:6])
+        after[3:6] = turn.as_rotvec() - kinematics.rotation
+    return after
+
+
+def test_velocities_and_forces_of_nodes(kinematics):
+    """Velocities by finite differences of places; generalised forces by their power on all motions."""
+    rng = np.random.default_rng(1)
+    n = kinematics.body.n_dofs
+    q, q_t = 1e-3 * rng.standard_normal((2, n))
+    forces = rng.standard_normal((len(kinematics.arms), 3))
+    if isinstance(kinematics, FloatingKinematics):
+        q[3:6], q_t[3:6] = [0.3, 0.8, -0.4], [0.02, -0.03, 0.05]
+    dt = 1e-3
+    difference = kinematics.place(moved(kinematics, q, q_t, dt)) - kinematics.place(moved(kinematics, q, q_t, -dt))
+    np.testing.assert_allclose(kinematics.velocities(q, q_t), difference / (2 * dt), atol=1e-8)
+    power = [np.sum(forces * kinematics.velocities(q, unit)) for unit in np.eye(n)]
+    np.testing.assert_allclose(kinematics.generalised(q, forces), power, atol=1e-12 * abs(np.array(power)).max())
+    np.testing.assert_allclose(
+        kinematics.place(q), kinematics.place(np.zeros(n)) + kinematics.displacements(q), atol=1e-15
+    )
+
+
+def test_histories_are_one_state_after_the_other(kinematics):
+    rng = np.random.default_rng(2)
+    q, q_t = 1e-3 * rng.standard_normal((2, 4, kinematics.body.n_dofs))
+    for method, arguments in (
+        (kinematics.place, (q,)), (kinematics.displacements, (q,)), (kinematics.deformation, (q,)),
+        (kinematics.velocities, (q, q_t)), (kinematics.momentum, (q_t,)), (kinematics.kinetic_energy, (q, q_t)),
+        (kinematics.rigid_motion, (q,)), (kinematics.elastic, (q,)),
+        (lambda *both: kinematics.angular_momentum(*both, PLACE), (q, q_t)),
+    ):  # fmt: skip
+        each = [method(*one) for one in zip(*arguments, strict=True)]
+        np.testing.assert_allclose(method(*arguments), each, atol=1e-12 * abs(np.array(each)).max())
+
+
+def test_the_reference_place_is_the_mesh_turned_and_shifted(plank, body):
+    nodes = plank[1].patch_nodes
+    kinematics = FloatingKinematics(body, PLACE, Rotation.from_matrix(TURNED).as_rotvec()).at(nodes)
+    np.testing.assert_allclose(
+        kinematics.place(np.zeros(body.n_dofs)), PLACE + body.points[nodes] @ TURNED.T, atol=1e-12
+    )
+
+
+def test_rotation_matrices():
+    vectors = np.array([[0, 0, 0], [1e-9, 0, 0], [0.1, 0.2, -0.3], [2, -2, 1], [0, 0, 2 * np.pi]])
+    np.testing.assert_allclose(rotation_matrix(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-14)

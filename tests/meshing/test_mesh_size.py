@@ -1,0 +1,53 @@
+"""What a mesh says of itself, what it would take, and what Netgen, meshio and threads must not do to the process."""
+
+import meshio
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.errors import MemoryLimitError, UnitsWarning
+from exudyn_partition.meshing import mesh_size
+
+BLOCK = box(0.01, 0.02, 0.03)
+
+
+def test_a_mesh_beyond_memory_is_refused_at_once():
+    """A shape in millimetres meshed by metres; and what the estimate is worth where a mesh can be made."""
+    with pytest.raises(MemoryLimitError, match=r"would be about 2\.2e\+11 and take .* GB, of .* GB .*millimetres"):
+        ep.fe_model(box(10, 20, 30), ep.STEEL, maxh=5e-3)
+    with pytest.raises(MemoryLimitError, match="refinement included"):
+        ep.fe_model(BLOCK, ep.STEEL, maxh=5e-3, refine=ep.Refine((0, 0, 0.015), 5e-3, 4.5e-5))
+
+
+@pytest.mark.parametrize(
+    ("size", "maxh", "refine"), [((1, 1, 1), 0.1, ()), ((1, 1, 0.02), 0.1, ()), ((1, 1, 1), 0.2, 0.03)]
+)
+def test_the_estimated_number_of_elements(monkeypatch, size, maxh, refine):
+    fine = [ep.Refine((0, 0, 1), 0.1, refine)] if refine else []
+    shape = box(*size)
+    monkeypatch.setattr(mesh_size, "available_memory", lambda: (0.0, 0.0))
+    with pytest.raises(MemoryLimitError) as caught:
+        ep.generate_mesh(shape, maxh=maxh, refine=fine)
+    estimated = float(str(caught.value).split("would be about ")[1].split()[0].rstrip(","))
+    monkeypatch.undo()
+    assert 0.5 < ep.generate_mesh(shape, maxh=maxh, refine=fine).ne / estimated < 2
+
+
+def test_matrices_beyond_memory_are_refused(monkeypatch, block, tmp_path):
+    meshio.Mesh(block.points, [("tetra10", block.cells)]).write(tmp_path / "block.vtu")
+    monkeypatch.setattr(mesh_size, "available_memory", lambda: (1e6, 1e6))
+    with pytest.raises(MemoryLimitError, match=r"the matrices of 520 nodes would take about 0\.00988 GB, of 0\.001 GB"):
+        ep.fe_model(tmp_path / "block.vtu", ep.STEEL)
+
+
+@pytest.mark.parametrize(
+    ("size", "maxh", "said"),
+    [
+        ((10e-6, 20e-6, 30e-6), 1e-5, r"is 3e-05 long .* scaled twice"),
+        ((0.2e-3, 0.2e-3, 1), 5e-3, "drawn in two units"),
+        ((0.79, 1.18, 0.39), 0.4, r"in inches by 0\.0254"),  # a part of 0.047 kg
+    ],
+)
+def test_sizes_of_few_bodies(size, maxh, said):
+    with pytest.warns(UnitsWarning, match=said):
+        ep.fe_model(box(*size), ep.STEEL, maxh=maxh)

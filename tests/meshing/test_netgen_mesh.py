@@ -1,0 +1,92 @@
+"""Meshes by Netgen: what it does not survive, options beside a mesh, threads that take turns."""
+
+import sys
+import threading
+
+import meshio
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.meshing.netgen_mesh import _check_tips
+
+BLOCK = box(0.01, 0.02, 0.03)
+
+
+def test_a_mesh_that_misses_its_shape():
+    ball = occ.Sphere(occ.Pnt(0, 0, 0), 0.01)
+    mesh = ep.generate_mesh(ball, maxh=0.005)
+    assert ep.fe_model(mesh, ep.STEEL).total_mass == pytest.approx(4.18879e-6 * 7800, rel=0.01)
+
+
+@pytest.mark.parametrize("grading", [1e-6, 0.01, 5, float("nan"), None])
+def test_gradings_that_netgen_does_not_survive(grading):
+    with pytest.raises(InputError, match="grading: expected"):
+        ep.generate_mesh(BLOCK, maxh=0.01, grading=grading)
+
+
+def test_boxes_without_size():
+    for corner in (np.nan, np.inf):
+        with pytest.raises(InputError, match="shape: expected a body of finite size"):
+            ep.fe_model(occ.Box((0, 0, 0), (corner, 1, 1)), ep.STEEL, maxh=0.1)
+
+
+@pytest.mark.parametrize("option", [{"maxh": 1e-3}, {"refine": ep.Refine((0, 0, 0), 1e-3, 1e-4)}, {"grading": 0.5}])
+def test_options_of_meshing_beside_a_mesh(block, tmp_path, option):
+    meshio.Mesh(block.points, [("tetra10", block.cells)]).write(tmp_path / "block.vtu")
+    for source in (tmp_path / "block.vtu", ep.generate_mesh(BLOCK, maxh=0.02)):
+        with pytest.raises(InputError, match=f"{next(iter(option))}: a mesh is taken as it is, .* no effect"):
+            ep.fe_model(source, ep.STEEL, **option)
+
+
+@pytest.mark.parametrize("source", [None, 3, [1, 2], {}, b"rod.step"])
+def test_what_is_no_source(source):
+    with pytest.raises(InputError, match=r"(source|shape): expected"):
+        ep.fe_model(source, ep.STEEL, maxh=1e-3)
+
+
+def test_threads_take_turns_and_standard_output_comes_back(block, tmp_path):
+    meshio.Mesh(block.points, [("tetra10", block.cells)]).write(tmp_path / "block.vtu")
+    (tmp_path / "broken.vtu").write_text("rubbish")
+    failed = []
+
+    def work(length):
+        try:
+            for _ in range(2):
+                made = ep.fe_model(box(0.01, 0.02, length), ep.STEEL, maxh=0.02)
+                np.testing.assert_allclose(made.total_mass, 7800 * 2e-4 * length, rtol=1e-9)
+                read = ep.fe_model(tmp_path / "block.vtu", ep.STEEL)
+                np.testing.assert_array_equal(read.points, block.points)
+                with pytest.raises(InputError):
+                    ep.fe_model(tmp_path / "broken.vtu", ep.STEEL)
+        except BaseException as error:  # also pytest's own
+            failed.append(error)
+
+    before = sys.stdout
+    threads = [threading.Thread(target=work, args=(0.01 * i,)) for i in range(1, 5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed
+    assert sys.stdout is before
+
+
+def test_the_tip_of_a_sharp_cone_is_refused():
+    """Netgen writes where it must not there, and ends the program then or later; blunt cones and spheres it can."""
+
+    def cone(half_angle):
+        frame = occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1))
+        return occ.Cone(frame, 0.0, 0.02 * np.tan(np.radians(half_angle)), 0.02, 2 * np.pi)
+
+    with pytest.raises(MeshError, match=r"the cone with its tip .* half angle 20 degrees"):
+        ep.fe_model(cone(20), ep.STEEL, maxh=5e-3)
+    turned = cone(30).Rotate(occ.Axis((0, 0.1, 0), occ.X), 70) + occ.Sphere(occ.Pnt(0.2, 0, 0), 0.01)
+    with pytest.raises(MeshError, match="half angle 30 degrees"):
+        ep.fe_model(turned, ep.STEEL, maxh=5e-3)
+    cut = occ.Cone(occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1)), 2e-3, 9e-3, 0.02, 2 * np.pi)
+    for shape in (cone(60), cut, occ.Sphere(occ.Pnt(0, 0, 0), 0.01), occ.Cylinder(occ.Pnt(0, 0, 0), occ.X, 0.1, 0.2)):
+        _check_tips(shape, 0.02)

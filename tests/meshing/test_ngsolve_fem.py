@@ -1,0 +1,109 @@
+"""FE models of shapes: curved elements, names of boundaries, units, and shapes that cannot be meshed."""
+
+import netgen.occ as occ
+import ngsolve
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
+from exudyn_partition.errors import InputError, LockingError, MeshError, UnitsWarning
+
+
+def test_quadratic_elements_follow_a_sphere():
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), 0.01)
+    exact = 4 / 3 * np.pi * 0.01**3 * 7800
+    mesh = ep.generate_mesh(shape, maxh=4e-3)
+    curved, straight = (ep.fe_model(mesh, ep.STEEL, order=order) for order in (2, 1))
+    assert abs(curved.total_mass / exact - 1) < 3e-3
+    assert straight.total_mass / exact < 0.97
+    on_surface = np.linalg.norm(curved.points[np.unique(curved.facets)], axis=1)
+    np.testing.assert_allclose(on_surface, 0.01, rtol=5e-3)
+    assert mesh.GetCurveOrder() == 2  # the caller's mesh is left as it was
+
+
+def test_boundaries_keep_their_names():
+    shape = box(0.01, 0.02, 0.03)
+    shape.faces.Max(occ.Z).name = "top"
+    fem = ep.fe_model(shape, ep.STEEL, maxh=8e-3)
+    assert fem.points[fem.facets[fem.boundaries["top"]], 2] == pytest.approx(0.03)
+    assert sum(map(len, fem.boundaries.values())) == len(fem.facets)
+
+
+def test_millimetres_with_an_si_material_warn():
+    with pytest.warns(UnitsWarning, match="scale it by 1e-3"):
+        ep.fe_model(box(10, 20, 30), ep.STEEL, maxh=10)
+
+
+@pytest.mark.parametrize(("E", "rho"), [(210e3, 7.8e-9), (1.0, 1.0)])
+def test_other_systems_of_units_do_not_warn(E, rho):
+    fem = ep.fe_model(box(10, 20, 30), ep.Material(E=E, nu=0.3, rho=rho), maxh=10)
+    assert fem.total_mass == pytest.approx(6000 * rho)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"order": 3, "maxh": 1e-3}, "order: expected 1 or 2"),
+        ({}, "maxh"),
+        ({"maxh": -1.0}, "maxh: expected a finite number above zero"),
+    ],
+)
+def test_bad_options(arguments, message):
+    with pytest.raises(InputError, match=message):
+        ep.fe_model(box(0.01, 0.01, 0.01), ep.STEEL, **arguments)
+
+
+def test_not_a_shape():
+    with pytest.raises(InputError, match="expected an OCC shape"):
+        ep.fe_model([1, 2, 3], ep.STEEL, maxh=1e-3)
+
+
+def test_surface_mesh_is_refused():
+    mesh = ngsolve.Mesh(occ.OCCGeometry(occ.Rectangle(1, 1).Face(), dim=2).GenerateMesh(maxh=0.5))
+    with pytest.raises(MeshError, match="three-dimensional"):
+        ep.fe_model(mesh, ep.STEEL)
+
+
+def test_nearly_incompressible_material_in_linear_and_quadratic_elements():
+    """Linear elements lock; quadratic ones hardly change their lowest mode from nu = 0.499 to 0.4999."""
+    lowest = []
+    for nu in (0.499, 0.4999):
+        rubber = ep.Material(E=210e9, nu=nu, rho=7800.0)
+        with pytest.raises(LockingError, match=r"expected at most 0.49 .* Take quadratic tetrahedra"):
+            ep.fe_model(box(0.01, 0.02, 0.03), rubber, maxh=5e-3, order=1)
+        fem = ep.fe_model(box(0.01, 0.02, 0.03), rubber, maxh=5e-3)
+        rigid = mass_normalised(fem.rigid_modes, fem.mass)
+        lowest.append(eigenmodes(fem.stiffness, fem.mass, rigid, 2 * np.pi * 50e3).omega[0])
+    assert lowest[1] == pytest.approx(lowest[0], rel=5e-3)
+
+
+def tube(wall):
+    """A tube of 10 mm radius."""
+    cylinders = (occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=r, h=0.03) for r in (0.010, 0.010 - wall))
+    return next(cylinders) - next(cylinders)
+
+
+def test_elements_that_curving_turns_inside_out():
+    """Two of them across a thin wall: their mass would be 3 % too large, silently."""
+    mesh = ep.generate_mesh(tube(0.5e-3), maxh=0.02, grading=0.9)
+    with pytest.raises(MeshError, match=r"\d+ of \d+ elements are inverted .* a smaller maxh, or refine there"):
+        ep.fe_model(mesh, ep.STEEL)
+    assert ep.fe_model(mesh, ep.STEEL, order=1).total_mass > 0
+    fine = ep.fe_model(tube(1.5e-3), ep.STEEL, maxh=4e-3)
+    exact = np.pi * (0.010**2 - 0.0085**2) * 0.03 * ep.STEEL.rho
+    np.testing.assert_allclose(fine.total_mass, exact, rtol=1e-3)
+
+
+def test_a_shape_that_netgen_cannot_mesh():
+    shell = occ.Sphere(occ.Pnt(0, 0, 0), 0.01) - occ.Sphere(occ.Pnt(0, 0, 0), 0.0097)
+    with pytest.raises(MeshError, match=r"Netgen could not mesh it with maxh=0.02 m .* Take a smaller maxh"):
+        ep.generate_mesh(shell, maxh=0.02, grading=0.9)
+
+
+def test_a_mesh_that_is_curved_beyond_the_elements_order():
+    mesh = ep.generate_mesh(occ.Sphere(occ.Pnt(0, 0, 0), 0.01), maxh=0.01)
+    mesh.Curve(3)
+    with pytest.raises(MeshError, match=r"curved with order 3, expected at most 2.*mesh.Curve\(2\)"):
+        ep.fe_model(mesh, ep.STEEL)

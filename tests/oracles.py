@@ -1,0 +1,157 @@
+"""What several tests share: small bodies by their measures, models of a few lines, dense answers to compare with."""
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import meshio
+import netgen.occ as occ
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import exudyn_partition as ep
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.frames.floating import FloatingKinematics
+from exudyn_partition.frames.inertial import InertialKinematics
+
+SPHERE_RADIUS = 0.010  # of the fixtures `sphere`, `other_sphere` and `ball` [m]
+MARBLE_RADIUS = 5e-3  # [m]
+SIZE = np.array([0.01, 0.02, 0.03])  # of the fixture `block` [m]
+TOP = (0.0, 0.0, 0.03)  # centre of its upper face [m]
+SPHERE_MATERIAL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
+PLACE = np.array([0.1, -0.2, 0.3])  # anywhere [m]
+TURNED = Rotation.from_rotvec([0.5, -1.0, 0.7]).as_matrix()
+SPIN = np.array([100.0, 200.0, 200.0])  # 300 in all [rad/s]
+HINGE = [1, 1, 1, 1, 0, 1]  # axes of a joint that is free about y
+KINDS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}  # meshio's names, by the number of nodes
+
+
+def relative(x, y):
+    """||x - y|| / ||y||."""
+    return np.linalg.norm(x - y) / np.linalg.norm(y)
+
+
+# Shapes and meshes.
+
+
+def box(lx, ly, lz):
+    """A box from the origin upwards, centred in x and y."""
+    return occ.Box(occ.Pnt(-lx / 2, -ly / 2, 0), occ.Pnt(lx / 2, ly / 2, lz))
+
+
+def dome(height=0.1):
+    """One quadratic facet bent upwards, over the triangle between the unit vectors of x and y."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    middle = (corners + np.roll(corners, -1, axis=0)) / 2 + [0, 0, height]
+    return np.vstack([corners, middle])
+
+
+def hexahedra(*n):
+    """Points and cells of a box of `SIZE` from the origin upwards, centred in x and y."""
+    axes = [np.linspace(0, length, k + 1) for length, k in zip(SIZE, n, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) - [*SIZE[:2] / 2, 0]
+    number = np.arange(len(points)).reshape([k + 1 for k in n])
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    parts = [number[tuple(slice(a, a + k) for a, k in zip(corner, n, strict=True))].ravel() for corner in corners]
+    return points, np.stack(parts, axis=1)
+
+
+def write(path, points, *blocks, file_format=None, **data):
+    """Write a mesh to a file, and return its path."""
+    blocks = [block if isinstance(block, tuple) else (KINDS[block.shape[1]], block) for block in blocks]
+    meshio.write(path, meshio.Mesh(points, blocks, **data), file_format=file_format)
+    return path
+
+
+def end(fem, z):
+    """Nodes at a height."""
+    return np.flatnonzero(abs(fem.points[:, 2] - z) < 1e-9)
+
+
+# Bodies.
+
+
+def dense_basis(body):
+    """T as a dense matrix, column by column."""
+    return np.column_stack([body.displacement(unit).ravel() for unit in np.eye(body.n_dofs)])
+
+
+def mass_matrix(fem, body):
+    """The FE mass that a body's basis is normalised by."""
+    return fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
+
+
+def in_frame(body):
+    """Kinematics of all nodes of a body, whose frame has the axes of the mesh."""
+    return FloatingKinematics(body, np.zeros(3), np.zeros(3), np.arange(len(body.points)))
+
+
+def inertial(body, at=(0.0, 0.0, 0.0)):
+    """Contact side of a body that is held in space."""
+    return Side.of(InertialKinematics(body, np.array(at)))
+
+
+def floating(body, at=(0.0, 0.0, 0.0), rotation=(0.0, 0.0, 0.0)):
+    """Contact side of a body in a floating frame."""
+    return Side.of(FloatingKinematics(body, np.array(at), np.array(rotation)))
+
+
+def moved(side, translation, rotation=(0.0, 0.0, 0.0)):
+    """Coordinates of a side whose body has moved as a whole."""
+    if isinstance(side.kinematics, FloatingKinematics):
+        return np.r_[translation, rotation, np.zeros(side.n - 6)]
+    return side.kinematics.body.rigid @ np.r_[translation, rotation]
+
+
+def closed(round_body, flat_body):
+    """Coordinates of both, the round body pressed into the flat one by 4 um."""
+    return np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
+
+
+# Models.
+
+
+def ground(mbs, place=(0, 0, 0), axes=None):
+    """Marker fixed in space."""
+    frame = np.eye(4)
+    frame[:3, 3], frame[:3, :3] = place, np.eye(3) if axes is None else axes
+    return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround()), localHT=frame))
+
+
+def sensors(mbs, marker, kinds):
+    """Sensors of a marker, one of each kind."""
+    return [
+        mbs.AddSensor(items.SensorMarker(markerNumber=marker, outputVariableType=k, storeInternal=True)) for k in kinds
+    ]
+
+
+def jointed(body, frame, axes=(1,) * 6, **options):
+    """A body whose interface foot is on a joint at the origin."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, **options)
+    joint = items.GenericJoint(markerNumbers=[ground(mbs), item.CreateInterfaceMarker(mbs, "foot")])
+    joint.constrainedAxes = list(axes)
+    return mbs, item, mbs.AddObject(joint)
+
+
+def collide(bodies, mbs=None, gap=0.0, formulation="compliance", **options):
+    """Ball and block at 1 m/s, assembled."""
+    mbs = mbs or exu.SystemContainer().AddSystem()
+    striker = ep.CreatePartitionBody(
+        mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, gap]), **{"initialVelocity": [0, 0, -1.0], **options}
+    )
+    target = ep.CreatePartitionBody(mbs, bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation=formulation)
+    mbs.Assemble()
+    return mbs, striker, target, contact
+
+
+def add_force(mbs, item, vector):
+    """Add a constant force, spread over the body's mass, (3,) [N]."""
+    body = item.body
+    load = np.r_[vector, np.zeros(body.n_dofs - 3)]
+    if item.frame == "inertial":
+        load = body.mass @ body.rigid[:, :3] @ vector / body.total_mass
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=item.nodes, forceVector=load, visualization=items.VObjectGenericODE2(show=False)
+        )
+    )

@@ -1,0 +1,134 @@
+"""The page of a run: its numbers are the run's, it stands alone, and it says what went wrong."""
+
+import base64
+import html
+import re
+from html.parser import HTMLParser
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from oracles import TOP
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, StoppedRunWarning
+
+
+class Cells(HTMLParser):
+    """Rows of all tables, as text, and the sources of all images; open tags are counted."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.rows, self.images, self.open = [], [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag == "img":
+            self.images.append(dict(attrs)["src"])
+        elif tag != "meta":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+    def row(self, first):
+        (found,) = (row[1:] for row in self.rows if row and row[0] == first)
+        return found
+
+
+def read(path):
+    page = path.read_text(encoding="utf-8")
+    cells = Cells(page)
+    assert not cells.open
+    return page, cells
+
+
+def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
+    mbs, striker, target, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=60e-6, step=0.2e-6)
+    path = result.report(tmp_path / "run.html", title="ball <on> block")
+    page, cells = read(path)
+    assert "<h1>ball &lt;on&gt; block</h1>" in page
+    force = contact.force(result)
+    peak, when = cells.row("peak force")[0].split(" N at ")
+    assert float(peak) == pytest.approx(force.max(), rel=1e-4)
+    assert float(when.split()[0]) == pytest.approx(result.t[force.argmax()], rel=1e-5)
+    assert float(cells.row("impulse")[0].split()[0]) == pytest.approx(np.trapezoid(force, result.t), rel=1e-4)
+    assert cells.row("step") == ["2e-07 s, 300 steps"]
+    energy = striker.energy(result) + target.energy(result) + contact.energy(result)
+    start, end, change = map(float, cells.row("with contacts' [J]"))
+    assert (start, end) == pytest.approx((energy[0], energy[-1]), rel=1e-5)
+    assert change == pytest.approx((energy[-1] - energy[0]) / energy.max(), rel=0.01, abs=1e-9)
+    assert float(cells.row("momentum z [N s]")[0]) == pytest.approx(-striker.body.total_mass, rel=1e-5)
+    assert abs(float(cells.row("momentum z [N s]")[2])) < 1e-9
+    assert cells.row("exudyn") == [ep.versions()["exudyn"]]
+    for said in (*striker.left_out, *contact.left_out):
+        assert html.escape(said) in page
+    listed = [row for row in cells.rows if len(row) == 4 and re.fullmatch(r"[\d.e-]+", row[0])]
+    assert len(listed) == len(contact.impacts(result))
+
+
+def test_the_page_stands_alone_with_its_figures(impact, tmp_path):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6)
+    page, cells = read(result.report(tmp_path / "run.html"))
+    assert len(cells.images) == 3  # force, energy, the bodies
+    assert not re.search(r"(src|href)=\"(?!data:image/png;base64,)", page)
+    for i, source in enumerate(cells.images):
+        picture = tmp_path / f"{i}.png"
+        picture.write_bytes(base64.b64decode(source.split(",")[1]))
+        assert imread(picture).std() > 0.05
+    scale = float(re.search(r"drawn (\S+) times as large", page)[1])
+    assert scale >= 10
+
+
+def test_a_run_that_ended_early_says_so(impact, tmp_path):
+    mbs, *_ = impact
+    mbs.SetPreStepUserFunction(lambda mbs, t: t < 10e-6)
+    with pytest.warns(StoppedRunWarning):
+        result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6)
+    page, _ = read(result.report(tmp_path / "run.html"))
+    assert re.search(r'<p class="warning">interrupted: a PreStep or other user function ended the run', page)
+
+
+def test_bodies_that_miss_each_other(mbs, bodies, tmp_path):
+    striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, 1.0])
+    ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, bodies[1]))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=10e-6, step=0.2e-6)
+    _, cells = read(result.report(tmp_path / "run.html"))
+    assert cells.row("peak force")[0].startswith("none: the bodies did not touch; smallest gap ")
+
+
+def test_a_surface_carried_by_another_body(mbs, bodies, tmp_path):
+    """Its contact cannot be evaluated after the run: the page says that the stored energy is not known."""
+    ground = mbs.AddObject(items.ObjectGround())
+    striker = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -1.0])
+    ep.CreatePartitionContact(mbs, striker, ep.RigidPlane((0, 0, 0), (0, 0, 1)), masterBody=ground)
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 10e-6, 100
+    settings.timeIntegration.verboseMode = 0
+    settings.solution.sensors.writePeriod = 0.1e-6
+    settings.solution.file.write = False
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    page, cells = read(ep.collect(mbs).report(tmp_path / "run.html"))
+    assert "not known after the run where a body of another kind carries" in page
+    assert cells.row("step") == ["1e-07 s, 100 steps"]
+
+
+def test_a_page_needs_a_folder(impact, tmp_path):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=2e-6, step=0.2e-6)
+    with pytest.raises(InputError, match=r"there is no folder .*nowhere to write run\.html into; make it first"):
+        result.report(tmp_path / "nowhere" / "run.html")

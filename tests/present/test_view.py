@@ -1,0 +1,111 @@
+"""Exudyn's renderer: what it would draw, as data, and pictures by its raytracer; neither needs a screen."""
+
+import os
+
+import exudyn as exu
+import numpy as np
+import pytest
+from matplotlib import colormaps
+from oracles import TOP
+from scipy.spatial import cKDTree
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, RunError
+
+
+def drawn_points(SC):
+    """Corners of the triangles that the renderer would draw, (n, 3) [m], and their colours."""
+    data = SC.renderer.GetGraphicsData(flatShapes=True)["triangles"]
+    return np.asarray(data["points"]).reshape(-1, 3), np.asarray(data["colors"]).reshape(-1, 4)
+
+
+@pytest.fixture
+def scene(bodies):
+    """The ball about to hit the block, with a view whose deformation is drawn a hundred times as large."""
+    SC = exu.SystemContainer()
+    mbs = SC.AddSystem()
+    striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
+    target = ep.CreatePartitionBody(mbs, bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
+    ep.CreatePartitionView(mbs, scale=100.0)
+    mbs.Assemble()
+    return SC, mbs, striker, target, contact
+
+
+def test_the_renderer_draws_the_deformed_surfaces(scene):
+    SC, mbs, striker, target, _ = scene
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.5e-6)
+    expected, magnitude = [], []
+    for item in (striker, target):
+        nodes = np.unique(item.body.facets)
+        at, q = item.kinematics.at(nodes), item.coordinates(result)[-1]
+        expected.append(at.place(q) + 99 * at.deformation(q))
+        magnitude.append(np.linalg.norm(at.deformation(q), axis=1))
+    points, colours = drawn_points(SC)
+    # Exudyn draws in single precision.
+    for some, others in ((points, np.vstack(expected)), (np.vstack(expected), points)):
+        assert cKDTree(others).query(some)[0].max() < 1e-8
+    largest = np.concatenate(magnitude)
+    hottest = np.vstack(expected)[largest.argmax()]
+    nearest = np.linalg.norm(points - hottest, axis=1).argmin()
+    np.testing.assert_allclose(colours[nearest, :3], colormaps["viridis"](1.0)[:3], atol=0.01)
+    text = SC.renderer.GetGraphicsData()["texts"]["text"]
+    assert text == [f"deformation {largest.min():.3g} to {largest.max():.3g} m, deformed x 100"]
+
+
+def test_a_view_costs_nothing(scene, impact):
+    """Neither coordinates nor a call of its function, and the run is the same in every bit."""
+    _, mbs, *_, contact = scene
+    plain, *_, other = impact
+    assert mbs.systemData.ODE2Size() == plain.systemData.ODE2Size()
+    force = contact.force(ep.solve_dynamic(mbs, end_time=20e-6, step=0.5e-6))
+    np.testing.assert_array_equal(force, other.force(ep.solve_dynamic(plain, end_time=20e-6, step=0.5e-6)))
+
+
+def test_a_picture_shows_the_bodies_and_their_colours(impact, ball, block):
+    mbs, striker, target, _ = impact
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.5e-6)
+    pairs = [(striker, ball[0]), (target, block)]
+    image = ep.view.picture(result, 15e-6, pairs, field="von_mises", limits=(0, 50e6), size=(320, 240))
+    assert (image.shape, image.dtype) == ((240, 320, 3), np.uint8)
+    coloured = np.ptp(image.astype(int), axis=2) > 30
+    assert 0.05 < coloured.mean() < 0.6
+    coloured[180:, :80] = False  # the axes of space
+    assert np.flatnonzero(coloured.any(axis=1))[[0, -1]].mean() == pytest.approx(120, abs=12)  # in the middle
+    other = ep.view.picture(result, 15e-6, pairs, field="von_mises", limits=(0, 5e9), size=(320, 240))
+    assert abs(image.astype(int) - other).mean() > 0.3  # the colours follow their limits
+
+
+@pytest.mark.parametrize("rotation", [(0, 0, 0), (-1.2, 0, 0.3), (0.4, 2.0, -0.5)])
+def test_the_text_stands_above_the_bodies_from_where_they_are_seen(impact, rotation):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
+    image = ep.view.picture(result, 0.0, rotation=rotation, size=(320, 240)).astype(int)
+    coloured = np.ptp(image, axis=2) > 30
+    text = ~coloured & (image.max(axis=2) < 100)
+    coloured[180:, :80] = text[180:, :80] = False  # the axes of space
+    assert text.any()
+    assert np.flatnonzero(text.any(axis=1)).max() < np.flatnonzero(coloured.any(axis=1)).min()
+
+
+def test_a_film_needs_a_screen(impact):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
+    if os.environ.get("DISPLAY"):  # run so once, under Xvfb
+        ep.view.show(result, times=3, cycles=1)
+    else:
+        with pytest.raises(RunError, match="no screen"):
+            ep.view.show(result, times=3, cycles=1)
+
+
+def test_what_cannot_be_shown(mbs, impact):
+    empty = exu.SystemContainer().AddSystem()
+    with pytest.raises(InputError, match="bodies: there is no partition body to show; call CreatePartitionBody before"):
+        ep.CreatePartitionView(empty)
+    with pytest.raises(InputError, match="field: expected one of 'displacement', 'deformation', 'velocity', got 'von_"):
+        ep.CreatePartitionView(mbs, field="von_mises")
+    with pytest.raises(InputError, match="scale: expected a finite number above zero"):
+        ep.CreatePartitionView(mbs, scale=0)
+    result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
+    with pytest.raises(InputError, match="stress of 'a body' needs its FE model"):
+        ep.view.picture(result, 0.0, field="von_mises")

@@ -1,0 +1,148 @@
+"""The bases against the full FE model: reduced matrices, static exactness, dynamics, full-basis limit."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import SPHERE_RADIUS, dense_basis, mass_matrix, relative
+
+import exudyn_partition as ep
+from exudyn_partition.fe.model import rigid_modes
+
+BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
+
+
+@pytest.mark.parametrize("basis", ["craig-bampton", "residual", "contact-adapted"])
+def test_static_exactness(block, top, basis):
+    """A self-equilibrated answer to any load on the patch is the full FE one at the patch."""
+    body = ep.reduce(block, top, basis=basis, f_cut=80e3)
+    nodes = top.patch_nodes
+    load = np.random.default_rng(0).random(len(nodes))
+    if basis == "craig-bampton":  # whose constraint modes answer the patch alone, not the inertia of rigid motion
+        resultants = (rigid_modes(block.points[nodes]).reshape(-1, 3, 6) * top.patches[0].direction[:, None]).sum(
+            axis=1
+        )
+        load -= resultants @ np.linalg.lstsq(resultants, load, rcond=None)[0]
+    full_load = np.zeros((block.n_nodes, 3))
+    full_load[nodes] = load[:, None] * top.patches[0].direction
+    rigid = block.rigid_modes
+    inertia = rigid.T @ (block.mass @ rigid)
+    balanced = full_load.ravel() - block.mass @ rigid @ np.linalg.solve(inertia, rigid.T @ full_load.ravel())
+    held = block.stiffness + block.mass @ rigid @ rigid.T @ block.mass * 1e16  # removes the null space, dense but small
+    u = scipy.linalg.solve(np.asarray(held.todense() if hasattr(held, "todense") else held), balanced, assume_a="pos")
+    u -= rigid @ np.linalg.solve(inertia, rigid.T @ (block.mass @ u))
+    expected = u.reshape(-1, 3)[nodes] @ top.patches[0].direction
+
+    G = body.rows(nodes).reshape(len(nodes), 3, -1).transpose(0, 2, 1) @ top.patches[0].direction
+    elastic = body.basis.omega > 0
+    modal = G[:, elastic] @ ((G[:, elastic].T @ load) / body.basis.omega[elastic] ** 2)
+    if body.basis.flexibility is not None:
+        modal = modal + body.basis.flexibility @ load
+    assert relative(modal, expected) < 1e-8
+
+
+def receptance_defect(block, body, top, frequency):
+    """What the reduced body lacks of the patch's answer to a uniform harmonic load on it, and that answer [m]."""
+    nodes = top.patch_nodes
+    omega_squared = (2 * np.pi * frequency) ** 2
+    full_load = np.zeros((block.n_nodes, 3))
+    full_load[nodes] = top.patches[0].direction
+    dynamic = (block.stiffness - omega_squared * mass_matrix(block, body)).tocsc()
+    full = full_load.ravel() @ scipy.sparse.linalg.spsolve(dynamic, full_load.ravel())
+    rows = body.rows(nodes)
+    rows = (rows if isinstance(rows, np.ndarray) else rows.toarray()).reshape(len(nodes), 3, -1)
+    load = np.einsum("kdn,d->n", rows, top.patches[0].direction)
+    reduced = (body.stiffness - omega_squared * body.mass).toarray()
+    answer = load @ np.linalg.solve(reduced, load)
+    if body.basis.flexibility is not None:
+        answer += body.basis.flexibility.sum()
+    return full - answer, full
+
+
+@pytest.mark.parametrize("f_cut", [80e3, 150e3])
+@pytest.mark.parametrize("frequency", [5e3, 20e3, 33e3])
+def test_residual_basis_lacks_only_the_inertia_of_what_is_cut(block, top, f_cut, frequency):
+    """Their p^2 (1/(w_k^2 - w^2) - 1/w_k^2) > 0 is below w^2 / (w_cut^2 - w^2) times their static answer."""
+    body = ep.reduce(block, top, basis="residual", f_cut=f_cut)
+    defect, _ = receptance_defect(block, body, top, frequency)
+    assert 0 < defect < frequency**2 / (f_cut**2 - frequency**2) * body.basis.flexibility.sum()
+
+
+@pytest.mark.parametrize("frequency", [5e3, 20e3, 33e3])
+def test_contact_adapted_basis_lacks_no_more_than_the_residual_one(block, top, frequency):
+    residual, adapted = (ep.reduce(block, top, basis=basis, f_cut=80e3) for basis in ("residual", "contact-adapted"))
+    lacking = abs(receptance_defect(block, residual, top, frequency)[0])
+    assert abs(receptance_defect(block, adapted, top, frequency)[0]) < 1.1 * lacking
+
+
+def test_the_paper_s_basis_lacks_the_static_field(block, top):
+    """What method.md says of it: at equal truncation the free basis is far too stiff at the contact."""
+    defect = {}
+    for basis in BASES:
+        body = ep.reduce(block, top, basis=basis, f_cut=80e3)
+        lacking, full = receptance_defect(block, body, top, 5e3)
+        defect[basis] = lacking / abs(full)
+    assert defect["free"] > 10 * abs(defect["contact-adapted"])
+
+
+def test_region_that_covers_the_body_is_the_full_model(block):
+    everything = ep.Partition.ball(block, (0, 0, 0.03), 1.0, contact_radius=7e-3)
+    body = ep.reduce(block, everything, basis="free", f_cut=80e3)
+    assert body.n_dofs == block.n_dofs
+    assert abs(body.stiffness - block.stiffness).max() == 0
+    np.testing.assert_array_equal(body.mass.diagonal(), np.repeat(block.lumped_mass, 3))
+
+
+@pytest.mark.parametrize("n_outside", [1, 2, 4, 12])
+def test_region_that_nearly_covers_the_body_loses_no_motion(block, n_outside):
+    """A few nodes outside have fewer dofs than the modes that are kept there: what depends on the rest is left out."""
+    part = ep.Partition.ball(block, (0, 0, 0.03), 7e-3)
+    outside = np.argsort(-np.linalg.norm(block.points - np.array([0, 0, 0.03]), axis=1))[:n_outside]
+    nodes = np.delete(np.arange(block.n_nodes), outside)
+    body = ep.reduce(
+        block, ep.Partition(nodes, part.patches, (), block.n_nodes, block.fingerprint), basis="free", f_cut=80e3
+    )
+    assert body.n_dofs == block.n_dofs - max(0, 3 * n_outside - body.n_shapes)
+    T = dense_basis(body)
+    np.testing.assert_allclose(body.mass.toarray(), T.T @ (block.lumped_mass_matrix @ T), atol=1e-12)
+    np.testing.assert_allclose(T @ body.rigid, block.rigid_modes, atol=1e-9)
+
+
+@settings(max_examples=10, deadline=None)
+@given(radius=st.floats(3e-3, 25e-3), f_cut=st.floats(60e3, 120e3))
+def test_free_basis_frequencies_are_never_below_the_full_ones(block, radius, f_cut):
+    """Rayleigh-Ritz: a reduced model is stiffer than the full one, whatever the region."""
+    partition = ep.Partition.ball(block, (0, 0, 0.03), radius)
+    body = ep.reduce(block, partition, basis="free", f_cut=f_cut)
+    reduced = scipy.linalg.eigvalsh(body.stiffness.toarray(), body.mass.toarray())[6:10]
+    full = _lumped_eigenvalues(block)[6:10]
+    assert (reduced > full * (1 - 1e-9)).all()
+
+
+_CACHE = {}
+
+
+def _lumped_eigenvalues(fem):
+    if id(fem) not in _CACHE:
+        _CACHE[id(fem)] = scipy.linalg.eigvalsh(
+            fem.stiffness.toarray(), fem.lumped_mass_matrix.toarray(), subset_by_index=(0, 12)
+        )
+    return _CACHE[id(fem)]
+
+
+@pytest.mark.parametrize("basis", ["contact-adapted", "residual"])
+def test_a_compact_body_is_rigid_but_for_its_contact(ball, basis):
+    """At what Hertz's impact asks for, which lies below all modes of a ball; F is the whole static answer."""
+    fem, part = ball
+    f_cut = ep.hertz.impact(fem.total_mass, 0.01, SPHERE_RADIUS, math.inf, ep.STEEL).truncation_frequency()
+    body = ep.reduce(fem, part, basis=basis, f_cut=f_cut)
+    assert body.n_dofs == 6
+    assert body.left_out[0].startswith("all vibration: the body is rigid but for the static answer of its contact")
+    richer = ep.reduce(fem, part, basis="residual", f_cut=160e3)
+    at_patch = richer.rows(part.patches[0].nodes)[:, 6:].reshape(-1, 3, richer.n_dofs - 6)
+    at_patch = np.einsum("kdn,d->kn", at_patch, part.patches[0].direction) / richer.basis.omega[6:]
+    assert relative(body.flexibility(), richer.flexibility() + at_patch @ at_patch.T) < 1e-9

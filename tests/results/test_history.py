@@ -1,0 +1,64 @@
+"""Histories: finite ascending samples, in files that are whole."""
+
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError
+
+
+def test_histories_survive_saving(impact, tmp_path):
+    impact.save(tmp_path / "history.npz")
+    loaded = ep.History.load(tmp_path / "history.npz")
+    np.testing.assert_allclose(loaded.force, impact.force, rtol=1e-6)
+    np.testing.assert_allclose(loaded.velocity["far end"], impact.velocity["far end"], rtol=1e-6)
+    assert loaded.info == impact.info
+
+
+def test_a_history_is_found_by_the_name_it_was_saved_under(impact, tmp_path):
+    """NumPy appends npz to a name without it, so that "run" was there and could not be loaded."""
+    impact.save(tmp_path / "run")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    np.testing.assert_array_equal(ep.History.load(tmp_path / "run").t, impact.t)
+
+
+@pytest.mark.parametrize("content", [b"", b"text", b"\x93NUMPY\x01\x00", b"PK\x03\x04damaged"])
+def test_what_is_no_history_is_not_taken_for_a_pickle(content, tmp_path):
+    path = tmp_path / "odd"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="is no history, or a damaged one") as caught:
+        ep.History.load(path)
+    assert "pickle" not in str(caught.value)
+
+
+def test_a_history_that_was_cut_off_is_not_loaded(impact, tmp_path):
+    impact.save(tmp_path / "run")
+    whole = (tmp_path / "run").read_bytes()
+    for end in np.linspace(1, len(whole) - 1, 20).astype(int):
+        (tmp_path / "run").write_bytes(whole[:end])
+        with pytest.raises(InputError, match="damaged"):
+            ep.History.load(tmp_path / "run")
+
+
+def test_unreadable_histories(tmp_path):
+    with pytest.raises(InputError, match="there is none at"):
+        ep.History.load(tmp_path / "missing.npz")
+    np.savez(tmp_path / "other.npz", x=1)
+    with pytest.raises(InputError, match="is no history of format 1"):
+        ep.History.load(tmp_path / "other.npz")
+
+
+def test_histories_of_finite_ascending_samples():
+    t = np.linspace(0, 1, 11)
+    for bad, message in (
+        ((t, np.full(11, np.nan), {}), "force: expected finite numbers, got nan"),
+        ((t[::-1], t, {}), "t: expected times that ascend"),
+        ((t, t, {"P": t}), r"P: expected shape \(11, 3\)"),
+        ((t, t[:5], {}), r"force: expected shape \(11,\)"),
+        ((t[:0], t[:0], {}), "t: expected at least one sample"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ep.History(*bad)
+    mine = np.zeros(11)
+    ep.History(t, mine, {})
+    mine[0] = 1.0  # what was given stays its owner's

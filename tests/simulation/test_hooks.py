@@ -1,0 +1,122 @@
+"""User functions and settings of the caller around a run, Ctrl-C, and runs that end early."""
+
+import os
+import signal
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.errors import (
+    InputError,
+    PartitionWarning,
+    StoppedRunWarning,
+)
+
+END = 60e-6
+
+
+def test_the_caller_s_model_keeps_working(impact):
+    """A mass on a spring beside the impact, its sensor, and a PreStep function of the user's own."""
+    mbs, _, _, contact = impact
+    mass = mbs.AddObject(
+        items.MassPoint(physicsMass=1.0, nodeNumber=mbs.AddNode(items.NodePoint(initialVelocities=[1, 0, 0])))
+    )
+    ground = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.ObjectGround())))
+    end = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mass))
+    omega = 2 * np.pi / END
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=[ground, end], stiffness=[omega**2] * 3, damping=[0] * 3))
+    sensor = mbs.AddSensor(
+        items.SensorBody(bodyNumber=mass, outputVariableType=exu.OutputVariableType.Position, storeInternal=True)
+    )
+    calls = []
+    mbs.SetPreStepUserFunction(lambda mbs, t: calls.append(t) or True)
+    own = mbs.GetPreStepUserFunction()["function"]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
+    assert len(calls) == 600
+    assert mbs.GetPreStepUserFunction()["function"] is own
+    np.testing.assert_allclose(result.sensor(sensor)[:, 0], np.sin(omega * result.t) / omega, atol=1e-3 / omega)
+    assert contact.force(result).max() > 1e3
+
+
+def test_ctrl_c_keeps_what_was_computed(impact):
+    mbs, _, _, contact = impact
+    before = signal.getsignal(signal.SIGINT)
+    interrupted = []
+
+    def press_ctrl_c(share):
+        if share > 0.5 and not interrupted:
+            interrupted.append(share)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to") as caught:
+        result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6, progress=press_ctrl_c)
+    assert caught[0].filename == __file__  # the user's line, not one of the library
+    assert result.status == "interrupted"
+    assert 0.45 * END < result.t[-1] < 0.6 * END
+    assert contact.force(result).max() > 1e3
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_unstable_run_keeps_what_was_computed(impact):
+    """Made unstable by a user's own force, which no check beforehand can see."""
+    mbs, striker, _, contact = impact
+    n = striker.body.n_dofs
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=[striker["nModal"]],
+            forceUserFunction=lambda mbs, t, i, q, v: 1e16 * np.asarray(q) if t > 30e-6 else np.zeros(n),
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
+    mbs.Assemble()
+    with pytest.warns(PartitionWarning) as caught:
+        result = ep.solve_dynamic(mbs, end_time=2000e-6, step=0.5e-6)
+    said = [str(warning.message) for warning in caught if warning.category is StoppedRunWarning]
+    assert len(said) == 1
+    assert "results are kept up to t = " in said[0]
+    assert result.status == "unstable"
+    assert 30e-6 <= result.t[-1] < 1500e-6
+    assert np.isfinite(contact.force(result)).all()
+    assert np.isfinite(striker.coordinates(result)).all()
+
+
+def test_a_run_that_grows_beyond_all_bounds_is_not_finished(impact):
+    """Far above the stability limit by plain SolveDynamic, which nothing checks beforehand."""
+    mbs, *_ = impact
+    step = 3 * ep.stability_limit(mbs)
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 40 * step, 40
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    settings.solution.sensors.writePeriod = step
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    with pytest.warns(PartitionWarning) as caught:
+        result = ep.collect(mbs)
+    assert result.status == "unstable"
+    assert any("grown beyond all bounds" in str(warning.message) for warning in caught)
+    assert 0 < len(result.t) < 40
+
+
+@pytest.mark.parametrize("sample_period", [0.5e-6, END])
+def test_a_user_function_that_ends_the_run(impact, sample_period):
+    mbs, *_ = impact
+    mbs.SetPreStepUserFunction(lambda mbs, t: t < 20e-6)
+    with pytest.warns(StoppedRunWarning, match="user function ended the run at .* s; results are kept"):
+        result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6, sample_period=sample_period)
+    assert result.status == "interrupted"
+    assert result.steps in (40, 41)
+
+
+def test_the_user_s_settings_are_kept(impact, tmp_path):
+    mbs, *_ = impact
+    settings = exu.SimulationSettings()
+    settings.solution.file.name = str(tmp_path / "solution.txt")
+    settings.timeIntegration.verboseMode = 0
+    ep.solve_dynamic(mbs, end_time=END, settings=settings)
+    assert (tmp_path / "solution.txt").stat().st_size > 1000
+    settings.timeIntegration.startTime = 1.0
+    with pytest.raises(InputError, match=r"end_time: expected more than timeIntegration.startTime, 1 s, got 6e-05 s"):
+        ep.solve_dynamic(mbs, end_time=END, settings=settings)

@@ -1,0 +1,100 @@
+"""Default steps that resolve contacts, when contacts start and end, and contacts that nothing resolves."""
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import MARBLE_RADIUS
+
+import exudyn_partition as ep
+from exudyn_partition.errors import ModelLimitWarning
+
+RIGID = ep.Material(E=1e25, nu=0.3, rho=1.0)
+
+
+def on_a_plane(body, speed, gap=0.0, drop=0.0, **options):
+    """A body that flies onto a rigid plane: model, body, contact. With `drop` it falls from rest, from that height."""
+    mbs = exu.SystemContainer().AddSystem()
+    motion = {"gravity": [0, 0, -(speed**2) / (2 * drop)]} if drop else {"initialVelocity": [0, 0, -speed]}
+    item = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, gap + drop], **motion)
+    patch = {"slavePatch": 0} if len(body.partition.patches) > 1 else {}
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), **patch, **options)
+    mbs.Assemble()
+    return mbs, item, contact
+
+
+@pytest.fixture(scope="module")
+def large_sphere():
+    """An aluminium sphere of 0.1 m, and Hertz's impact at 0.2 m/s on a rigid plane."""
+    R, speed = 0.1, 0.2
+    shape = occ.Sphere(occ.Pnt(0, 0, R), R)
+    mass = 4 / 3 * np.pi * R**3 * ep.ALUMINIUM.rho
+    hertz = ep.hertz.impact(mass, speed, R, np.inf, ep.ALUMINIUM, RIGID)
+    a = hertz.contact_radius
+    fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=0.4 * R, refine=[ep.Refine((0, 0, 0), 1.2 * a, a / 3)], grading=0.5)
+    part = ep.Partition.ball(fem, (0, 0, 0), 1.6 * a)
+    return ep.reduce(fem, part, basis="contact-adapted", tolerance=1e-2, speed=speed), hertz, speed
+
+
+@pytest.mark.parametrize("way", ["explicit", "implicit", "dropped"])
+def test_the_default_step_and_the_surface_tell_how_long_a_contact_lasts(large_sphere, way):
+    """f_cut, far below the contact's own frequency, would take 29 steps, and mean gaps close a step late."""
+    body, hertz, speed = large_sphere
+    dropped = way == "dropped"
+    gap = 1e-6
+    mbs, item, contact = on_a_plane(body, speed, gap=0.0 if dropped else gap, drop=5e-3 * dropped)
+    start = 0.01 / speed if dropped else gap / speed
+    result = ep.solve_dynamic(mbs, end_time=start + 1e-3, method="explicit" if dropped else way)
+    (impact,) = contact.impacts(result)
+    assert impact.start == pytest.approx(start, abs=0.003 * hertz.duration)
+    assert impact.end - impact.start == pytest.approx(hertz.duration, rel=0.016)
+    assert impact.peak == pytest.approx(hertz.peak_force, rel=0.03)
+    assert 28 < hertz.duration / result.step < 45  # no more than it takes
+    energy = item.energy(result) + contact.energy(result)
+    if not dropped:
+        assert abs(energy[-1] / energy[0] - 1) < 2e-3
+
+
+def test_contact_times_do_not_depend_on_the_step(large_sphere):
+    """Forces begin with the first mean gap, the contact with the lowest point."""
+    body, hertz, speed = large_sphere
+    times = []
+    for step in (25e-6, 2.5e-6):
+        mbs, _, contact = on_a_plane(body, speed, gap=1e-6)
+        result = ep.solve_dynamic(mbs, end_time=1e-3, step=step)
+        (impact,) = contact.impacts(result)
+        times.append((impact.start, impact.end))
+        first, last = contact.closed_samples(result)[0]
+        assert impact.start < result.t[first]
+        assert impact.end > result.t[last]
+    np.testing.assert_allclose(times[0], times[1], atol=0.003 * hertz.duration)
+
+
+def test_a_contact_of_one_row_says_so(marble):
+    """Slowly, the marble touches with less than a facet."""
+    mbs, _, contact = on_a_plane(marble, 0.005, gap=MARBLE_RADIUS, name="slow")
+    with pytest.warns(
+        ModelLimitWarning, match=r"contact 'slow' .*: 1 of \d+ rows is closed at the peak .* Refine both"
+    ):
+        result = ep.solve_dynamic(mbs, end_time=150e-6)
+    assert contact.closed_rows(result).max() == 1
+    stiff = 4 / 3 * ep.STEEL.plane_strain_modulus * np.sqrt(MARBLE_RADIUS)
+    peak = stiff * (1.25 * marble.total_mass * 0.005**2 / stiff) ** 0.6
+    assert contact.force(result).max() > 1.1 * peak  # what is warned of
+
+
+@pytest.fixture(scope="module")
+def flat_block():
+    """A steel block with its whole lower face as a patch."""
+    shape = occ.Box(occ.Pnt(-5e-3, -5e-3, 0), occ.Pnt(5e-3, 5e-3, 30e-3))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=5e-3)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 7.2e-3), f_cut=60e3)
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_whole_flat_face_gains_no_energy_at_the_default_step(flat_block, method):
+    """All rows close within a step; 25 steps a period of f_cut gain 2.4 %."""
+    mbs, item, contact = on_a_plane(flat_block, 0.1, gap=2e-6)
+    result = ep.solve_dynamic(mbs, end_time=60e-6, method=method)
+    energy = item.energy(result) + contact.energy(result)
+    assert abs(energy[-1] / energy[0] - 1) < 5e-3

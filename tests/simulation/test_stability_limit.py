@@ -1,0 +1,92 @@
+"""The stability limit against dense eigenvalues, and runs below and above it."""
+
+import exudyn as exu
+import numpy as np
+import pytest
+import scipy.linalg
+from oracles import SPHERE_RADIUS, TOP, add_force
+
+import exudyn_partition as ep
+from exudyn_partition.errors import StoppedRunWarning
+from exudyn_partition.simulation import solve
+
+
+@pytest.fixture(scope="module")
+def adapted(pair_of):
+    """Ball and block with the contact-adapted basis, whose limit contact lowers."""
+    return pair_of("contact-adapted")
+
+
+# Stability limit.
+
+
+def held_gap(gaps, q):
+    """Gaps with the pairs and normals of the start, from where the nodes are."""
+    shares = zip(gaps._shares, gaps.places(q), strict=True)
+    way = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in shares)
+    gap = np.einsum("pd,pd->p", way, gaps.normals)
+    return gap if gaps._mean is None else gaps._mean @ gap
+
+
+def closed_stiffness(law):
+    """H' F^+ H with all rows of the start, H by differences of places; rows on few facets depend on each other."""
+    law.reset()
+    gaps, rows = law.gaps, np.arange(len(law.gaps.row_nodes))
+    H = np.array([held_gap(gaps, step) - held_gap(gaps, -step) for step in 1e-6 * np.eye(gaps.n)]).T / 2e-6
+    F = np.diag(1 / (law.stiffness * gaps.area)) if hasattr(law, "stiffness") else gaps.flexibility(rows)
+    return H.T @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ H
+
+
+def dense_limit(contact):
+    """2 / omega_max with all rows closed, of dense matrices."""
+    bodies = [item.body for item, _ in contact.sides]
+    floating = contact.sides[0][0].frame == "floating"
+    K = scipy.linalg.block_diag(*(np.diag(body.basis.omega**2) for body in bodies))
+    M = np.eye(len(K))
+    if floating:
+        M = scipy.linalg.block_diag(
+            *(M for b in bodies for M in (b.total_mass * np.eye(3), b.inertia.tensor, np.eye(b.n_dofs - 6)))
+        )
+    passes = getattr(contact.law, "passes", (contact.law,))
+    K += closed_stiffness(passes[0]) / len(passes)
+    if len(passes) == 2:
+        n = passes[0].gaps.sides[0].n
+        exchanged = np.r_[n : len(K), :n]
+        K[np.ix_(exchanged, exchanged)] += closed_stiffness(passes[1]) / 2
+    return 2 / np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[-1])
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")  # unstable runs go anywhere
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+@pytest.mark.parametrize(
+    ("surface", "options"),
+    [
+        (None, {}),
+        (None, {"passes": "two"}),
+        (None, {"rows": "node-to-segment"}),
+        (None, {"formulation": "penalty"}),
+        (ep.RigidPlane(TOP), {}),
+        (ep.RigidSphere([0, 0, 0.02], SPHERE_RADIUS), {}),
+        (ep.RigidSphere([0, 0, 0.02], SPHERE_RADIUS), {"formulation": "penalty", "stiffness": 1e16}),
+    ],
+)
+def test_stability_limit(adapted, surface, options, frame, monkeypatch):
+    """Against dense eigenvalues, before and after a run; and runs below and above it."""
+    mbs = exu.SystemContainer().AddSystem()
+    place = np.add(TOP, [0, 0, 1e-6])
+    striker = ep.CreatePartitionBody(mbs, adapted[0], referencePosition=place, initialVelocity=[0, 0, -1], frame=frame)
+    master = surface or ep.CreatePartitionBody(mbs, adapted[1], frame=frame)
+    contact = ep.CreatePartitionContact(mbs, striker, master, **options)
+    add_force(mbs, striker, np.array([0, 0, -1e3]))
+    mbs.Assemble()
+    limit = ep.stability_limit(mbs)
+    assert limit == pytest.approx(dense_limit(contact), rel=1e-3)
+    result = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.95 * limit)
+    assert result.status == "finished"
+    assert contact.force(result).max() > 100
+    assert ep.stability_limit(mbs) == pytest.approx(limit, rel=1e-6)
+    monkeypatch.setattr(solve, "stability_limit", lambda mbs: np.inf)
+    if options.get("stiffness") is None:  # in that case there is no row that is not closed
+        with pytest.warns(StoppedRunWarning):
+            result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
+        assert result.status == "unstable"

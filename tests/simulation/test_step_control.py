@@ -1,0 +1,358 @@
+"""Step control: time to contact, adaptive runs against uniform ones, and the stability limit that steps keep to."""
+
+import itertools
+import os
+import signal
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import TOP, add_force
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
+from exudyn_partition.simulation import solve
+from exudyn_partition.simulation.step_control import LONGEST, first_root
+
+GRAVITY = 9.81
+
+
+@pytest.fixture(scope="module")
+def body(reduced_sphere):
+    return reduced_sphere
+
+
+def fall(body, height, gravity=GRAVITY, surface=None, velocity=(0, 0, 0), frame="inertial", **options):
+    """Model, sphere and contact: the sphere falls on a rigid surface, by default the plane at its south pole."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, height], initialVelocity=velocity, frame=frame)
+    contact = ep.CreatePartitionContact(mbs, item, surface or ep.RigidPlane(), **options)
+    add_force(mbs, item, np.array([0, 0, -gravity * body.total_mass]))
+    mbs.Assemble()
+    return mbs, item, contact
+
+
+def speeds(item, contact, result):
+    """Velocities of the centre of mass just after each impact [m/s]."""
+    v = item.momentum(result)[:, 2] / item.body.total_mass
+    return np.array([v[np.searchsorted(result.t, impact.end) + 1] for impact in contact.impacts(result)])
+
+
+def overshoots(contact, result):
+    """Depth to which each first touch closes the gap [m]."""
+    q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
+    touched = [first for first, _ in contact.closed_samples(result)]
+    gaps = contact.law.gaps.fresh()
+    return np.array([-gaps.at(x).min() for x in q[touched]])
+
+
+# Time to contact.
+
+
+@settings(max_examples=200, deadline=None)
+@given(gap=st.integers(0, 10**6), rate=st.integers(-(10**6), 10**6), acceleration=st.integers(-(10**6), 10**6))
+def test_first_root(gap, rate, acceleration):
+    gap, rate, acceleration = 1e-6 * gap, 1e-5 * rate, 1e-4 * acceleration
+    t = first_root(*np.array([[gap], [rate], [acceleration]]))[0]
+    a = min(acceleration, 0.0)
+    if np.isinf(t):
+        assert rate >= 0 == a
+        return
+    assert t >= 0
+    scale = gap + abs(rate) * t + abs(a) * t**2
+    assert gap + rate * t + a * t**2 / 2 == pytest.approx(0, abs=1e-9 * scale)
+    early = t * np.linspace(0, 1, 9)[1:-1]
+    assert (gap + rate * early + a * early**2 / 2 >= -1e-9 * scale).all()
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_time_to_contact_of_a_fall_is_exact(body, frame):
+    height, speed = 1e-3, 0.3
+    *_, contact = fall(body, height, frame=frame, rows="node-to-segment")
+    up = body.rigid[:, 2] if frame == "inertial" else np.eye(body.n_dofs)[2]
+    start = np.zeros(body.n_dofs)
+    assert ep.time_to_contact(contact, start, -speed * up) == pytest.approx(height / speed, rel=1e-9)
+    assert ep.time_to_contact(contact, start, speed * up) == np.inf
+    assert ep.time_to_contact(contact, start, 0 * up) == np.inf
+    for v in (-speed, 0.0, speed):
+        exact = (v + np.sqrt(v**2 + 2 * GRAVITY * height)) / GRAVITY
+        assert ep.time_to_contact(contact, start, v * up, -GRAVITY * up) == pytest.approx(exact, rel=1e-9)
+
+
+def test_time_to_contact_with_a_surface_that_a_body_carries(body):
+    """The carrier rises at 0.2 m/s and turns, so that the plane's far side sinks."""
+    mbs = exu.SystemContainer().AddSystem()
+    node = mbs.AddNode(
+        items.NodeRigidBodyRotVecLG(
+            referenceCoordinates=[-0.05, 0, 0, 0, 0, 0], initialVelocities=[0, 0, 0.2, 0, 1.0, 0]
+        )
+    )
+    carrier = mbs.AddObject(items.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=[1, 1, 1, 0, 0, 0]))
+    item = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, 1e-3])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), masterBody=carrier)
+    mbs.Assemble()
+    at_rest = np.zeros(body.n_dofs)
+    assert ep.time_to_contact(contact, at_rest, at_rest) == pytest.approx(1e-3 / (0.2 - 0.05 * 1.0), rel=0.02)
+
+
+@pytest.mark.parametrize("passes", ["finer", "two"])
+@pytest.mark.parametrize("height", [20e-6, 20e-3])
+def test_time_to_contact_of_moving_pairs(body, bodies, height, passes):
+    """Two floating bodies: near and far, the time is that of the approach, or earlier: far apart patches are balls."""
+    mbs = exu.SystemContainer().AddSystem()
+    striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, height]), frame="floating")
+    target = ep.CreatePartitionBody(mbs, bodies[1], frame="floating")
+    contact = ep.CreatePartitionContact(mbs, striker, target, passes=passes, rows="node-to-segment")
+    mbs.Assemble()
+    q_t = np.zeros(contact.law.gaps.n)
+    contact.law.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
+    time = ep.time_to_contact(contact, np.zeros_like(q_t), q_t)
+    assert (0.99 if height < 1e-3 else 0.5) * height / 0.5 < time < 1.001 * height / 0.5
+
+
+# Adaptive runs.
+
+
+def test_a_sphere_bounces_from_a_millimetre(body):
+    """Three impacts in 0.1 s, which would be 500 000 steps."""
+    height, end = 1e-3, 0.1
+    mbs, item, contact = fall(body, height)
+    result = ep.solve_dynamic(mbs, end_time=end, method="implicit", adaptive=True)
+    assert result.status == "finished"
+    assert result.t[-1] == pytest.approx(end)
+    steps = np.diff(result.t)
+    assert result.steps == len(steps) < 0.02 * end / result.step
+    assert len(contact.impacts(result)) == 3
+    assert 0.9 < steps.max() / (LONGEST * result.step) < 1 + 1e-9
+
+    in_contact = contact.force(result) > 0
+    assert np.ptp(steps[in_contact[:-1] & in_contact[1:]]) < 1e-6 * result.step
+    fall_time = np.sqrt(2 * height / GRAVITY)
+    assert contact.impacts(result)[0].start == pytest.approx(fall_time, abs=2 * result.step)
+
+    speed = GRAVITY * fall_time
+    assert (overshoots(contact, result) < 1.01 * speed * result.step).all()
+    weight = GRAVITY * body.total_mass
+    energy = item.energy(result) + contact.energy(result) + weight * item.rigid_motion(item.coordinates(result))[:, 2]
+    np.testing.assert_allclose(energy, energy[0], atol=2e-4 * weight * height)
+
+
+def impacts_close_together(body, **options):
+    """A sphere under a hundred times its weight bounces from 10 um three times; the result and what it came from."""
+    mbs, item, contact = fall(body, 10e-6, gravity=1000.0)
+    return item, contact, ep.solve_dynamic(mbs, end_time=1.1e-3, **options)
+
+
+@pytest.fixture(scope="module")
+def uniform(body):
+    """The same in equal steps, a quarter of the default ones."""
+    return impacts_close_together(body, method="implicit", step=0.05e-6, spectral_radius=1.0)
+
+
+@pytest.mark.parametrize("method", ["implicit", "explicit"])
+def test_adaptive_steps_agree_with_a_fine_uniform_run(body, uniform, method):
+    item, contact, result = impacts_close_together(body, method=method, adaptive=True)
+    expected, got = uniform[1].impacts(uniform[2]), contact.impacts(result)
+    assert len(got) == len(expected) == 3
+    np.testing.assert_allclose([i.impulse for i in got], [i.impulse for i in expected], rtol=1e-4)
+    np.testing.assert_allclose([i.peak for i in got], [i.peak for i in expected], rtol=2e-3)
+    np.testing.assert_allclose([i.start for i in got], [i.start for i in expected], atol=0.5e-6)
+    np.testing.assert_allclose(speeds(item, contact, result), speeds(*uniform), rtol=5e-3)
+    assert result.steps < (0.1 if method == "implicit" else 0.15) * uniform[2].steps
+    history = result.history(contact)
+    assert history.contact_duration == pytest.approx(uniform[2].history(uniform[1]).contact_duration, rel=0.01)
+    assert ep.compare(history, uniform[2].history(uniform[1])).error["force"] < 0.03
+
+
+def test_the_step_grows_again_after_separation(body):
+    _, contact, result = impacts_close_together(body, method="implicit", adaptive=True)
+    steps, t = np.diff(result.t), result.t[:-1]
+    for impact, following in itertools.pairwise(contact.impacts(result)):
+        flight = steps[(t > impact.end) & (t < following.start)]
+        assert flight.max() > 50 * result.step
+        assert flight.min() >= 0.999 * result.step
+        assert (flight[1:] <= 1.2501 * flight[:-1]).all()
+
+
+def test_no_first_touch_is_deeper_than_the_gap_tolerance(body):
+    tolerance = 2e-9
+    coarse, fine = (
+        impacts_close_together(body, method="implicit", adaptive=True, gap_tolerance=limit)
+        for limit in (None, tolerance)
+    )
+    assert overshoots(*coarse[1:]).max() > tolerance
+    depths = overshoots(*fine[1:])
+    assert len(depths) == 3
+    assert (depths > 0).all()
+    assert depths.max() < tolerance
+    assert fine[2].steps < 1.1 * coarse[2].steps
+
+
+def test_an_impact_that_nothing_foretold_is_taken_again_in_short_steps(body):
+    """Flight away from the plane; at 200 um a force that no gap knows of throws the sphere back."""
+    mbs, item, contact = fall(body, 1e-6, gravity=0.0, velocity=(0, 0, 0.01))
+    up = body.mass @ body.rigid[:, 2]
+    calls = []
+
+    def throw(mbs, t, i, q, q_t):
+        return -4e4 * up if 200e-6 < t < 220e-6 else 0 * up
+
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=item.nodes, forceUserFunction=throw, visualization=items.VObjectGenericODE2(show=False)
+        )
+    )
+    mbs.SetPreStepUserFunction(lambda mbs, t: calls.append(t) or True)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=400e-6, method="implicit", adaptive=True, gap_tolerance=100e-9)
+    assert result.status == "finished"
+    assert result.steps == len(result.t) - 1 < len(calls)
+    assert (np.diff(calls) < 0).any()
+    assert 0 < overshoots(contact, result)[0] < 100e-9
+    before = item.momentum(result)[result.t < contact.impacts(result)[0].start][-1, 2]
+    assert contact.impacts(result)[0].impulse > abs(before)
+
+
+def test_vibration_keeps_steps_short(body):
+    """A mode that holds a thousandth of the energy is resolved, one with a hundred-thousandth is not."""
+    mode = 6
+    frequency = body.basis.omega[mode] / (2 * np.pi)
+    longest = []
+    for share in (1e-3, 1e-5):
+        mbs, item, _ = fall(body, 1e-3, gravity=0.0, velocity=(0, 0, 0.1))
+        velocity = mbs.GetNodeParameter(item["nModal"], "initialCoordinates_t")
+        velocity[mode] = np.sqrt(share * body.total_mass) * 0.1
+        mbs.SetNodeParameter(item["nModal"], "initialCoordinates_t", velocity)
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=100e-6, method="implicit", adaptive=True)
+        longest.append(np.diff(result.t).max())
+    assert 0.9 < 25 * frequency * longest[0] < 1 + 1e-6
+    assert longest[1] > 20 * longest[0]
+
+
+def test_multipliers_and_two_bodies_in_adaptive_explicit_steps(pair_of):
+    free = pair_of("craig-bampton")
+    runs = []
+    for adaptive in (False, True):
+        mbs = exu.SystemContainer().AddSystem()
+        striker = ep.CreatePartitionBody(
+            mbs, free[0], referencePosition=np.add(TOP, [0, 0, 15e-6]), initialVelocity=[0, 0, -1.0]
+        )
+        contact = ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, free[1]), formulation="lagrange")
+        mbs.Assemble()
+        step = 0.3 * ep.stability_limit(mbs)
+        result = ep.solve_dynamic(mbs, end_time=25e-6, step=step, adaptive=adaptive)
+        runs.append((result, result.history(contact).impulse, striker.momentum(result)[:, 2]))
+    assert runs[1][0].steps < 0.75 * runs[0][0].steps
+    assert runs[1][1] == pytest.approx(runs[0][1], rel=5e-3)
+    momentum = runs[1][2]
+    assert momentum[-1] - momentum[0] == pytest.approx(runs[1][1], rel=1e-9)
+
+
+def test_two_bodies_in_floating_frames_as_in_inertial_ones(bodies):
+    """Moving pairs, flight in a few dozen steps: the impulse of an impact without rotation is the same."""
+    impulses = []
+    for frame in ("inertial", "floating"):
+        mbs = exu.SystemContainer().AddSystem()
+        striker = ep.CreatePartitionBody(
+            mbs, bodies[0], referencePosition=np.add(TOP, [0, 0, 0.5e-3]), initialVelocity=[0, 0, -1.0], frame=frame
+        )
+        target = ep.CreatePartitionBody(mbs, bodies[1], frame=frame)
+        contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=0.56e-3, method="implicit", adaptive=True)
+        flight = result.t < contact.impacts(result)[0].start
+        assert np.count_nonzero(flight) < 60
+        assert contact.impacts(result)[0].start == pytest.approx(0.5e-3, abs=2 * result.step)
+        momentum = striker.momentum(result) + target.momentum(result)
+        np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0, 2]))
+        impulses.append(result.history(contact).impulse)
+    assert impulses[1] == pytest.approx(impulses[0], rel=2e-3)
+
+
+def test_free_step_and_sample_period(body):
+    mbs, *_ = fall(body, 1e-3)
+    for options in ({"free_step": 0.2e-3}, {"free_step": 1e-3, "sample_period": 0.2e-3}):
+        result = ep.solve_dynamic(mbs, end_time=10e-3, method="implicit", adaptive=True, **options)
+        assert np.diff(result.t).max() < 0.2e-3 + options.get("sample_period", 1e-9)
+    assert len(result.t) == pytest.approx(51, abs=2)  # the first ones after each period
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"free_step": 1e-6}, "free_step: .* only with adaptive=True"),
+        ({"gap_tolerance": 1e-9}, "gap_tolerance: .* only with adaptive=True"),
+        ({"adaptive": True, "free_step": 1e-8}, "free_step: expected at least the step in contact"),
+        ({"adaptive": True, "gap_tolerance": 0.0}, "gap_tolerance: expected a finite number above zero in m"),
+    ],
+)
+def test_options_that_make_no_sense(body, options, message):
+    mbs, *_ = fall(body, 1e-3)
+    with pytest.raises(InputError, match=message):
+        ep.solve_dynamic(mbs, end_time=1e-3, method="implicit", **options)
+
+
+def test_user_functions_are_called_and_put_back(body):
+    mbs, *_ = fall(body, 1e-3)
+    after_step, after_newton = [], []
+    mbs.SetPostStepUserFunction(lambda mbs, t: after_step.append(t) or t < 5e-3)
+    mbs.SetPostNewtonUserFunction(lambda mbs, t: after_newton.append(t) or [0.0, -1.0])
+    own = mbs.GetPostStepUserFunction()["function"], mbs.GetPostNewtonUserFunction()["function"]
+    with pytest.warns(StoppedRunWarning, match="user function ended the run"):
+        result = ep.solve_dynamic(mbs, end_time=10e-3, method="implicit", adaptive=True)
+    np.testing.assert_allclose(after_step[1:], after_newton)
+    assert result.t[-1] == pytest.approx(after_step[-1])
+    assert (mbs.GetPostStepUserFunction()["function"], mbs.GetPostNewtonUserFunction()["function"]) == own
+
+
+def test_ctrl_c_keeps_what_an_adaptive_run_computed(body):
+    mbs, *_ = fall(body, 1e-3)
+
+    def press_ctrl_c(share):
+        if 0.5 < share < 0.6:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to"):
+        result = ep.solve_dynamic(mbs, end_time=10e-3, method="implicit", adaptive=True, progress=press_ctrl_c)
+    assert 4.9e-3 < result.t[-1] < 6.1e-3
+    assert mbs.GetPostStepUserFunction() == mbs.GetPostNewtonUserFunction() == 0
+
+
+def test_a_run_shows_a_bar_unless_it_is_told_whom_to_report_to(body, monkeypatch):
+    shown, own = [], solve.progress_bar
+    monkeypatch.setattr(solve, "progress_bar", lambda *a, **k: shown.append((a, k)) or own(*a, **k))
+    mbs, *_ = fall(body, 1e-3)
+    ep.solve_dynamic(mbs, end_time=1e-6, progress=lambda share: None)
+    assert not shown
+    ep.solve_dynamic(mbs, end_time=1e-6)
+    assert shown == [(("stepping",), {"after": 2.0})]
+
+
+def test_vibration_that_need_not_be_resolved(body):
+    """After the impact the sphere rings with a small share of its energy."""
+    steps = []
+    for unresolved in (1e-9, 1e-2):
+        mbs, item, contact = fall(body, 2e-6, velocity=(0, 0, -0.3))
+        result = ep.solve_dynamic(
+            mbs, end_time=0.4e-3, step=0.5e-6, method="implicit", adaptive=True, unresolved=unresolved
+        )
+        assert len(contact.impacts(result)) == 1
+        steps.append(result.steps)
+        assert speeds(item, contact, result)[0] == pytest.approx(0.3, rel=0.02)
+    assert steps[1] < 0.5 * steps[0]
+    with pytest.raises(InputError, match="unresolved: equal steps have none"):
+        ep.solve_dynamic(mbs, end_time=1e-6, unresolved=1e-2)
+
+
+def test_implicit_steps_that_do_not_resolve_an_impact_warn(body):
+    """The ball leaves with another energy than it came with; with the default step with the same."""
+    mbs, item, _ = fall(body, 4e-6, gravity=0.0, velocity=(0, 0, -0.2))
+    with pytest.warns(ModelLimitWarning, match=r"is over within \d steps of 0.0001 s"):
+        result = ep.solve_dynamic(mbs, end_time=0.4e-3, step=100e-6, method="implicit")
+    assert abs(item.energy(result)[-1] / item.energy(result)[0] - 1) > 0.02
+    result = ep.solve_dynamic(mbs, end_time=0.4e-3, method="implicit")  # a warning would fail the test
+    assert item.energy(result)[-1] == pytest.approx(item.energy(result)[0], rel=2e-3)

@@ -1,0 +1,37 @@
+"""Bars of what takes long."""
+
+from types import SimpleNamespace
+
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.support import progress as _progress
+
+
+class Terminal:
+    """Takes the place of rich's bar on a terminal; tells what happens to it."""
+
+    disable = False
+
+    def __init__(self):
+        self.calls, self.live = [], SimpleNamespace(is_started=False)
+
+    def add_task(self, title, total):
+        self.calls.append((title, total))
+
+    def start(self):
+        self.live.is_started = True
+        self.calls.append("start")
+
+    def stop(self):
+        self.calls.append("stop")
+
+
+@pytest.mark.parametrize(("long", "expected"), [(0.0, ["start", "stop"]), (60.0, [])])
+def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
+    bar = Terminal()
+    monkeypatch.setattr(_progress, "_bar", lambda: bar)
+    monkeypatch.setattr(_progress, "LONG", long)
+    ep.generate_mesh(box(1, 1, 1), maxh=0.5)
+    assert bar.calls == [("mesh", None), *expected]

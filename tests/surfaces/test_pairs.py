@@ -1,0 +1,33 @@
+"""Pairs that move: points are followed over the facets of the other surface."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from exudyn_partition.surfaces.pairs import MovingPairs
+from exudyn_partition.surfaces.surface import closest_points
+
+
+@pytest.mark.parametrize("quadratic", [True, False])
+def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, flat_body, quadratic):
+    surface = round_body.surface(np.zeros(3))
+    facets = surface.facets if quadratic else surface.facets[:, :3]
+    surface = replace(surface, facets=facets)
+    neighbour, edge = surface.neighbours
+    inner = neighbour >= 0
+    mine = np.nonzero(inner)
+    np.testing.assert_array_equal(neighbour[neighbour[inner], edge[inner]], mine[0])
+    np.testing.assert_array_equal(edge[neighbour[inner], edge[inner]], mine[1])
+    rng = np.random.default_rng(1)
+    x = np.c_[rng.uniform(-0.3e-3, 0.3e-3, (40, 2)), np.full(40, -5e-6)]
+    found = closest_points(x, surface.points[facets])
+    pairs = MovingPairs(surface, found.facet, found.local)
+    start = pairs.facet.copy()
+    for _ in range(50):
+        x = x + np.array([4e-6, 2e-6, 0.0])
+        followed, gone = pairs.follow(np.arange(40), x, surface.points)
+        assert not gone.any()
+        found = closest_points(x, surface.points[facets])
+        np.testing.assert_allclose(followed.gap, found.gap, rtol=1e-4)
+    assert (pairs.facet != start).mean() > 0.5

@@ -1,0 +1,50 @@
+"""Points and rows of a patch: they cover it once and carry a uniform pressure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from exudyn_partition.errors import MeshError
+from exudyn_partition.surfaces.points import ROWS, contact_points
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_rows_cover_the_patch_once(round_body, kind):
+    surface = round_body.surface(np.zeros(3))
+    points = contact_points(surface, kind)
+    np.testing.assert_allclose(points.mean.sum(axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(points.weights.sum(axis=1), 1.0, atol=1e-12)
+    corners = surface.points[surface.facets[:, :3]]
+    flat = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert points.area.sum() == pytest.approx(flat, rel=2e-3)
+    assert (points.area >= 0).all()
+    uniform = points.mean.T @ points.area if kind == "integrated" else points.area
+    forces = np.zeros(len(surface.points))
+    forces[points.row_nodes] = points.area
+    corners = np.unique(surface.facets[:, :3])
+    inner = np.setdiff1d(corners, surface.facets[np.isin(surface.facets, surface.rim).any(axis=1)])
+    np.testing.assert_allclose((points.pressures @ forces)[inner], 1.0, rtol=0.05)
+    assert uniform.sum() == pytest.approx(points.area.sum(), rel=1e-12)
+    assert points.area.sum() == pytest.approx(contact_points(surface, ROWS[0]).area.sum(), rel=1e-12)
+
+
+def test_integrated_rows_turn_uniform_pressure_into_consistent_nodal_forces(round_body):
+    """On a quadratic facet the corners get nothing and the mid-side nodes a third of the area each."""
+    points = contact_points(round_body.surface(np.zeros(3)), "integrated")
+    on_points = points.mean.T @ points.area
+    on_nodes = np.zeros(len(round_body.partition.patches[0].nodes))
+    np.add.at(on_nodes, points.nodes, points.weights * on_points[:, None])
+    facets = round_body.surface(np.zeros(3)).facets
+    corners, middles = np.unique(facets[:, :3]), np.unique(facets[:, 3:])
+    assert on_nodes.sum() == pytest.approx(points.area.sum(), rel=1e-12)
+    assert abs(on_nodes[corners]).max() < 0.02 * on_nodes[middles].max()
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_facets_without_area(round_body, kind):
+    surface = round_body.surface(np.zeros(3))
+    points = surface.points.copy()
+    points[surface.facets[3]] = points[surface.facets[3, 0]]
+    with pytest.raises(MeshError, match="have no area, such as the one at"):
+        contact_points(replace(surface, points=points), kind)

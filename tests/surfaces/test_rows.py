@@ -1,0 +1,124 @@
+"""Surfaces, gap rows, complementarity and the contact laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import SPHERE_RADIUS, TOP, hexahedra, relative, write
+
+import exudyn_partition as ep
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.errors import (
+    EmptyRegionError,
+    PenetrationError,
+)
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.surfaces.rows import pair_surfaces
+from exudyn_partition.surfaces.surface import Surface
+
+
+@pytest.fixture(scope="module")
+def surfaces(sphere, other_sphere):
+    fem, partition = sphere
+    other, other_partition = other_sphere
+    return Surface.of(fem.points, partition.patches[0], np.zeros(3)), Surface.of(
+        other.points, other_partition.patches[0], np.zeros(3)
+    )
+
+
+def test_action_is_reaction_and_rigid_motion_opens_the_gap(surfaces):
+    slave, master = surfaces
+    rows = pair_surfaces(slave, master)
+    G_s, G_m = rows.matrices(len(slave.points), len(master.points))
+    push = np.random.default_rng(0).random(len(rows))
+    forces = [(G.T @ push).reshape(-1, 3) for G in (G_s, G_m)]
+    np.testing.assert_allclose(forces[0].sum(axis=0), -forces[1].sum(axis=0), atol=1e-12)
+    np.testing.assert_allclose(G_s @ np.tile([0, 0, 1.0], len(slave.points)), rows.normal[:, 2], atol=1e-12)
+    # Lifted by 3 um, the reference gaps of the same pairs are that much larger along their normals.
+    lifted = pair_surfaces(replace(slave, points=slave.points + np.array([0, 0, 3e-6])), master)
+    assert relative(lifted.gap, rows.gap + 3e-6 * rows.normal[:, 2]) < 1e-3
+
+
+def test_gap_between_two_spheres(surfaces):
+    rows = pair_surfaces(*surfaces, "node-to-segment")
+    r = np.linalg.norm(surfaces[0].points[rows.points.row_nodes, :2], axis=1)
+    np.testing.assert_allclose(rows.gap, r**2 / 0.01, atol=1e-7)
+
+
+@pytest.mark.parametrize("ball_is_slave", [True, False])
+def test_pairs_do_not_depend_on_the_way_to_go(bodies, ball_is_slave):
+    """From 0.2 m above: the flat patch gives the line, the ball's own normal is off by its mesh."""
+    target = bodies[1].surface(np.zeros(3))
+    touching, apart = (bodies[0].surface(np.add(TOP, [0, 0, height])) for height in (0.0, 0.2))
+    pairs = [(ball, target) if ball_is_slave else (target, ball) for ball in (touching, apart)]
+    near, far = (pair_surfaces(*both) for both in pairs)
+    np.testing.assert_array_equal(near.points.row_nodes, far.points.row_nodes)
+    sizes = [len(surface.points) for surface in pairs[0]]
+    for ours, theirs in zip(far.interpolation(*sizes), near.interpolation(*sizes), strict=True):
+        np.testing.assert_allclose(ours.toarray(), theirs.toarray(), atol=2e-3)
+    np.testing.assert_allclose(far.gap, near.gap + 0.2 * abs(far.normal[:, 2]), atol=1e-7)
+
+
+def test_a_direction_that_is_given_leads(sphere, other_sphere):
+    """Two spheres a metre apart: along the mesh's own mean normals they would miss each other."""
+    (fem, part), (other, other_part) = sphere, other_sphere
+    given = ep.Partition.ball(fem, (0, 0, 0), 0.45e-3, direction=[0, 0, -1])
+    master = Surface.of(other.points, other_part.patches[0], np.zeros(3))
+    touching = pair_surfaces(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
+    apart = pair_surfaces(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
+    np.testing.assert_array_equal(touching.points.row_nodes, apart.points.row_nodes)
+    np.testing.assert_allclose(apart.gap, touching.gap + abs(touching.normal[:, 2]), rtol=1e-6)
+    with pytest.raises(EmptyRegionError):
+        pair_surfaces(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
+
+
+def test_penetration_at_the_start(surfaces):
+    slave, master = surfaces
+    pushed = replace(slave, points=slave.points - [0, 0, 1e-4])
+    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by .* Move one body"):
+        pair_surfaces(pushed, master)
+
+
+def test_patches_that_do_not_face_each_other(surfaces):
+    slave, master = surfaces
+    with pytest.raises(EmptyRegionError, match=r"none of the .* contact points of the slave faces a facet"):
+        pair_surfaces(replace(slave, points=slave.points + np.array([0.05, 0, 0])), master)
+    with pytest.raises(EmptyRegionError, match="outward normals"):
+        pair_surfaces(replace(slave, direction=-slave.direction), master)
+
+
+def sides(bodies, slave_at=TOP):
+    """Patches of two bodies, the first shifted."""
+    return [
+        Side.of(InertialKinematics(body, np.array(at))) for body, at in zip(bodies, (slave_at, (0, 0, 0)), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("hexahedra_are_slave", [True, False])
+def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave):
+    bricks = ep.fe_model(write(tmp_path / "flat.vtu", *hexahedra(24, 48, 2)), ep.STEEL)
+    top = ep.Partition.ball(bricks, TOP, 2e-3)
+    assert top.patches[0].facets.shape[1] == 4
+    np.testing.assert_allclose(top.patches[0].direction, [0, 0, 1], atol=1e-12)
+    plate, tip = (
+        Surface.of(bricks.points, top.patches[0], np.zeros(3)),
+        Surface.of(ball[0].points, ball[1].patches[0], np.array(TOP)),
+    )
+    slave, master = (plate, tip) if hexahedra_are_slave else (tip, plate)
+    rows = pair_surfaces(slave, master, "node-to-segment")
+    r = np.linalg.norm(slave.points[rows.points.row_nodes, :2], axis=1)
+    feet = np.einsum("ck,ckd->cd", rows.weights, master.points[rows.master])
+    np.testing.assert_allclose(feet, slave.points[rows.points.row_nodes] - rows.gap[:, None] * rows.normal, atol=2e-6)
+    if hexahedra_are_slave:
+        np.testing.assert_allclose(rows.gap, np.hypot(r, SPHERE_RADIUS) - SPHERE_RADIUS, atol=2e-6)
+        assert rows.unpaired  # the plate's patch is the wider one, so rows end where the tip's facets do
+        assert rows.at_edge[r > 1.1e-3].all()
+    else:
+        np.testing.assert_allclose(rows.gap, tip.points[rows.points.row_nodes, 2] - TOP[2], atol=1e-15)
+        assert not rows.unpaired
+    assert not rows.at_edge[r < 0.5e-3].any()
+    np.testing.assert_allclose(rows.weights.sum(axis=1), 1, atol=1e-14)
+    push = np.random.default_rng(0).random(len(rows))
+    matrices = rows.matrices(len(slave.points), len(master.points))
+    on_slave, on_master = ((G.T @ push).reshape(-1, 3).sum(axis=0) for G in matrices)
+    np.testing.assert_allclose(on_slave, -on_master, atol=1e-12)
