@@ -44,7 +44,6 @@ def run(name, arguments):
 
 def reference_step_error():
     """Errors of the stored reference's 1 us steps over the first millisecond, against steps of half the length."""
-    sys.path.insert(0, str(EXAMPLE.parent))
     import exudyn_partition as ep
 
     example = SimpleNamespace(**runpy.run_path(str(EXAMPLE.parent / "models" / EXAMPLE.name)))

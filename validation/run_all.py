@@ -1,6 +1,6 @@
 """Run the validation: each case in a process of its own; results as JSON, figures, report.md and report.html.
 
-A case is a script of this folder, which states its reference, quantity and limits at its top and exits with an error if
+A case is a module of this folder, which states its reference, quantity and limits at its top and exits with an error if
 they are missed. One whose result for this commit is in the folder is not run again. The list below says how to run each
 and how to read its headline numbers.
 
@@ -280,17 +280,20 @@ def run_case(name, out, quick, version):
     case, out = CASES[name], Path(out)
     arguments = tuple(a.format(out=out) for a in (case.quick if quick else case.full))
     result = case.result(arguments)
-    command = [sys.executable, str(HERE / case.script), *arguments]
+    module = ".".join([HERE.name, *Path(case.script).with_suffix("").parts])
+    command = [sys.executable, "-m", module, *arguments]
     started, limit, log = time.time(), QUICK_LIMIT if quick else case.limit_s, out / f"{name}.log"
     with log.open("w") as stream:
-        process = subprocess.Popen(command, cwd=ROOT, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True)
+        process = subprocess.Popen(
+            command, cwd=HERE.parent, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+        )
         try:
             code = process.wait(timeout=limit)
         except subprocess.TimeoutExpired:
             code = None
             _end(process)
     record = {"name": name, "commit": version, "quick": quick, "time_s": time.time() - started, "code": code,
-              "command": " ".join(["python", f"validation/{case.script}", *arguments])}  # fmt: skip
+              "command": " ".join(["python", "-m", module, *arguments])}  # fmt: skip
     tail = log.read_text(errors="replace").strip().splitlines()
     record["message"] = f"not done after {limit:g} s" if code is None else (tail[-1][-300:] if code and tail else "")
     record["skipped"] = tail[-1] if code == 0 and tail and tail[-1].startswith(SKIPPED) else None

@@ -12,7 +12,7 @@ from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
 
 _REGULARISATION = 1e-9  # of the mean diagonal
-_PATIENCE = 10  # block steps without progress before single pivots begin
+PATIENCE = 10  # block steps without progress before single pivots begin
 
 
 def regularised(F: Array) -> Array:
@@ -105,7 +105,7 @@ class Complementarity:
             if self.index.size:
                 self.reset()
             return lam
-        fewest, patience = len(h) + 1, _PATIENCE
+        fewest, patience = len(h) + 1, PATIENCE
         for _ in range(50 + 20 * len(h)):
             self.iterations += 1
             index = self.index
@@ -121,7 +121,7 @@ class Complementarity:
             if not count:
                 return lam
             if count < fewest:
-                fewest, patience = count, _PATIENCE
+                fewest, patience = count, PATIENCE
             elif patience:
                 patience -= 1
             else:

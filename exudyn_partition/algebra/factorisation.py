@@ -89,6 +89,11 @@ class Factorisation:
             list(pool.map(solve_block, map(slice, bounds[:-1], bounds[1:])))
         return result
 
+    @property
+    def nnz(self) -> int:
+        """Number of stored entries of both factors."""
+        return int(self._lu.nnz)
+
     def negative_pivots(self) -> int:
         """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia).
 

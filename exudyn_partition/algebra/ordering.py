@@ -47,7 +47,7 @@ def _dissect(graph: sp.csr_matrix) -> Array:
     parts = [(graph, np.arange(graph.shape[0]))]
     while parts:
         graph, nodes = parts.pop()
-        side = _cut(graph) if len(nodes) > _LEAF else None
+        side = cut(graph) if len(nodes) > _LEAF else None
         if side is None:
             pieces.append(nodes[_minimum_degree(graph)])
             continue
@@ -57,7 +57,7 @@ def _dissect(graph: sp.csr_matrix) -> Array:
     return np.concatenate(pieces[::-1])
 
 
-def _cut(graph: sp.csr_matrix) -> Array | None:
+def cut(graph: sp.csr_matrix) -> Array | None:
     """Side of each node, -1 or 1, and 0 on the cut; None if there is no balanced cut."""
     n = graph.shape[0]
     best, start, side = np.inf, 0, None

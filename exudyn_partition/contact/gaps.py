@@ -142,11 +142,11 @@ class Gaps:
     searches: int = 0
     H: Rows
     _all: ContactPoints  # of the slave
-    _mean: Array | None  # (nr, p): rows by points; None if each row is one point
+    mean: Array | None  # (nr, p): rows by points; None if each row is one point
     _row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and shares
     _flexibility: Array | None = None  # of all present rows
     _flexible_at: Array
-    _shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
+    shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _normal: Array
     _normal_of: Array | None = None  # normals that `_normal` is the mean of
@@ -207,10 +207,10 @@ class Gaps:
     @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each present row."""
-        if self._mean is None:
+        if self.mean is None:
             return self.normals
         if self._normal_of is not self.normals:
-            self._normal, self._normal_of = self._mean @ self.normals, self.normals
+            self._normal, self._normal_of = self.mean @ self.normals, self.normals
         return self._normal
 
     @property
@@ -261,12 +261,12 @@ class Gaps:
         """Derivative of some present rows' gaps by the coordinates, (na, n), pairs held."""
         if not self.moving:
             return self.H[index]
-        points = index if self._mean is None else np.arange(len(self.normals))
+        points = index if self.mean is None else np.arange(len(self.normals))
         parts = []
-        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
+        for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
             G = directed_matrix(nodes[points], weights[points], self.normals[points], len(side.surface.points))
             G = side.kinematics.on_coordinates(q, G)
-            parts.append(G if self._mean is None else self._mean[index] @ G)
+            parts.append(G if self.mean is None else self.mean[index] @ G)
         return _joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -275,11 +275,11 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the patches' nodes, (np, 3) of each side [N], of forces on the present rows, (nr,) [N]."""
-        at_points = lam if self._mean is None else lam @ self._mean
+        at_points = lam if self.mean is None else lam @ self.mean
         active = np.flatnonzero(at_points)
         forces = at_points[active, None] * self.normals[active]
         result = []
-        for (nodes, weights), side in zip(self._shares, self.sides, strict=True):
+        for (nodes, weights), side in zip(self.shares, self.sides, strict=True):
             at, share, n = nodes.take(active, axis=0).ravel(), weights.take(active, axis=0), len(side.surface.points)
             on_nodes = np.empty((n, 3))
             for axis in range(3):  # np.add.at takes several times as long
@@ -301,8 +301,8 @@ class Gaps:
 
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
-        at_points = lam if self._mean is None else lam @ self._mean
-        (nodes, weights), x = self._shares[0], self.places_now()[0]
+        at_points = lam if self.mean is None else lam @ self.mean
+        (nodes, weights), x = self.shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
         value: Array = np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
         return value
@@ -325,7 +325,7 @@ class Gaps:
         row, point, share = self._row_points
         n_rows = len(self.row_nodes)
         F = np.zeros((n_rows, n_rows))
-        for (nodes, weights), side, q in zip(self._shares, self.sides, self.split(self._q), strict=True):
+        for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
             if side.flexibility is None:
                 continue
             nodes, weights = nodes[point], share[:, None] * weights[point]
@@ -342,14 +342,14 @@ class Gaps:
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility of one of the sides' patches, (nr, d np)."""
-        nodes, weights = self._shares[side]
+        nodes, weights = self.shares[side]
         own, n = self.sides[side], len(self.sides[side].surface.points)
         if own.normal_only:
             rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes inwards
         else:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
-        return rows if self._mean is None else self._mean @ rows
+        return rows if self.mean is None else self.mean @ rows
 
 
 def dense(matrix: Rows) -> Array:

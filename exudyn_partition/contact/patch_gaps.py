@@ -115,13 +115,13 @@ class PatchGaps(Gaps):
 
     def _take(self, points: ContactPoints, at_edge: Array) -> None:
         """Make these the present rows."""
-        self._points, self._mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
+        self._points, self.mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
         self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
         self._flexibility = None
 
     def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
         """Make these what the present points face: nodes and weights, (p, k), and normals, (p, 3)."""
-        self._shares = (self._points.nodes, self._points.weights), (nodes, -weights)
+        self.shares = (self._points.nodes, self._points.weights), (nodes, -weights)
         self.normals = normals
 
     def _drift_rows(self, rows: ContactRows) -> Array:
@@ -130,7 +130,7 @@ class PatchGaps(Gaps):
         blocks = []
         for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
             along, block = np.tile(tangent, (len(some), 1)), []
-            for (nodes, weights), side in zip(self._shares, self.sides, strict=True):
+            for (nodes, weights), side in zip(self.shares, self.sides, strict=True):
                 G = directed_matrix(nodes[some], weights[some], along, len(side.surface.points))
                 block.append(dense(G @ side.kinematics.rows))
             blocks.append(block)
@@ -161,7 +161,7 @@ class PatchGaps(Gaps):
             self._since = 0
             # Only where they touch: pairs of patches far apart are not those that will meet.
             if self._stands_still(here) and gap.min(initial=np.inf) < _HELD * self.size:
-                rows = self._project(x_s, x_m)[0]
+                rows = self.project(x_s, x_m)[0]
                 self._hold(rows, q)
                 return rows.gap
         return gap
@@ -208,7 +208,7 @@ class PatchGaps(Gaps):
         centres = x_s.mean(axis=0), x_m.mean(axis=0)
         radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
         between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
-        return between if between > 0 else self._project(x_s, x_m)[1]
+        return between if between > 0 else self.project(x_s, x_m)[1]
 
     def _placed(self, x_s: Array, x_m: Array) -> Array:
         """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
@@ -218,7 +218,7 @@ class PatchGaps(Gaps):
             raise ComplementarityError("the patches are nowhere: the run has become unstable")
         return here
 
-    def _project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
+    def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         found = closest_points(self._all.at(x_s), x_m[master.facets])
@@ -229,7 +229,7 @@ class PatchGaps(Gaps):
     def _search(self, x_s: Array, x_m: Array, here: Array) -> None:
         """Find the pairs of all points."""
         self.searches += 1
-        self._every, least = self._project(x_s, x_m)
+        self._every, least = self.project(x_s, x_m)
         self.unpaired = self._every.unpaired
         self._searched_at, self._narrowed = here, False
         # Far apart, the next search comes when the patches may have come near.
@@ -281,7 +281,7 @@ class PatchGaps(Gaps):
         """Gaps of the present rows, (nr,) [m]."""
         found, gap = self._followed(self._points, self._followed_points, x_s, x_m)
         self._meet_followed(found)
-        return gap if self._mean is None else self._mean @ gap
+        return gap if self.mean is None else self.mean @ gap
 
     def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
         """Projections of some of the pairs, and their gaps, (p,) [m]."""

@@ -151,8 +151,8 @@ class RigidGaps(Gaps):
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
-        self._mean, self._row_points = self._all.dense_mean, sp.find(self._all.mean)
-        self._shares = ((self._all.nodes, self._all.weights),)
+        self.mean, self._row_points = self._all.dense_mean, sp.find(self._all.mean)
+        self.shares = ((self._all.nodes, self._all.weights),)
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
@@ -207,7 +207,7 @@ class RigidGaps(Gaps):
             raise InputError("carrier_rows: nothing carries the surface")
         arms = self._all.at(self.places_now()[0]) - self._pose()[0]
         rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
-        return rows[index] if self._mean is None else self._mean[index] @ rows
+        return rows[index] if self.mean is None else self.mean[index] @ rows
 
     def _stance(self) -> Array:
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
@@ -220,7 +220,7 @@ class RigidGaps(Gaps):
             place, axes = self._pose()
             gap, normals = self.surface.project((x - place) @ axes)
             self.normals = normals @ axes.T
-        return gap if self._mean is None else self._mean @ gap
+        return gap if self.mean is None else self.mean @ gap
 
     def _check_start(self, gap: Array) -> None:
         deepest, surface = int(gap.argmin()), self.slave.surface

@@ -17,7 +17,7 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from ..support.optional import require
 
-_MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
+MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
 _ROUND_OFF = 1e-9  # of a step, in comparisons of periods
 
 
@@ -134,7 +134,7 @@ class RunRecord:
         self._coordinates.append(both)
         for number, values in self._recorded(t, both[0]).items():
             self._values.setdefault(number, []).append(values)
-        if 2 * len(self._times) * len(both[0]) > _MOST:
+        if 2 * len(self._times) * len(both[0]) > MOST:
             self._clear()
             self.on, self.overflowed = False, True
 

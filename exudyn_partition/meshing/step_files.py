@@ -11,7 +11,7 @@ from ..errors import InputError
 
 ENDINGS = (".step", ".stp")
 
-_TRIAL = "import sys; from netgen.occ import OCCGeometry; OCCGeometry(sys.argv[1]).shape.solids"
+TRIAL = "import sys; from netgen.occ import OCCGeometry; OCCGeometry(sys.argv[1]).shape.solids"
 
 
 def check_step(path: Path) -> None:
@@ -26,7 +26,7 @@ def check_step(path: Path) -> None:
     """
     if not sys.executable:  # an interpreter inside another program
         return
-    call = [sys.executable, "-c", _TRIAL, str(path)]
+    call = [sys.executable, "-c", TRIAL, str(path)]
     # PYTHONSAFEPATH: a file in the working directory may have the name of a package.
     run = subprocess.run(
         call, capture_output=True, text=True, errors="replace", env=os.environ | {"PYTHONSAFEPATH": "1"}, check=False

@@ -21,7 +21,7 @@ _LOG = logging.getLogger(__name__)
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
-_SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
+SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
 _BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
@@ -122,7 +122,7 @@ class AdaptedSpace(FreeBody):
         self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
         self.krylov.grow(2 * _GROWTH)
 
-    def grow(self, f_cut: float, progress: Progress | None = None, settled: float = _SETTLED) -> None:
+    def grow(self, f_cut: float, progress: Progress | None = None, settled: float = SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.
 
         Two norms are used: the relative L2 change over the band, and the rms of the relative change over all octaves.

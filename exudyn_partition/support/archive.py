@@ -37,7 +37,7 @@ _CSR = {"csr_matrix": sp.csr_matrix, "csr_array": sp.csr_array}
 _CSR_PARTS = ("data", "indices", "indptr")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _ZIP_START = b"PK\x03\x04"
-_PACK_FROM = 4096  # bytes of an array: below, planes save nothing worth it
+PACK_FROM = 4096  # bytes of an array: below, planes save nothing worth it
 _LEVEL = 1  # of deflate: 6 takes twice the time and makes files 1 % smaller
 _MOST_DEFLATED = 1100  # times as much as a deflated member holds is the most that it can unpack to
 # Errors that zipfile, NumPy and JSON raise for a damaged file.
@@ -246,7 +246,7 @@ def _restore(node: JSON, archive: zipfile.ZipFile, classes: dict[str, type]) -> 
 
 def _is_packable(array: Array) -> bool:
     """Whether planes of an array's bytes are worth it."""
-    return array.nbytes >= _PACK_FROM and array.dtype.kind in "iuf"
+    return array.nbytes >= PACK_FROM and array.dtype.kind in "iuf"
 
 
 def _planes(array: Array) -> Array:

@@ -41,7 +41,7 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     validate_text("title", title)
     if validate_number("after", after, "a time in s") < 0:
         raise InputError(f"after: expected a time of at least zero, got {after!r}")
-    bar = _bar()
+    bar = terminal_bar()
     task, begin = bar.add_task(_plain(title), total=1.0), time.perf_counter()
 
     def report(share: float) -> None:
@@ -61,7 +61,7 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
 @contextlib.contextmanager
 def pulsing(title: str) -> Iterator[None]:
     """Show a bar that moves while something runs; for work that takes long and cannot tell the share done."""
-    bar = _bar()
+    bar = terminal_bar()
     bar.add_task(title, total=None)
     timer = threading.Timer(LONG, bar.start)
     timer.daemon = True
@@ -81,7 +81,8 @@ def _plain(title: str) -> str:
     return str(require("rich.markup").escape(title))
 
 
-def _bar() -> ProgressBar:
+def terminal_bar() -> ProgressBar:
+    """A bar of rich on stderr, which shows nothing where stderr is no terminal."""
     rich = require("rich.progress")
     console = require("rich.console").Console(stderr=True)
     columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())

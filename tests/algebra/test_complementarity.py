@@ -31,7 +31,7 @@ def test_complementarity_conditions(patience, seed, n, shift):
     A = rng.standard_normal((n, n + 2))
     F = A @ A.T + 1e-3 * np.eye(n)
     problem = Complementarity(F)
-    before, complementarity._PATIENCE = complementarity._PATIENCE, patience
+    before, complementarity.PATIENCE = complementarity.PATIENCE, patience
     try:
         for _ in range(3):  # warm-started from the last active set
             h = rng.standard_normal(n) + shift
@@ -41,7 +41,7 @@ def test_complementarity_conditions(patience, seed, n, shift):
             expected = scipy.optimize.nnls(L.T, -np.linalg.solve(L, h), maxiter=1000)[0]
             np.testing.assert_allclose(lam, expected, atol=1e-6 * (1 + expected.max()))
     finally:
-        complementarity._PATIENCE = before
+        complementarity.PATIENCE = before
 
 
 def test_an_unchanged_active_set_takes_one_iteration():

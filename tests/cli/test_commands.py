@@ -220,11 +220,13 @@ def test_what_cannot_be_written_is_told_before_the_work(step_file, capsys, monke
 
 
 @pytest.mark.parametrize("x", ["-0.005", "-5e-3", "-5E-03", "-.005"])
-def test_points_may_have_negative_coordinates(capsys, monkeypatch, x):
-    monkeypatch.setattr(commands, "_reduce", lambda options: (0, {"at": options.at}))
-    arguments = ["reduce", "a.step", "--material", "steel", "--at", x, 0, x, "--radius", 6e-3, "--f-cut", 8e4]
-    code, found, _ = call(capsys, *arguments, "-o", "b.npz")
-    assert (code, found["at"]) == (0, [[-0.005, 0, -0.005]])
+def test_points_may_have_negative_coordinates(step_file, block, tmp_path, capsys, monkeypatch, x):
+    """They are no options: the body has no node near the point, which the message repeats."""
+    monkeypatch.setattr(commands, "fe_model", lambda *arguments, **options: block)
+    arguments = ["reduce", step_file, "--material", "steel", "--at", x, 0, x, "--radius", 1e-6, "--f-cut", 8e4]
+    code, found, _ = call(capsys, *arguments, "-o", tmp_path / "b.npz")
+    assert (code, found["error"]) == (1, "EmptyRegionError")
+    assert "of (-0.005, 0, -0.005)" in found["message"]
 
 
 def test_a_point_that_is_none(step_file, tmp_path, capsys, monkeypatch):

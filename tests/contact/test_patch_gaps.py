@@ -13,7 +13,7 @@ from exudyn_partition.surfaces.points import ROWS
 @pytest.mark.parametrize("kind", ROWS)
 def test_moving_pairs_are_the_frozen_ones_where_nothing_slides(round_body, flat_body, kind):
     laws = [ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body), kind)) for _ in range(2)]
-    laws[1].gaps.moving, laws[1].gaps._searched_at = True, None
+    laws[1].gaps.moving = True
     q = np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
     frozen, moving = (law.force(q) for law in laws)
     assert not laws[0].gaps.moving
@@ -83,8 +83,7 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
     for own in paths(round_body, inertial(round_body)):
         q = np.r_[own, np.zeros(flat_body.n_dofs)] if ball_is_slave else np.r_[np.zeros(flat_body.n_dofs), own]
         found = gaps.at(q)
-        gaps._since = 0  # never frozen again
-        every = gaps._project(*gaps.places(q))[0]
+        every = gaps.project(*gaps.places(q))[0]
         expected = dict(zip(every.points.row_nodes, every.gap, strict=True))
         least = every.gap.min()
         assert found.min() == pytest.approx(least, abs=1e-10)
@@ -134,8 +133,8 @@ def test_action_is_reaction_while_sliding(round_body, flat_body):
 def test_patches_far_apart_have_no_rows_and_are_hardly_searched(round_body, flat_body, monkeypatch):
     gaps = PatchGaps(inertial(round_body), inertial(flat_body))
     gaps.moving, searches = True, []
-    project = PatchGaps._project
-    monkeypatch.setattr(PatchGaps, "_project", lambda *a: searches.append(1) or project(*a))
+    project = PatchGaps.project
+    monkeypatch.setattr(PatchGaps, "project", lambda *a: searches.append(1) or project(*a))
     far = np.r_[moved(inertial(round_body), [0, 0, 0.3]), np.zeros(flat_body.n_dofs)]
     for height in np.geomspace(0.3, 1e-6, 1000):
         q = np.r_[moved(inertial(round_body), [0.2e-3 * np.sin(1e3 * height), 0, height]), np.zeros(flat_body.n_dofs)]

@@ -119,7 +119,7 @@ def test_other_sensors_are_not_taken_for_those_of_every_step(impact):
 
 def test_more_steps_than_memory_are_told(impact, monkeypatch):
     mbs, *_ = impact
-    monkeypatch.setattr(run_record, "_MOST", 5000)
+    monkeypatch.setattr(run_record, "MOST", 5000)
     plain(mbs, 120)
     with pytest.warns(ModelLimitWarning, match="more steps than contacts keep .* Set settings.solution.sensors"):
         result = ep.collect(mbs)

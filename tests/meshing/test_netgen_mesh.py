@@ -11,7 +11,6 @@ from oracles import box
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, MeshError
-from exudyn_partition.meshing.netgen_mesh import _check_tips
 
 BLOCK = box(0.01, 0.02, 0.03)
 
@@ -88,5 +87,5 @@ def test_the_tip_of_a_sharp_cone_is_refused():
     with pytest.raises(MeshError, match="half angle 30 degrees"):
         ep.fe_model(turned, ep.STEEL, maxh=5e-3)
     cut = occ.Cone(occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1)), 2e-3, 9e-3, 0.02, 2 * np.pi)
-    for shape in (cone(60), cut, occ.Sphere(occ.Pnt(0, 0, 0), 0.01), occ.Cylinder(occ.Pnt(0, 0, 0), occ.X, 0.1, 0.2)):
-        _check_tips(shape, 0.02)
+    for shape in (cone(60), cut):  # spheres and cylinders are in other tests
+        assert ep.generate_mesh(shape, maxh=0.02).ne > 0

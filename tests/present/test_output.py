@@ -119,7 +119,7 @@ def test_static_answer_closes_the_contact_and_stresses_what_is_beneath(run, ball
     left = {}
     for key, fields in meshes.items():
         h = gaps.held.gap.copy()
-        for (nodes, weights), (item, patch) in zip(gaps._shares, contact.sides, strict=True):
+        for (nodes, weights), (item, patch) in zip(gaps.shares, contact.sides, strict=True):
             mesh = fields[0 if item is striker else 1]
             u = mesh.point_data["displacement"][item.body.partition.patches[patch].nodes]
             h += np.einsum("pk,pkd,pd->p", weights, u[nodes], gaps.normals)

@@ -41,7 +41,7 @@ def test_contact_adapted_basis_grows_until_it_has_settled(bar_end, adapted_bar):
         expected.append(s * (load @ full))
         modal = reduced_load**2 @ (1 / (body.stiffness.diagonal() + s**2))
         got.append(s * (modal + on_patch @ F @ on_patch))
-    assert relative(np.array(got), np.array(expected)) < free_body._SETTLED
+    assert relative(np.array(got), np.array(expected)) < free_body.SETTLED
     assert body.n_dofs > 26
 
 

@@ -22,10 +22,10 @@ def adapted(pair_of):
 
 def held_gap(gaps, q):
     """Gaps with the pairs and normals of the start, from where the nodes are."""
-    shares = zip(gaps._shares, gaps.places(q), strict=True)
+    shares = zip(gaps.shares, gaps.places(q), strict=True)
     way = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in shares)
     gap = np.einsum("pd,pd->p", way, gaps.normals)
-    return gap if gaps._mean is None else gaps._mean @ gap
+    return gap if gaps.mean is None else gaps.mean @ gap
 
 
 def closed_stiffness(law):

@@ -136,7 +136,7 @@ def test_a_save_that_fails_keeps_the_old_file(tmp_path, monkeypatch):
 
 
 def test_any_damage_of_packed_arrays_is_refused_or_changes_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "_PACK_FROM", 1)
+    monkeypatch.setattr(archive, "PACK_FROM", 1)
     path = tmp_path / "sample.npz"
     value = Sample("s", np.arange(30.0), sp.csr_matrix((1, 1)), (), None, (), {})
     PACKED.save(path, value)

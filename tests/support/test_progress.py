@@ -6,7 +6,7 @@ import pytest
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.support import progress as _progress
+from exudyn_partition.support import progress
 
 
 class Terminal:
@@ -31,7 +31,7 @@ class Terminal:
 @pytest.mark.parametrize(("long", "expected"), [(0.0, ["start", "stop"]), (60.0, [])])
 def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
     bar = Terminal()
-    monkeypatch.setattr(_progress, "_bar", lambda: bar)
-    monkeypatch.setattr(_progress, "LONG", long)
+    monkeypatch.setattr(progress, "terminal_bar", lambda: bar)
+    monkeypatch.setattr(progress, "LONG", long)
     ep.generate_mesh(box(1, 1, 1), maxh=0.5)
     assert bar.calls == [("mesh", None), *expected]

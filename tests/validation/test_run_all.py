@@ -51,19 +51,21 @@ def test_a_dask_worker_that_dies_loses_only_its_case(tmp_path):
 @pytest.fixture
 def scripts(tmp_path, monkeypatch):
     """A folder with a script that holds, one that does not, one that hangs, and one that lacks what it needs."""
-    (tmp_path / "good.py").write_text(
+    folder = tmp_path / "validation"
+    folder.mkdir()
+    (folder / "good.py").write_text(
         "import json, pathlib\n"
         "pathlib.Path(__file__).with_suffix('.json').write_text(json.dumps({'limits': {'x': 1.0}, 'x': 0.5}))\n"
     )
-    (tmp_path / "bad.py").write_text("import sys\nsys.exit('beyond the stated limits: y')\n")
-    (tmp_path / "hangs.py").write_text("import time\ntime.sleep(60)\n")
-    (tmp_path / "lacks.py").write_text("print('skipped: no other code here')\n")
-    monkeypatch.setattr(run_all, "HERE", tmp_path)
+    (folder / "bad.py").write_text("import sys\nsys.exit('beyond the stated limits: y')\n")
+    (folder / "hangs.py").write_text("import time\ntime.sleep(60)\n")
+    (folder / "lacks.py").write_text("print('skipped: no other code here')\n")
+    monkeypatch.setattr(run_all, "HERE", folder)
     names = "good", "bad", "hangs", "lacks"
     cases = {name: run_all.Case(f"{name}.py", run_all.limits(("x",)), quick=()) for name in names}
     monkeypatch.setattr(run_all, "CASES", cases)
     monkeypatch.setattr(run_all, "QUICK_LIMIT", 3.0)
-    return tmp_path
+    return folder
 
 
 def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts, monkeypatch, capsys):

@@ -6,7 +6,7 @@ the plate by the bases that keep more. Sizes, their shares of the arrays' bytes,
 Limits: a whole file takes at most 95 % of the arrays' bytes; without the inside one of the ball 35 %, all others 75 %.
 What is read is what was written, to the last bit.
 
-    python validation/benchmarks/body_files.py
+    python -m validation.benchmarks.body_files
 """
 
 import json
@@ -23,10 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from examples.models import rod_on_plate as example
 from exudyn_partition.support.archive import digest
 
 RESULTS = Path(__file__).with_suffix(".json")
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 RADIUS = 0.010  # of the ball [m]
 RUNS = 3
 LIMITS = {"whole": 0.95, "ball_without_inside": 0.35, "without_inside": 0.75}
@@ -34,8 +34,6 @@ LIMITS = {"whole": 0.95, "ball_without_inside": 0.35, "without_inside": 0.75}
 
 def bodies():
     """Bodies by name."""
-    from models import rod_on_plate as example
-
     ball = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
     fem = ep.fe_model(ball, ep.STEEL, maxh=3e-3, refine=[ep.Refine((0, 0, 0), radius=0.3e-3, h=0.1e-3)])
     yield "ball", ep.reduce(fem, ep.Partition.ball(fem, center=(0, 0, 0), radius=0.5e-3), f_cut=200e3)

@@ -183,7 +183,7 @@ def hat_means(law, pressure):
     area = hats @ rows.area
     reference = hats @ (rows.area * (rows.mean @ pressure(np.hypot(*rows.at(surface.points)[:, :2].T)))) / area
     forces = row_forces(law)
-    if not law.gaps._all.nodal:
+    if law.gaps.mean is not None:
         forces = rows.area * (law.node_pressures @ forces)
     return np.hypot(*surface.points[corners, :2].T), hats @ forces / area, area, reference
 

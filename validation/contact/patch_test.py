@@ -101,9 +101,9 @@ def nodal_forces(law):
         (a, b), (c, d) = (nodal_forces(one) for one in law.passes)
         return 0.5 * (a + d), 0.5 * (b + c)
     gaps = law.gaps
-    at_points = law.lam if gaps._mean is None else law.lam @ gaps._mean
+    at_points = law.lam if gaps.mean is None else law.lam @ gaps.mean
     forces = []
-    for (nodes, weights), side in zip(gaps._shares, gaps.sides, strict=True):
+    for (nodes, weights), side in zip(gaps.shares, gaps.sides, strict=True):
         on_nodes = np.zeros((len(side.surface.points), 3))
         np.add.at(on_nodes, nodes, weights[:, :, None] * (at_points[:, None] * gaps.normals)[:, None, :])
         forces.append(on_nodes)

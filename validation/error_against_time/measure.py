@@ -235,7 +235,7 @@ def full_memory(models, step):
     """Size of matrices and factors of the full FE models [MB]."""
     total = 0
     for fem, _ in models:
-        factors = Factorisation(fem.mass + 0.3 * step**2 * fem.stiffness)._lu
+        factors = Factorisation(fem.mass + 0.3 * step**2 * fem.stiffness)
         total += 12 * (fem.stiffness.nnz + fem.mass.nnz + factors.nnz)  # a number and an index each
     return total / 1e6
 

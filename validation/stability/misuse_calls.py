@@ -176,7 +176,7 @@ CALLS = {
     "Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
     "Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
     "generate_mesh": call(
-        shape=v._own("shape")(Made(lambda s: s.shape)),
+        shape=v.own("shape")(Made(lambda s: s.shape)),
         maxh=v.positive(8e-3),
         refine=_refine,
         grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
@@ -358,7 +358,7 @@ CALLS = {
         of=_result, number=Kind({**v.NOTHING, "beyond": 999, "negative": -1, "half": 1.5, "list": [1]}, 0)
     ),
     "Result.sensor_of": call(
-        of=_result, item=v._own("item", "contact").but(**_foreign_item)(Made(_item)), number=v.count(0).but("zero")
+        of=_result, item=v.own("item", "contact").but(**_foreign_item)(Made(_item)), number=v.count(0).but("zero")
     ),
     "Result.kept": call(of=_result, contact=v.contact.but(**_foreign_contact)),
     "Result.at": call(of=_result, times=v.times(2)),

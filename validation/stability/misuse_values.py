@@ -205,7 +205,7 @@ _OWN = {
 }
 
 
-def _own(name, *also_right):
+def own(name, *also_right):
     """A thing of the library: wrong are None, plain values, all other things, and the thing in a list."""
     wrong = {**NOTHING, "number": 1.0, "list": [], "class": dict}
     wrong |= {f"a {other}": value for other, value in _OWN.items() if other not in (name, *also_right)}
@@ -213,13 +213,13 @@ def _own(name, *also_right):
     return Kind(wrong, _OWN[name])
 
 
-material, fem, part, body, item = (_own(name) for name in ("material", "fem", "part", "body", "item"))
-contact, result, history, mbs = (_own(name) for name in ("contact", "result", "history", "mbs"))
+material, fem, part, body, item = (own(name) for name in ("material", "fem", "part", "body", "item"))
+contact, result, history, mbs = (own(name) for name in ("contact", "result", "history", "mbs"))
 mbs = mbs.but(**{"a SystemContainer": Made(lambda s: exu.SystemContainer())})
 own_result = result
 result = result.but(**{"of another model": Made(lambda s: _result_of_another(s))})
-run = _own("result", "history")
-item_or_body = _own("item", "body")
+run = own("result", "history")
+item_or_body = own("item", "body")
 
 
 def _result_of_another(scene):

@@ -1,0 +1,52 @@
+"""Tests and scripts use what is public, and find each other without a change of the search path."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = [path for folder in ("tests", "validation", "examples") for path in sorted((ROOT / folder).rglob("*.py"))]
+BY_NAME = {"getattr", "setattr", "delattr", "hasattr"}  # also those of monkeypatch and mock
+PUBLIC = {"_exit"}  # of os, whose name has an underscore only
+
+
+def private(name):
+    return name.startswith("_") and not name.endswith("__") and name not in PUBLIC
+
+
+def reached_for(tree):
+    """Private names of other modules and objects that the code mentions, with the lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            names = [*(node.module or "").split("."), *(alias.name for alias in node.names)]
+        elif isinstance(node, ast.Import):
+            names = [part for alias in node.names for part in alias.name.split(".")]
+        elif isinstance(node, ast.Attribute):
+            own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
+            names = [] if own else [node.attr]
+        elif isinstance(node, ast.Call) and (getattr(node.func, "attr", "") or getattr(node.func, "id", "")) in BY_NAME:
+            names = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+        else:
+            names = []
+        yield from ((node.lineno, name) for name in names if private(name))
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_nothing_private_is_reached_for_and_the_search_path_stays(path):
+    tree = ast.parse(path.read_text())
+    assert not [*reached_for(tree)]
+    paths = [
+        node.lineno
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and node.attr == "path" and getattr(node.value, "id", "") == "sys"
+    ]
+    assert not paths, "sys.path"
+
+
+@pytest.mark.parametrize(
+    "code",
+    ["from a import _b", "from a._b import c", "import a._b", "a._b()", "a.b._c = 1", "f.setattr(a, '_b', 1)"],
+)
+def test_the_rule_finds_each_way(code):
+    assert [*reached_for(ast.parse(code))]
