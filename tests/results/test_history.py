@@ -7,19 +7,27 @@ import exudyn_partition as ep
 from exudyn_partition.errors import InputError
 
 
-def test_histories_survive_saving(impact, tmp_path):
-    impact.save(tmp_path / "history.npz")
+@pytest.fixture
+def history():
+    """A force and the velocity of a point."""
+    t = np.linspace(0, 1, 101)
+    velocity = np.column_stack([0 * t, 0 * t, np.sin(t)])
+    return ep.History(t, np.sin(t) ** 2, {"far end": velocity}, {"steps": 100, "label": "one"})
+
+
+def test_histories_survive_saving(history, tmp_path):
+    history.save(tmp_path / "history.npz")
     loaded = ep.History.load(tmp_path / "history.npz")
-    np.testing.assert_allclose(loaded.force, impact.force, rtol=1e-6)
-    np.testing.assert_allclose(loaded.velocity["far end"], impact.velocity["far end"], rtol=1e-6)
-    assert loaded.info == impact.info
+    np.testing.assert_allclose(loaded.force, history.force, rtol=1e-6)
+    np.testing.assert_allclose(loaded.velocity["far end"], history.velocity["far end"], rtol=1e-6)
+    assert loaded.info == history.info
 
 
-def test_a_history_is_found_by_the_name_it_was_saved_under(impact, tmp_path):
+def test_a_history_is_found_by_the_name_it_was_saved_under(history, tmp_path):
     """NumPy appends npz to a name without it, so that "run" was there and could not be loaded."""
-    impact.save(tmp_path / "run")
+    history.save(tmp_path / "run")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-    np.testing.assert_array_equal(ep.History.load(tmp_path / "run").t, impact.t)
+    np.testing.assert_array_equal(ep.History.load(tmp_path / "run").t, history.t)
 
 
 @pytest.mark.parametrize("content", [b"", b"text", b"\x93NUMPY\x01\x00", b"PK\x03\x04damaged"])
@@ -31,8 +39,8 @@ def test_what_is_no_history_is_not_taken_for_a_pickle(content, tmp_path):
     assert "pickle" not in str(caught.value)
 
 
-def test_a_history_that_was_cut_off_is_not_loaded(impact, tmp_path):
-    impact.save(tmp_path / "run")
+def test_a_history_that_was_cut_off_is_not_loaded(history, tmp_path):
+    history.save(tmp_path / "run")
     whole = (tmp_path / "run").read_bytes()
     for end in np.linspace(1, len(whole) - 1, 20).astype(int):
         (tmp_path / "run").write_bytes(whole[:end])
