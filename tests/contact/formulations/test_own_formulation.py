@@ -4,7 +4,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import TOP
+from oracles import TOP
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.formulation import Formulation
