@@ -1,1 +1,1 @@
-"""Gaps between moving patches or to rigid surfaces, and what forces on them do."""
+"""Gaps between moving patches, gaps to rigid surfaces, and the generalised forces of contact."""

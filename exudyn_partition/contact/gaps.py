@@ -1,6 +1,6 @@
-"""Gap rows of a patch against something, wherever its body has moved: what they are, and what forces on them do.
+"""Gap rows of a patch in motion, and the generalised forces of forces on the rows.
 
-`contact.patch_gaps` are those to another patch, `contact.rigid` those to rigid surfaces.
+Module `contact.patch_gaps` has the gaps to another patch, `contact.rigid` the gaps to rigid surfaces.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from ..surfaces.surface import Surface
 if TYPE_CHECKING:
     from typing import Self
 
-BULGE = 0.25  # of the deepest row's depth: smaller gaps may close as the surface bulges around a contact
+BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING = np.empty(0)
-_SAME = 0.003  # of a facet's size, or turning of normals: motion up to which rows keep their flexibility
+_SAME = 0.003  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class Side:
     Parameters
     ----------
     surface : Surface
-        Where it starts.
+        The patch at the start.
     kinematics : InertialKinematics or like it
-        Of the patch's nodes.
+        Kinematics of the patch's nodes.
     flexibility : (d np, d np) array or None
-        Residual flexibility of the patch's nodes [m/N], d = 1 along `surface.direction` or 3 along the body's axes.
+        Residual flexibility of the patch's nodes [m/N]: d = 1 along `surface.direction`, d = 3 along the body's axes.
     """
 
     surface: Surface
@@ -55,12 +55,12 @@ class Side:
 
     @property
     def normal_only(self) -> bool:
-        """Whether the flexibility is along the line of contact: that of nodes, whatever a row's own direction."""
+        """Whether the flexibility is that of nodes along the line of contact, for normals of any direction."""
         return len(np.asarray(self.flexibility)) == len(self.surface.points)
 
     @classmethod
     def of(cls, kinematics: Kinematics, patch: int = 0) -> Side:
-        """Patch of a body with these kinematics, where it is at the start; with its flexibility if it has one."""
+        """Patch of the body with these kinematics, at the start, with its flexibility if the basis has one."""
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
         own = kinematics.at(body.partition.patches[patch].nodes)
@@ -77,9 +77,10 @@ class Side:
         return replace(self.surface, points=self.kinematics.place(q), direction=self.kinematics.frame(q)[1] @ direction)
 
     def turned_to(self, point: Array, normal: Array, distance: float) -> Array:
-        """Coordinates, (n,), of a floating body whose patch faces a point, (3,), of a surface with that normal, (3,).
+        """Coordinates, (n,), at which the patch of a floating body faces a point of a surface.
 
-        The patch's centre is `distance` [m] along the normal from there.
+        `point`, (3,), lies on the surface, `normal`, (3,), is its normal there. The centre of the patch lies `distance`
+        [m] away from the point along the normal.
         """
         way = np.zeros(self.n)
         turn = Rotation.align_vectors(-normal[None], self.surface.direction[None])[0]
@@ -91,39 +92,39 @@ class Side:
 
 
 class Gaps:
-    """Rows of a patch against something: what they are now, and what forces on them do. Subclasses say where to.
+    """Gap rows of a patch: the present rows, and what forces on them do. Subclasses say what the gaps lead to.
 
     Attributes
     ----------
     sides : tuple of Side
         Slave, and master if that is a patch too.
     n : int
-        Number of their coordinates.
+        Number of coordinates of all sides.
     size : float
-        Facets' size, the measure of motion [m].
+        Size of the facets, the scale of motion [m].
     moving : bool
-        Whether rows follow the motion; if not, their gaps are linear in the coordinates.
+        Whether rows follow the motion. If not, their gaps are linear in the coordinates.
     held : object
-        Another one each time that rows are frozen.
+        An object that is another one each time that rows are frozen.
     row_nodes : (nr,) int array
-        The slave's patch node of each present row; of moving ones, those that can touch soon.
+        Node of the slave's patch for each present row. While rows move, only those that can touch soon are present.
     area : (nr,) array
         Area that each row stands for [m2].
     at_edge : (nr,) bool array
-        Rows at the edge of what can touch.
+        Rows at the edge of the contact patch.
     normals : (p, 3) array
         Outward normals of the master at the contact points.
     unpaired : int
-        Contact points that face nothing.
+        Number of contact points that face nothing.
     approach : (3,) array
         Unit vector along which the slave approached at the start.
     faced : bool
-        Whether the slave faced what it is to meet at the start. If not, rows at the start are those of a pose in which
-        it does: they tell flexibility and stiffness, and the first evaluation finds others.
+        Whether the slave faced its counterpart at the start. If not, the first rows are those of a pose in which it
+        does. They give flexibility and stiffness; the first evaluation replaces them.
     searches : int
-        How often the pairs of all points were searched since the start of the run.
+        Number of searches for the pairs of all points since the start of the run.
     carried : bool
-        Whether a body of another kind carries the rigid surface.
+        Whether an Exudyn body carries the rigid surface.
     """
 
     sides: tuple[Side, ...]
@@ -149,10 +150,10 @@ class Gaps:
     shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _normal: Array
-    _normal_of: Array | None = None  # normals that `_normal` is the mean of
+    _normal_of: Array | None = None  # the normals whose mean is `_normal`
 
     def fresh(self) -> Self:
-        """Return the same rows at the start, for another run; what does not change is shared."""
+        """Return the same rows in their start state, for another run; constant data are shared."""
         result = copy.copy(self)
         result.searches = 0
         result.reset()
@@ -169,39 +170,40 @@ class Gaps:
     def surface_gap(self, q: Array) -> float:
         """Gap of the slave's lowest point, among its nodes and contact points, at coordinates q, (n,) [m].
 
-        Without the contact's own flexibility, and whatever the present rows are; infinite if no point faces the master.
+        It does not include the contact's own flexibility and does not depend on the present rows. It is infinite if no
+        point faces the master.
         """
         raise NotImplementedError
 
     def of_present(self, q: Array) -> Array:
-        """Gaps at coordinates q, (n,), of the rows that are present now, which `at` may exchange, (nr,) [m]."""
+        """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
         return self.at(q)
 
     @property
     def carrier_pose(self) -> Array:
-        """What gaps depend on beside the coordinates: where a rigid surface is now, (12,); empty where it is fixed."""
+        """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if nothing carries it."""
         return _NOTHING
 
     @property
     def constant_rows(self) -> object:
-        """The same object as long as `side_rows` gives the same; None where it may differ in every evaluation."""
+        """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
         return None if self.moving else self.held
 
     @property
     def slave(self) -> Side:
-        """The side whose points are kept out."""
+        """The side whose points must not penetrate."""
         return self.sides[0]
 
     @property
     def node_areas(self) -> Array:
-        """(np,) array: area of the row of each of the slave's patch nodes [m2]; zero where there is none."""
+        """(np,) array: area of the row of each node of the slave's patch [m2]; zero for a node without a row."""
         areas = np.zeros(len(self.slave.surface.points))
         areas[self._all.row_nodes] = self._all.area
         return areas
 
     @property
     def node_pressures(self) -> sp.csr_matrix:
-        """(np, np) csr matrix: pressures around the slave's patch nodes by the forces of their rows [1/m2]."""
+        """(np, np) csr matrix from forces of the rows to pressures around the nodes of the slave's patch [1/m2]."""
         return self._all.pressures
 
     @property
@@ -219,17 +221,17 @@ class Gaps:
         return [side.kinematics.body for side in self.sides]
 
     def split(self, q: Array) -> list[Array]:
-        """Coordinates of each side, of q, (n,)."""
+        """Split q, (n,), into the coordinates of each side."""
         n = self.sides[0].n
         return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
 
     def moved(self, q: Array, way: Array) -> Array:
-        """Coordinates after a way, (n,), velocity times time, from q, (n,)."""
+        """Coordinates, (n,), after an increment `way`, (n,), velocity times time, from q, (n,)."""
         parts = zip(self.sides, self.split(q), self.split(way), strict=True)
         return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
 
     def accelerations(self, rows: Rows) -> Rows:
-        """Accelerations, (n, nr), that unit forces on rows, (nr, n), give to the coordinates; csr if the rows are."""
+        """Accelerations of the coordinates, (n, nr), by unit forces on rows, (nr, n); csr if the rows are csr."""
         ends = np.cumsum([0] + [side.n for side in self.sides])
         parts = [
             side.kinematics.accelerations(q, rows[:, a:b].T)
@@ -238,11 +240,11 @@ class Gaps:
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 
     def places(self, q: Array) -> list[Array]:
-        """Places of the patches' nodes, (np, 3) of each side [m], at coordinates q, (n,)."""
+        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,)."""
         return [side.kinematics.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """Gaps of all that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], pairs held.
+        """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], pairs held.
 
         Parameters
         ----------
@@ -254,11 +256,11 @@ class Gaps:
         return gap, H @ q_t, H @ q_tt
 
     def places_now(self) -> list[Array]:
-        """Places of the patches' nodes, (np, 3) of each side [m], at the last coordinates."""
+        """Places of the nodes of the patches, (np, 3) for each side [m], at the last coordinates."""
         return self.places(self._q)
 
     def jacobian(self, index: Array) -> Rows:
-        """Derivative of some present rows' gaps by the coordinates, (na, n), pairs held."""
+        """Derivative of the gaps of some present rows by the coordinates, (na, n), pairs held."""
         if not self.moving:
             return self.H[index]
         points = index if self.mean is None else np.arange(len(self.normals))
@@ -270,7 +272,7 @@ class Gaps:
         return _joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
-        """Rates of some rows' gaps, (na, 6), by the motion of a body that carries a rigid surface."""
+        """Derivative of the rates of some gaps by the velocities of the body that carries the surface, (na, 6)."""
         raise NotImplementedError
 
     def nodal_forces(self, lam: Array) -> list[Array]:
@@ -288,7 +290,7 @@ class Gaps:
         return result
 
     def generalised(self, lam: Array) -> Array:
-        """Generalised forces, (n,), of forces on the present rows, (nr,) [N]."""
+        """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
         if not self.moving:
             value: Array = lam @ self.H
             return value
@@ -296,7 +298,7 @@ class Gaps:
         return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
     def resultant(self, lam: Array) -> Array:
-        """Force on the slave, (3,) [N], of forces on the present rows, (nr,) [N]."""
+        """Force on the slave, (3,) [N], from forces on the present rows, (nr,) [N]."""
         return lam @ self.normal
 
     def moment(self, lam: Array, point: Array) -> Array:
@@ -310,7 +312,7 @@ class Gaps:
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility between some present rows, (na, na) [m/N].
 
-        It changes with the places of the points on their facets, but slowly, and is kept for small steps of them.
+        It changes slowly with the places of the points on their facets. So it is kept while the points move little.
         """
         stance = self._stance()
         if self._flexibility is None or abs(stance - self._flexible_at).max() > _SAME:
@@ -318,7 +320,7 @@ class Gaps:
         return self._flexibility.take(index, axis=0).take(index, axis=1)
 
     def _stance(self) -> Array:
-        """What the rows' flexibility depends on, with changes relative to a facet's size or to one."""
+        """Values that the flexibility of the rows depends on, scaled by the size of a facet or by one."""
         raise NotImplementedError
 
     def _all_flexibility(self) -> Array:
@@ -345,7 +347,7 @@ class Gaps:
         nodes, weights = self.shares[side]
         own, n = self.sides[side], len(self.sides[side].surface.points)
         if own.normal_only:
-            rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes inwards
+            rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
         else:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
@@ -353,11 +355,11 @@ class Gaps:
 
 
 def dense(matrix: Rows) -> Array:
-    """Array of a matrix that may be sparse."""
+    """Dense array of a matrix that may be sparse."""
     value: Array = matrix.toarray() if sp.issparse(matrix) else matrix
     return value
 
 
 def _joined(parts: list[Rows]) -> Rows:
-    """Side by side, (nr, n): csr if all of them are."""
+    """Blocks side by side, (nr, n); csr if all blocks are."""
     return sp.hstack(parts, format="csr") if all(map(sp.issparse, parts)) else np.hstack([*map(dense, parts)])

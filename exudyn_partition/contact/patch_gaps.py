@@ -1,14 +1,15 @@
-"""Gaps between two patches wherever their bodies have moved: frozen pairs while they hold, followed ones after that.
+"""Gaps between two patches in motion: pairs are frozen while the patches do not slide, and followed while they do.
 
-Pairs hold as long as the patches have not slid along each other: gaps are linear then, h = h0 + H q, and cost one
-product. When they have slid by 2 % of a facet, every evaluation takes positions from the bodies' coordinates and
-projects the contact points anew, starting from where they were (`contact.pairs`). A search of all points, with a tree,
-comes when the patches have moved by a quarter of a facet. When the sliding stops, pairs are frozen again. So the motion
-decides, and nobody has to know it beforehand.
+Frozen pairs: gaps are linear, h = h0 + H q, and cost one product. When the patches have slid by 2 % of a facet, pairs
+are followed: every evaluation takes positions from the coordinates of the bodies and projects the contact points again,
+starting from their last closest points (`surfaces.pairs`). When the patches have moved by a quarter of a facet, all
+points are searched with a tree. When the sliding stops, pairs are frozen again. So the motion itself decides, and users
+need not know it beforehand.
 
-Between searches only rows that can close are followed: all are projected, those with small gaps are taken, and that
-again when the rigid motion of the patches since then, and twice what deformation has changed of the gaps that are
-followed, could close another. While the patches are more than a facet apart, there are no rows.
+Between searches only rows that can close are followed. To choose them, all points are projected, and the rows with
+small gaps are taken. The choice is repeated when another row could close: its gap is estimated from the rigid motion of
+the patches since the choice, less twice the error of this estimate for the rows that are followed. While the patches
+are more than one facet apart, there are no rows.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from ..surfaces.rows import ContactRows, directed_matrix, facing, pair_surfaces,
 from ..surfaces.surface import Projection, closest_points
 from .gaps import BULGE, Gaps, Side, dense
 
-_HELD = 0.02  # of a facet's size: sliding up to which frozen pairs hold
-_STILL = 0.1  # of that: sliding within _PATIENCE evaluations below which pairs are frozen again
+_HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
+_STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluations are frozen again
 _PATIENCE = 200
-_SEARCHED = 0.25  # of a facet's size: motion after which all points are projected anew
-_NEAR = 1.0  # of a facet's size: gaps beyond which nothing is followed between searches; closest points jump there
-_AHEAD = 0.006  # of a facet's size: gaps, beyond those that matter now, below which rows are followed
+_SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
+_NEAR = 1.0  # of a facet's size: larger gaps are not followed between searches, as closest points jump there
+_AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 
 
 class PatchGaps(Gaps):
@@ -46,7 +47,7 @@ class PatchGaps(Gaps):
     Raises
     ------
     EmptyRegionError, PenetrationError
-        As `rows.pair_surfaces`.
+        See `rows.pair_surfaces`.
     """
 
     def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
@@ -57,7 +58,7 @@ class PatchGaps(Gaps):
         try:
             self._start = pair_surfaces(slave.surface, master.surface, kind)
         except EmptyRegionError:
-            # Bodies that turn may come to face each other.
+            # Floating bodies may turn until their patches face each other.
             self.faced, self._start_q = False, self._facing_pose()
             if not self._start_q.any():
                 raise
@@ -85,7 +86,7 @@ class PatchGaps(Gaps):
             self.moving = not self._linear
 
     def _facing_pose(self) -> Array:
-        """Coordinates, (n,), at which a side that can turn faces the other; zero if none can."""
+        """Coordinates, (n,), at which a side that can turn faces the other; zero if no side can turn."""
         parts = [np.zeros(side.n) for side in self.sides]
         radii = [float(np.linalg.norm(np.ptp(side.surface.points, axis=0))) for side in self.sides]
         for i, (side, other) in enumerate((self.sides, self.sides[::-1])):
@@ -98,7 +99,7 @@ class PatchGaps(Gaps):
     # Frozen pairs.
 
     def _hold(self, rows: ContactRows, q: Array) -> None:
-        """Freeze these pairs, whose gaps are those at q."""
+        """Freeze these pairs; their gaps belong to coordinates q, (n,)."""
         self._take(rows.points, rows.at_edge)
         self._meet(rows.master, rows.weights, rows.normals)
         self.unpaired = rows.unpaired
@@ -125,7 +126,7 @@ class PatchGaps(Gaps):
         self.normals = normals
 
     def _drift_rows(self, rows: ContactRows) -> Array:
-        """Rows of the sliding of some pairs along two tangents, (6, n)."""
+        """Rows, (6, n), that give the sliding of three pairs along two tangents."""
         some = _spread(rows.points.at(self.slave.surface.points))
         blocks = []
         for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
@@ -136,7 +137,7 @@ class PatchGaps(Gaps):
             blocks.append(block)
         return np.block(blocks)
 
-    # Pairs that follow.
+    # Followed pairs.
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
@@ -159,7 +160,7 @@ class PatchGaps(Gaps):
         self._since += 1
         if self._since >= _PATIENCE and self._linear:
             self._since = 0
-            # Only where they touch: pairs of patches far apart are not those that will meet.
+            # Only if they touch: patches that are apart may meet with other pairs.
             if self._stands_still(here) and gap.min(initial=np.inf) < _HELD * self.size:
                 rows = self.project(x_s, x_m)[0]
                 self._hold(rows, q)
@@ -184,7 +185,7 @@ class PatchGaps(Gaps):
         return float(found.gap[facing(found, direction, self.size)].min(initial=np.inf))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """As `Gaps.closing`; with what is no row yet, as near as it can be and as fast as the patches are."""
+        """See `Gaps.closing`; the last entry bounds all points without rows: the least gap, the largest speed."""
         self.at(q)
         if not self.moving:
             return super().closing(q, q_t, q_tt)
@@ -204,7 +205,7 @@ class PatchGaps(Gaps):
         return np.append(gap, beyond), np.append(H @ q_t, -speed), np.append(H @ q_tt, 0.0)
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
-        """Least gap, or less: that of balls around the patches while these are apart, which costs no projection [m]."""
+        """Least gap or a lower bound [m]; while the patches are apart, the cheap gap between balls around them."""
         centres = x_s.mean(axis=0), x_m.mean(axis=0)
         radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
         between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
@@ -215,7 +216,7 @@ class PatchGaps(Gaps):
         origin, axes = _triangle_frame(x_m[self._witnesses[1]])
         here = (x_s[self._witnesses[0]] - origin) @ axes
         if not math.isfinite(here.sum()):
-            raise ComplementarityError("the patches are nowhere: the run has become unstable")
+            raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
         return here
 
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
@@ -232,7 +233,7 @@ class PatchGaps(Gaps):
         self._every, least = self.project(x_s, x_m)
         self.unpaired = self._every.unpaired
         self._searched_at, self._narrowed = here, False
-        # Far apart, the next search comes when the patches may have come near.
+        # If the patches are far apart, the next search waits until they may be near.
         self._reach = max(_SEARCHED * self.size, 0.25 * (least - _NEAR * self.size))
         self._apart = least > _NEAR * self.size
         if self._apart:
@@ -241,12 +242,12 @@ class PatchGaps(Gaps):
             self._meet(self._every.master[index], self._every.weights[index], self._every.normals[index])
             return
         self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
-        # As the slave's nodes are seen from its witnesses, to tell how a rigid motion changes gaps.
+        # Places of the slave's nodes in the frame of its three witness nodes: they tell how rigid motion changes gaps.
         origin, axes = _triangle_frame(x_s[self._witnesses[0]])
         self._arms = (x_s[self._every.points.row_nodes] - origin) @ axes
 
     def _narrow(self, x_s: Array, x_m: Array, here: Array, near: float | None = None) -> Array:
-        """Take the rows that may close next, or those whose gaps are below `near` [m], as the present ones."""
+        """Set the present rows to those that may close next, or those with gaps below `near` [m]; return their gaps."""
         every = self._every
         self._pairs.rest()
         found, gap = self._followed(every.points, np.arange(len(every.facet)), x_s, x_m)
@@ -257,7 +258,7 @@ class PatchGaps(Gaps):
         points, self._followed_points = every.points.of_rows(np.flatnonzero(chosen))
         self._take(points, every.at_edge[chosen])
         self._meet_followed(found.part(self._followed_points))
-        # What gaps will be, to first order in the slave's rigid motion as seen from the master.
+        # Change of the gaps to first order in the slave's rigid motion as seen from the master.
         normals = (every.points.mean @ found.normal) @ _triangle_frame(x_m[self._witnesses[1]])[1]
         turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
         order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
@@ -268,9 +269,10 @@ class PatchGaps(Gaps):
         return value
 
     def _others_close(self, gap: Array, here: Array) -> bool:
-        """Whether rows that are not followed may close, or come nearer than those that are.
+        """Whether rows that are not followed may close, or come nearer than those that are followed.
 
-        Deformation and curvature may have brought them twice as far from a rigid motion's gaps as any that is followed.
+        Their gaps are estimated from rigid motion. Deformation and curvature make an error. For rows that are not
+        followed, the error is taken as twice the largest error of the followed rows.
         """
         rigid = self._from + self._rigidly @ (_pose(here) - self._pose)
         off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
@@ -292,19 +294,19 @@ class PatchGaps(Gaps):
         self._meet(self.sides[1].surface.facets.take(found.facet, axis=0), found.weights, found.normal)
 
     def _stands_still(self, here: Array) -> bool:
-        """Whether the patches have hardly slid since this was asked last."""
+        """Whether the patches have hardly slid since the last call."""
         last, self._stood_at = self._stood_at, here
         return last is not None and bool(abs(here - last)[:, :2].max() < _STILL * _HELD * self.size)
 
 
 def _needed(gap: Array) -> float:
-    """Gap below which rows must be present [m]: the smallest while open, in contact what may bulge."""
+    """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
     least = float(gap.min(initial=np.inf))
     return max(least, -BULGE * least)
 
 
 def _triangle_frame(points: Array) -> tuple[Array, Array]:
-    """First of three points, (3,), and axes, (3, 3) with a column each, of which two are in their plane."""
+    """First of three points, (3,), and axes as columns, (3, 3); two axes lie in the plane of the points."""
     (a, b, c), (d, e, f) = (points[1:] - points[0]).tolist()
     length = math.sqrt(a * a + b * b + c * c)
     a, b, c = a / length, b / length, c / length
@@ -315,13 +317,13 @@ def _triangle_frame(points: Array) -> tuple[Array, Array]:
 
 
 def _pose(points: Array) -> Array:
-    """Place and axes of three points' frame as one vector, (12,)."""
+    """Origin and axes of the frame of three points as one vector, (12,)."""
     origin, axes = _triangle_frame(points)
     return np.concatenate([origin, axes.ravel()])
 
 
 def _spread(points: Array) -> Array:
-    """Three points far from each other."""
+    """Numbers of three points that are far from each other, (3,)."""
     first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
     second = int(np.linalg.norm(points - points[first], axis=1).argmax())
     aside = np.linalg.norm(np.cross(points - points[first], points[second] - points[first]), axis=1)

@@ -18,7 +18,7 @@ from .gaps import Gaps, Side
 
 
 class RigidSurface(Protocol):
-    """A surface that knows how far points are from it."""
+    """A surface that gives the distance of points from it."""
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
@@ -31,9 +31,9 @@ class RigidPlane:
     Parameters
     ----------
     point : (3,)
-        On the plane [m].
+        A point on the plane [m].
     normal : (3,)
-        Outward; any length.
+        Outward normal; any length.
     """
 
     point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
@@ -55,9 +55,9 @@ class RigidSphere:
     Parameters
     ----------
     center : (3,)
-        [m]
+        Centre [m].
     radius : float
-        [m]
+        Radius [m].
     """
 
     center: Array
@@ -74,16 +74,16 @@ class RigidSphere:
 
 @dataclass(frozen=True, eq=False)
 class RigidCylinder:
-    """Solid cylinder without ends.
+    """Solid cylinder of infinite length.
 
     Parameters
     ----------
     point : (3,)
-        On the axis [m].
+        A point on the axis [m].
     axis : (3,)
-        Any length.
+        Direction of the axis; any length.
     radius : float
-        [m]
+        Radius [m].
     """
 
     point: Array
@@ -110,33 +110,34 @@ def _unit(name: str, vector: Array) -> Array:
     vector = validate_vector(name, vector)
     length = np.linalg.norm(vector)
     if length == 0:
-        raise InputError(f"{name}: expected a vector of any length but zero")
+        raise InputError(f"{name}: expected a vector of any length other than zero")
     value: Array = vector / length
     return value
 
 
 class RigidGaps(Gaps):
-    """Gaps of a patch to a rigid surface, which a body may carry.
+    """Gaps of a patch to a rigid surface, fixed or carried by a body.
 
-    Gaps to a plane at rest are linear in the coordinates; all others are evaluated anew each time.
+    Gaps of a body in an inertial frame to a fixed plane are linear in the coordinates. All others are projected in
+    every evaluation.
 
     Parameters
     ----------
     slave : Side
     surface : RigidSurface
-        In the frame of what carries it.
+        Surface in the frame of the body that carries it.
     kind : {"integrated", "node-to-segment"}
     pose : callable, optional
-        () -> place of that frame, (3,) [m], and its rotation matrix, (3, 3); default: the frame of space.
+        Returns the place of that frame, (3,) [m], and its rotation matrix, (3, 3). Default: the frame of space.
     motion : callable, optional
-        () -> velocity of that place [m/s] and angular velocity in space [rad/s], (3,) each; default: at rest.
+        Returns the velocity of that place [m/s] and the angular velocity in space [rad/s], (3,) each. Default: at rest.
 
     Raises
     ------
     PenetrationError
         If the patch starts inside the surface.
     InputError
-        If it faces away from it.
+        If the patch faces away from the surface.
     """
 
     def __init__(
@@ -166,7 +167,7 @@ class RigidGaps(Gaps):
 
     @property
     def carrier_pose(self) -> Array:
-        """As `Gaps.carrier_pose`: place and axes of what carries the surface."""
+        """See `Gaps.carrier_pose`."""
         if self._pose is None:
             return super().carrier_pose
         place, axes = self._pose()
@@ -174,12 +175,12 @@ class RigidGaps(Gaps):
 
     @property
     def constant_rows(self) -> object:
-        """As `Gaps.constant_rows`: the patch's own rows do not depend on where the surface is, but for its normals."""
+        """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
         return self if self.slave.normal_only else super().constant_rows
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
-        self.at(self._start_q)  # for the normals
+        self.at(self._start_q)  # sets the normals
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
@@ -190,19 +191,19 @@ class RigidGaps(Gaps):
         return self._evaluate(self.places(q)[0])
 
     def surface_gap(self, q: Array) -> float:
-        """As `Gaps.surface_gap`, of a surface that is fixed in space."""
+        """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
         nodes = self.places(q)[0]
         return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """As `Gaps.closing`; accelerations of what carries the surface are not known here."""
+        """See `Gaps.closing`; without accelerations of the body that carries the surface, which are not known here."""
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
         if self._motion is not None:
             rate = rate + self.carrier_rows(np.arange(len(gap))) @ np.concatenate(self._motion())
         return gap, rate, acceleration
 
     def carrier_rows(self, index: Array) -> Array:
-        """Rates of some rows' gaps, (na, 6), by velocity and angular velocity in space of what carries the surface."""
+        """Derivative of the rates of some gaps, (na, 6), by velocity and angular velocity of the surface's carrier."""
         if self._pose is None:
             raise InputError("carrier_rows: nothing carries the surface")
         arms = self._all.at(self.places_now()[0]) - self._pose()[0]
@@ -229,7 +230,7 @@ class RigidGaps(Gaps):
         if not self.faced and self.slave.kinematics.linear:
             raise InputError(
                 f"master: the slave's patch, with outward normal {surface.direction}, faces away from the rigid "
-                f"surface, whose normal there is {-self.approach}; turn the normal, or choose another patch"
+                f"surface; the normal there is {-self.approach}. Turn the normal, or choose another patch"
             )
         if gap[deepest] < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
@@ -237,6 +238,6 @@ class RigidGaps(Gaps):
                 f"{-gap[deepest]:.4g} m at {surface.points[self.row_nodes[deepest]]} m. Move the body by at least that "
                 "(referencePosition)"
             )
-        if not self.faced:  # a body that turns may come to face it
+        if not self.faced:  # a body that turns may face it later
             nearest = surface.points[self.row_nodes[deepest]] + gap[deepest] * self.approach
             self._start_q = self.slave.turned_to(nearest, -self.approach, gap[deepest])

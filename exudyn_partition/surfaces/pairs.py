@@ -28,7 +28,7 @@ class MovingPairs:
     master : Surface
         The facets at the start.
     facet : (p,) int array
-        Which facet each point is on.
+        Facet of each point.
     local : (p, 2) array
         Closest points in the facets' coordinates.
     """
@@ -45,16 +45,16 @@ class MovingPairs:
         self._last[:] = 0.0
 
     def follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
-        """Project some points again, and tell which of them are past the edge.
+        """Project some points again, and tell which points are past the edge.
 
         Parameters
         ----------
         index : (k,) int array
-            Their numbers.
+            Numbers of the points.
         x : (k, 3) array
-            Where they are [m].
+            Their places [m].
         x_m : (np, 3) array
-            Where the master's nodes are [m].
+            Places of the master's nodes [m].
 
         Returns
         -------
@@ -82,7 +82,7 @@ class MovingPairs:
         return left[~self._past[index[left]]] if len(left) else left
 
     def _cross(self, facet: Array, local: Array, last: Array) -> tuple[Array, Array, Array]:
-        """Facets across the edges that points have crossed, and coordinates and motion there; none across rims."""
+        """Facets across the edges that points have crossed, with coordinates and motion there; unchanged at rims."""
         edge = np.argmin(_depths(local, self.facets.shape[1]), axis=0)
         neighbour, its_edge = (of[facet, edge] for of in self._neighbours)
         middle, turn = _middles(self.facets), self._turns[facet, edge]
@@ -92,7 +92,7 @@ class MovingPairs:
         return np.where(over[:, 0], neighbour, facet), np.where(over, there, local), np.where(over, turned, last)
 
     def _at_rim(self, facet: Array, local: Array) -> Array:
-        """Which closest points lie on edges beyond which there is no facet, (k,) bool."""
+        """Which closest points lie on edges without a neighbour facet, (k,) bool."""
         on = np.stack(_depths(local, self.facets.shape[1]), axis=1) < _ON_EDGE
         return np.asarray((on & (self._neighbours[0][facet] < 0)).any(axis=1))
 
@@ -108,7 +108,7 @@ class MovingPairs:
 
 
 def _middles(facets: Array) -> Array:
-    """Coordinates of the middles of a facet's edges, (number of edges, 2)."""
+    """Local coordinates of the middles of a facet's edges, (number of edges, 2)."""
     corners = corners_of(facets)
     return (corners + np.roll(corners, -1, axis=0)) / 2
 
@@ -127,7 +127,7 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     Parameters
     ----------
     points : (k, 3) array
-        [m]
+        Places of the points [m].
     nodes : (k, n, 3) array
         Positions of the nodes of each point's facet [m].
     facet : (k,) int array
@@ -161,5 +161,5 @@ def _depths(local: Array, n_nodes: int) -> list[Array]:
 
 
 def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:
-    """Which points are outside of their facets, (k,) int array."""
+    """Numbers of the points that are outside of their facets, (k,) int array."""
     return np.flatnonzero(reduce(np.minimum, _depths(local, n_nodes)) < -by)

@@ -35,7 +35,7 @@ class ContactPoints:
     nodes : (p, k) int array
         Patch nodes that carry each point.
     weights : (p, k) array
-        Their shape functions.
+        Shape functions of these nodes at the points.
     mean : (nr, p) csr matrix
         Weights of the points in each row; their sum is one.
     row_nodes : (nr,) int array
@@ -47,7 +47,7 @@ class ContactPoints:
         function of each node. Node-to-segment: the mean over hats of the facets' corners, because nodal forces of
         quadratic facets vary strongly.
     facets : (nf, p) csr matrix
-        Which points belong to which facet.
+        Entry (i, j) says whether point j belongs to facet i.
     """
 
     nodes: Array
@@ -60,7 +60,7 @@ class ContactPoints:
 
     @property
     def nodal(self) -> bool:
-        """Whether each row is one point."""
+        """Whether each row is a single point."""
         return bool(self.nodes.shape[1] == 1)
 
     @property
@@ -69,7 +69,7 @@ class ContactPoints:
         return None if self.nodal else self.mean.toarray()
 
     def at(self, points: Array) -> Array:
-        """Positions, (p, 3), by those of the patch's nodes, (np, 3) [m]."""
+        """Positions of the contact points, (p, 3), from those of the patch's nodes, (np, 3) [m]."""
         if self.nodes.shape[1] == 1:
             return points[self.nodes[:, 0]]
         return (self.weights[:, None] @ points.take(self.nodes, axis=0))[:, 0]
@@ -91,7 +91,7 @@ class ContactPoints:
         )
 
     def of_rows(self, rows: Array) -> tuple[ContactPoints, Array]:
-        """Take some rows, an index, with their points, whose numbers come second."""
+        """Return some rows, an index, with their points; the second value is the numbers of these points."""
         mean = self.mean[rows]
         points = np.unique(mean.indices)
         kept = replace(
@@ -133,7 +133,7 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
         where = surface.points[facet_corners(facets[flat[:1]])].mean(axis=(0, 1))
         raise MeshError(
             f"{len(flat)} of {nf} facets of the contact patch have no area, such as the one at {where} m: their nodes "
-            "lie on a line or in a point. Repair or refine the mesh there"
+            "lie on a line or at one point. Repair or refine the mesh there"
         )
     share = area[:, :, None] * hats  # (nf, nq, k)
     hat_area = np.bincount(facets.ravel(), share.sum(axis=1).ravel(), minlength=n)
@@ -169,7 +169,7 @@ def contact_points(surface: Surface, rows: str) -> ContactPoints:
 
 
 def corner_hats(surface: Surface) -> sp.csr_matrix:
-    """Values of the corners' hat functions at all nodes, (np, np): one at the corner, a half at its mid-side nodes."""
+    """Hat functions of the corners at all nodes, (np, np): one at the corner, one half at its mid-side nodes."""
     n, facets = len(surface.points), surface.facets
     hats = sp.lil_matrix((n, n))
     corners = np.unique(facet_corners(facets))

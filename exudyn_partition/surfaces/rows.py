@@ -39,15 +39,15 @@ class ContactRows:
     normals : (p, 3) array
         Outward unit normals of the master there.
     gap : (nr,) array
-        Gaps of the rows in the configuration of the pairing [m].
+        Gaps of the rows at the places where they were paired [m].
     at_edge : (nr,) bool array
-        Rows at the edge of the patches: contact that reaches them leaves its patch.
+        Rows at the edge of the patches. Contact that reaches them leaves its patch.
     facet_size : float
         Mean edge length of the master's facets [m].
     unpaired : int
-        Points of the slave that face no master facet.
+        Number of the slave's points that face no facet of the master.
     approach : (3,) array
-        Unit vector along which the slave was brought to the master.
+        Unit vector along which the slave was moved to the master.
     """
 
     points: ContactPoints
@@ -109,7 +109,7 @@ def facing(projection: Projection, direction: Array, size: float) -> Array:
 def pair_surfaces(
     slave: Surface, master: Surface, rows: str = "integrated", placed_by: str = "referencePosition"
 ) -> ContactRows:
-    """Pair every contact point of the slave with the point of the master's patch that it will meet.
+    """Pair every contact point of the slave with the point of the master's patch that it will touch.
 
     The slave is first moved along the line of contact, that of the flatter patch, until it touches. There each point is
     paired with the closest point of the master, and the way is added to the gaps. So pairs are right for bodies that
@@ -154,14 +154,14 @@ def pair_surfaces(
         way += clearance
     if not paired.any():
         raise EmptyRegionError(
-            f"none of the {len(places)} contact points of the slave faces a facet of the master patch: their centres "
-            f"are {slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
+            f"none of the {len(places)} contact points of the slave faces a facet of the master patch. The centres of "
+            f"the patches are {slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
             f"{slave.direction} and {master.direction}. Check {placed_by} and the centers of the partitions"
         )
     if abs(clearance) > _TOUCHING * size:
         raise EmptyRegionError(
             f"the patches do not come together along {approach}: after {_APPROACHES} projections {clearance:.3g} m are "
-            "left. Give both partitions a direction, the line along which the bodies meet"
+            "left. Give both partitions a direction: the line along which the bodies meet"
         )
     gap = projection.gap - way * (projection.normal @ approach)
     return rows_of(points, replace(projection, gap=gap), paired, slave, master, approach)

@@ -24,22 +24,22 @@ _CANDIDATES = 8  # facets that are tried for each point, nearest centroids first
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A contact patch in place: node positions, facets and the line of contact.
+    """A contact patch in space: positions of nodes, facets and the line of contact.
 
     Parameters
     ----------
     points : (np, 3) array
         Positions of the patch's nodes [m].
     facets : (nf, 3), (nf, 6) or (nf, 4) int array
-        Facets as rows of `points`, outward.
+        Nodes of each facet as rows of `points`, ordered so that normals point outward.
     direction : (3,) array
-        Outward unit vector, the patch's line of contact.
+        Outward unit vector: the line of contact of the patch.
     rim : (k,) int array
         Rows of `points` beyond which the surface of the body continues.
     nodes : (np,) int array
-        Nodes of the body that `points` belong to.
+        Numbers of these nodes in the body.
     direction_given : bool
-        Whether the user gave `direction`; else it is the mesh's.
+        Whether the user gave `direction`. If not, it follows from the mesh.
     """
 
     points: Array
@@ -51,7 +51,7 @@ class Surface:
 
     @classmethod
     def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
-        """Contact patch with its body's `points`, (n, 3), shifted by `position`, (3,) [m]."""
+        """Contact patch of a body with the nodes `points`, (n, 3) [m], shifted by `position`, (3,) [m]."""
         nodes = patch.nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
         return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given)
@@ -66,7 +66,7 @@ class Surface:
 
     @property
     def normal_here(self) -> Array:
-        """Mean normal of the facets as they lie, (3,)."""
+        """Mean unit normal of the facets in their present places, (3,)."""
         total = area_vectors(self.points, self.facets).sum(axis=0)
         normal: Array = total / np.linalg.norm(total)
         return normal
@@ -79,7 +79,10 @@ class Surface:
 
     @cached_property
     def neighbours(self) -> tuple[Array, Array]:
-        """Facets over each facet's edges 01, 12, ..., (nf, number of edges), and which edge it is there; or -1."""
+        """Neighbour across each facet's edges 01, 12, ..., and the number of the shared edge in the neighbour.
+
+        Two (nf, number of edges) arrays; the neighbour is -1 where there is none.
+        """
         corners = facet_corners(self.facets)
         edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
         order = np.lexsort(edges.T)
@@ -124,7 +127,7 @@ class Projection:
             getattr(self, field.name)[index] = getattr(other, field.name)
 
     def part(self, index: Array) -> Projection:
-        """Projections of some of the points, an index."""
+        """Projections of some points, an index."""
         return Projection(*(getattr(self, field.name)[index] for field in fields(self)))
 
     @classmethod
@@ -139,7 +142,7 @@ class Projection:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Vector products, (k, 3): np.cross takes ten times as long for few points."""
+    """Vector products, (k, 3); np.cross takes ten times as long for few points."""
     result = np.empty_like(a)
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.subtract(a[:, j] * b[:, k], a[:, k] * b[:, j], out=result[:, i])
@@ -154,7 +157,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     Parameters
     ----------
     points : (k, 3) array
-        [m]
+        Places of the points [m].
     facets : (nf, 3, 3), (nf, 6, 3) or (nf, 4, 3) array
         Positions of the facets' nodes [m].
 
@@ -164,7 +167,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     """
     k, (nf, n_nodes, _) = len(points), facets.shape
     centre = facets.mean(axis=(0, 1))
-    points, facets = points - centre, facets - centre  # for less round-off
+    points, facets = points - centre, facets - centre  # reduces round-off
     candidates = min(_CANDIDATES, nf)
     _, nearest = cKDTree(facet_corners(facets).mean(axis=1)).query(points, k=candidates)
     nearest = np.asarray(nearest).reshape(-1)
@@ -172,7 +175,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     nodes = facets[nearest]
     domain = corners_of(facets)
     local = np.tile(domain.mean(axis=0), (len(targets), 1))
-    left = np.arange(len(targets))  # what has not converged
+    left = np.arange(len(targets))  # points that have not converged
     for _ in range(_NEWTON_STEPS):
         frame = shape_functions(local[left], n_nodes) @ nodes[left]
         step, (rr, rs, ss), _ = newton_step(frame, targets[left] - frame[:, 0], nodes[left])
@@ -202,14 +205,14 @@ def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[
     miss : (k, 3) array
         Vector from the place to the point [m].
     nodes : (k, n, 3) array, optional
-        Positions of the nodes of each point's facet, which curve it [m]. Default: it is flat.
+        Positions of the nodes of each point's facet, for its curvature [m]. Default: flat facets.
 
     Returns
     -------
     (k, 2) array
-        In the facet's coordinates.
+        Step in the facet's coordinates.
     three (k,) arrays
-        Second derivatives of half the squared distance by rr, rs and ss [m2].
+        Second derivatives rr, rs and ss of half the squared distance [m2].
     (k,) array
         Squared area of the tangents' parallelogram [m4].
     """
@@ -230,7 +233,7 @@ def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[
 
 
 def _clip(local: Array, step: Array, metric: Array, domain: Array) -> Array:
-    """Closest point of the domain, corners (3 or 4, 2), to local + step, in a metric, (k, 2, 2)."""
+    """Point of the domain with these corners, (3 or 4, 2), closest to local + step in the metric, (k, 2, 2)."""
     target = local + step
     inside = (target >= 0).all(axis=1) & ((target.sum(axis=1) if len(domain) == 3 else target.max(axis=1)) <= 1)
     if inside.all():

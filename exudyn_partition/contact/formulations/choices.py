@@ -1,4 +1,4 @@
-"""The formulations that a user can choose by name: what each needs of a basis, its law, and what contacts share."""
+"""The formulations that a user can choose by name: the bases that each takes, its law, and how contacts couple."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from .two_pass import TwoPass
 NAMES = ("compliance", "lagrange", "penalty")
 _OF_A_FORMULATION = ("check", "law", "couples", "together", "rows", "both_passes")
 
-_COUPLED = 1e-4  # residual flexibility between two patches over their own, below which contacts do not feel it
-_MOVED = 1e-9  # the same for accelerations of rows by multipliers of others
-_STIFFEST = 1e6  # of the default penalty: the explicit step is a thousandth of the default's then
+_COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; contacts are not coupled below it
+_MOVED = 1e-9  # the same for accelerations: those that multipliers of one contact give to rows of another
+_STIFFEST = 1e6  # times the default penalty; explicit steps are then a thousandth of those with the default
 
 
 class Compliance(Formulation):
@@ -40,7 +40,7 @@ class Compliance(Formulation):
         """See `Formulation`."""
         if not any(body.basis.flexibility is not None for body in bodies):
             raise InputError(
-                f"formulation: 'compliance' needs a residual flexibility, which basis {_names(bodies)} does not have; "
+                f"formulation: 'compliance' needs a residual flexibility. Basis {_names(bodies)} has none; "
                 "take formulation='lagrange', or basis='contact-adapted' or 'residual'"
             )
 
@@ -59,8 +59,8 @@ class Compliance(Formulation):
         if all(isinstance(one, ComplianceContact | TwoPass) for one in (law, other)):
             warnings.warn(
                 f"body {shared.name!r}: the residual flexibility couples its patches {shared.patches[0]} and "
-                f"{shared.patches[1]} by {coupling:.1%}, which contacts with passes='two' neglect; forces on one may "
-                "be off by about that share of the other's. Take one pass, or a higher f_cut",
+                f"{shared.patches[1]} by {coupling:.1%}. Contacts with passes='two' neglect this: forces on one "
+                "patch may be wrong by about that share of the forces on the other. Take one pass, or a higher f_cut",
                 ModelLimitWarning,
                 stacklevel=5,
             )
@@ -105,8 +105,8 @@ class Penalty(Formulation):
     Parameters
     ----------
     stiffness : float, optional
-        Of the layer [N/m3]. Default: what makes it yield under uniform pressure as the residual flexibility does; where
-        patches have mass, what adds a tenth to their highest squared frequency at most.
+        Stiffness of the layer [N/m3]. Default: the layer yields under uniform pressure as much as the residual
+        flexibility does. Where patches have mass, it adds at most a tenth to their highest squared frequency.
     """
 
     both_passes = True
@@ -126,19 +126,20 @@ class Penalty(Formulation):
             usual = inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
         if self.stiffness is not None and self.stiffness > _STIFFEST * usual:
             raise InputError(
-                f"stiffness: expected at most {_STIFFEST * usual:.3g} N/m3, a million times what the bodies ask for, "
-                f"got {self.stiffness:.3g}. A layer so stiff yields by less than round-off and takes steps that never "
-                "end. Take formulation='compliance' or 'lagrange', which keep gaps closed without a layer"
+                f"stiffness: expected at most {_STIFFEST * usual:.3g} N/m3, a million times the default, "
+                f"got {self.stiffness:.3g}. So stiff a layer yields less than round-off, and its time steps are "
+                "far too small. Take formulation='compliance' or 'lagrange', which keep gaps closed without a layer"
             )
         return PenaltyContact(gaps, usual if self.stiffness is None else self.stiffness)
 
 
 class TwoPasses(Formulation):
-    """Half of a formulation with one body as slave, half with the other, see `two_pass.TwoPass`.
+    """A formulation in two passes, each with half of the forces and another body as slave; see `two_pass.TwoPass`.
 
     Parameters
     ----------
     half : Formulation
+        Formulation of each pass.
     """
 
     def __init__(self, half: Formulation) -> None:
@@ -163,15 +164,15 @@ class TwoPasses(Formulation):
 
 
 def formulation_of(choice: str | Formulation, stiffness: float | None = None) -> Formulation:
-    """Return the formulation of a name, or the one given.
+    """Return the formulation with the name `choice`, or `choice` itself if it is a formulation.
 
     Raises
     ------
     InputError
-        If there is none of this name, or a stiffness without a penalty.
+        If no formulation has this name, or a stiffness is given without formulation 'penalty'.
     """
     if stiffness is not None and not (isinstance(choice, str) and choice == "penalty"):
-        raise InputError(f"stiffness: formulation {choice!r} has none, it is taken only with formulation='penalty'")
+        raise InputError(f"stiffness: formulation {choice!r} has none; give it only with formulation='penalty'")
     if isinstance(choice, type):
         raise InputError(f"formulation: expected an object, got the class {choice.__name__}; call it")
     if not isinstance(choice, str) and all(hasattr(choice, name) for name in _OF_A_FORMULATION):

@@ -16,14 +16,18 @@ from .law import ElasticContact
 class ComplianceContact(ElasticContact):
     """Massless contact between two bodies whose rows have a residual flexibility.
 
-    With the gap h(q) of the rows, where modes and frames have brought them, and the flexibility F of both bodies at the
-    rows, the normal forces solve lambda >= 0, h + F lambda >= 0, lambda'(h + F lambda) = 0. As long as pairs hold, they
-    are a continuous, piecewise linear function of q and the gradient of the potential 1/2 lambda' F lambda, so that
-    contact stores and returns energy but makes none.
+    The modes and frames give the gaps h(q) of the rows. F is the flexibility of both bodies at the rows. The normal
+    forces lambda solve
 
-    While pairs move, F is projected on the normals and facets, anew when they have slid by 0.3 % of a facet, for the
-    rows that can close: those inside, and those no further off than a quarter of the deepest one's depth, for the bulge
-    around a contact. What F changes by makes no force, in steps or without: rows are frictionless.
+        lambda >= 0,    h + F lambda >= 0,    lambda'(h + F lambda) = 0.
+
+    As long as the pairs stay the same, the forces are a continuous, piecewise linear function of q. They are the
+    gradient of the potential 1/2 lambda' F lambda: contact stores energy and returns it, but creates none.
+
+    While pairs slide, F is projected on the present normals and facets. It is computed again when the patches have
+    slid by 0.3 % of a facet. Only rows that can close enter: rows with a negative gap, and rows whose gap is below a
+    quarter of the deepest row's depth, as the surface bulges around a contact. The change of F itself makes no force,
+    because rows are frictionless.
 
     Parameters
     ----------
@@ -35,7 +39,7 @@ class ComplianceContact(ElasticContact):
         If the flexibility of the rows is not positive definite.
     """
 
-    _held: object = None  # rows that `problem` is of
+    _held: object = None  # the frozen rows that `problem` belongs to
     problem: Complementarity
 
     @property
@@ -50,7 +54,7 @@ class ComplianceContact(ElasticContact):
         self._take_held()
 
     def _take_held(self) -> None:
-        """Go on with the rows that are frozen, or will be followed from here."""
+        """Set up the problem for the rows that are frozen now; reuse F if they are the same."""
         if self._held is self.gaps.held is not None:
             self.problem = self.problem.fresh()  # with the same F
             return
@@ -58,11 +62,14 @@ class ComplianceContact(ElasticContact):
         self.problem = Complementarity(self._flexibility(np.arange(len(self.gaps.row_nodes))))
 
     def _flexibility(self, index: Array) -> Array:
-        """Flexibility of some present rows, (na, na) [m/N]; of those on a few points some are redundant."""
+        """Flexibility of some present rows, (na, na) [m/N], regularised: rows on few points may be redundant."""
         return regularised(self.gaps.flexibility(index))
 
     def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
-        """Find the forces on the present rows by their gaps, (nr,), and what other contacts push these further [m]."""
+        """Find the forces on the present rows from their gaps, (nr,) [m].
+
+        `pushed`, (nr,) [m], is what the forces of other contacts add to the gaps.
+        """
         self.h = gap
         h = gap + pushed
         self.least_gap = h.min(initial=np.inf)
@@ -83,7 +90,7 @@ class ComplianceContact(ElasticContact):
             return
         near = np.flatnonzero(h < -BULGE * self.least_gap)
         self.problem.replace(self._flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
-        self._held = None  # the frozen problem is no more
+        self._held = None  # the problem of the frozen rows is lost
         lam = np.zeros(len(h))
         lam[near] = self.problem.solve(h[near])
         self.close_rows(lam, near[self.problem.index])
@@ -98,7 +105,7 @@ class ComplianceContact(ElasticContact):
         return self.problem.F[np.ix_(index, index)]
 
     def closed_stiffness(self) -> Array:
-        """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
+        """Contact stiffness with all rows closed, (n, n): the largest that the element can have."""
         everything = np.arange(len(self.gaps.row_nodes))
         H = self.gaps.jacobian(everything)
         value: Array = H.T @ np.linalg.solve(self._flexibility(everything), H)

@@ -1,4 +1,4 @@
-"""Several contacts on one body: its residual flexibility lets a force on one patch move the others."""
+"""Several contacts on one body: through its residual flexibility, a force on one patch moves the others."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ from .compliance import ComplianceContact
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
-_UNSETTLED = 1e-6  # change in the last sweep from which forces are no answer
+_UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
 
 
 class CoupledContacts:
     """Compliance contacts that share bodies, solved together.
 
-    Forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over lambda >= 0 with F of all rows.
-    Block Gauss-Seidel descends to it, for F is positive definite, and fast, for patches move each other little.
+    The forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over lambda >= 0, with F of all
+    rows. Block Gauss-Seidel converges to the minimum, because F is positive definite. It converges fast, because one
+    patch moves another only a little.
 
     Parameters
     ----------
     laws : list of ComplianceContact
     links : list of (int, int, int, int, (d np, d np) array)
-        Law and side, other law and side, and the body's flexibility between the patch of the first and of the other.
+        Number of a law and its side, number of the other law and its side, and the body's flexibility between the two
+        patches [m/N].
     """
 
     def __init__(self, laws: Sequence[ComplianceContact], links: list[tuple[int, int, int, int, Array]]) -> None:
@@ -44,27 +46,27 @@ class CoupledContacts:
         self._kept: dict[tuple[int, int], tuple[object, object, Array]] = {}
 
     def for_run(self, laws: Sequence[ComplianceContact]) -> CoupledContacts:
-        """Return the same for the laws of a run; flexibilities between rows that stay are shared."""
+        """Return the same object for the laws of a run; flexibilities between constant rows are shared."""
         result = copy.copy(self)
         result.laws, result._at, result._inverse, result._rows = [*laws], None, None, {}
         return result
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
-        """Generalised forces of each contact, at the coordinates of each, (n,)."""
+        """Generalised forces of each contact, (n,), at its coordinates, (n,)."""
         return self.forces_at(np.concatenate(coordinates), lambda: coordinates)
 
     def forces_at(self, state: Array, coordinates: Callable[[], Sequence[Array]]) -> list[Array]:
         """Generalised forces of each contact, (n,), in a state of the model.
 
-        Every contact asks for its own in the same state; they are found once. Where rigid surfaces are carried, their
-        places belong to the state.
+        Every contact asks for its forces in the same state; they are computed once. Where a body carries a rigid
+        surface, its place is part of the state.
 
         Parameters
         ----------
         state : (m,) array
-            What the coordinates of all contacts follow from.
+            Values that determine the coordinates of all contacts.
         coordinates : callable
-            Returns those of each contact, (n,); called when the state is another one.
+            Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
         at = np.concatenate([state, *(law.gaps.carrier_pose for law in self.laws)])
         if self._at is None or not np.array_equal(at, self._at):
@@ -72,7 +74,10 @@ class CoupledContacts:
         return self._forces
 
     def stiffness(self, law: ComplianceContact, other: ComplianceContact) -> Array:
-        """Forces on the closed rows of one contact by gaps of those of another, all others held, (na, nb) [N/m]."""
+        """Change of forces on closed rows of `law` by gaps of closed rows of `other`, (na, nb) [N/m].
+
+        All other gaps are held.
+        """
         if self._inverse is None:
             self._inverse = np.linalg.inv(self._flexibility())
         rows, columns = self._closed[self.laws.index(law)], self._closed[self.laws.index(other)]
@@ -100,7 +105,7 @@ class CoupledContacts:
         return [law.generalised() for law in self.laws]
 
     def _settle(self, gaps: list[Array]) -> None:
-        pushed_ever = [False] * len(self.laws)  # others have their answer
+        pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
         for _ in range(_SWEEPS):
             change = size = 0.0
             for j, law in enumerate(self.laws):
@@ -114,13 +119,13 @@ class CoupledContacts:
                 return
         if change > _UNSETTLED * size:
             raise ComplementarityError(
-                f"the forces of {len(self.laws)} contacts on common bodies did not settle in {_SWEEPS} sweeps, the "
+                f"the forces of {len(self.laws)} contacts on common bodies did not settle in {_SWEEPS} sweeps; the "
                 f"last changed them by {change / size:.2g}. Patches that overlap or touch move each other too much: "
-                "keep them apart, or make one of them"
+                "keep the patches apart, or join them to one patch"
             )
 
     def _pushed(self, j: int, k: int) -> Array:
-        """What the forces of the k-th contact push the rows of the j-th further, (nr,) [m]."""
+        """What the forces of the k-th contact add to the gaps of the j-th, (nr,) [m]."""
         lam = self.laws[k].lam
         if self._constant(j) is not None and self._constant(k) is not None:
             return self._between(j, k) @ lam
@@ -132,7 +137,7 @@ class CoupledContacts:
         return value
 
     def _between(self, j: int, k: int) -> Array:
-        """Flexibility between the rows of two contacts, (nr, nr) [m/N], kept as long as these stay."""
+        """Flexibility between the rows of two contacts, (nr, nr) [m/N], kept as long as the rows stay the same."""
         stay = self._constant(j), self._constant(k)
         kept = self._kept.get((j, k))
         if kept is not None and None not in stay and kept[0] is stay[0] and kept[1] is stay[1]:

@@ -1,8 +1,8 @@
-"""What a formulation is: how contact forces follow from gaps, and all that the rest of the library asks of it.
+"""Interface of a formulation: it says how contact forces follow from gaps.
 
 A `Formulation` is what a user chooses for a contact. It does not change. Its `Law` is the state of one contact in one
-run: the rows, the forces on them, and what a law that depends on the path remembers. Whoever writes another formulation
-implements these two; `law.ContactLaw` has what most laws share.
+run: the rows, the forces on them, and the memory of a law that depends on the path. A new formulation implements these
+two classes; `law.ContactLaw` has what most laws share.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Method = Literal["explicit", "implicit", "static"]
 
 
 class Motion(Protocol):
-    """What a law may ask of the solver at work. Each is found when it is asked for."""
+    """What a law can ask of the running solver. Each value is computed when it is asked for."""
 
     @property
     def q(self) -> Array:
@@ -31,11 +31,11 @@ class Motion(Protocol):
 
     @property
     def q_t(self) -> Array:
-        """Their velocities, (n,)."""
+        """Velocities of the coordinates, (n,)."""
 
     @property
     def step(self) -> float:
-        """Present step [s]; zero where the solver asks for initial accelerations."""
+        """Present step [s]; zero while the solver computes initial accelerations."""
 
     @property
     def start(self) -> float:
@@ -48,19 +48,20 @@ class Law(Protocol):
     Attributes
     ----------
     elastic : bool
-        Whether forces follow from the coordinates alone and have a potential. Then they can be found again after a run.
+        Whether forces follow from the coordinates alone and have a potential. Then they can be computed again after a
+        run.
     ahead : bool
         Whether forces are applied ahead of each explicit step, by `forward_increment`, and not by a force element.
     remembers : bool
-        Whether forces depend on those of the steps before, so that `commit` and `rollback` matter.
+        Whether forces depend on those of earlier steps. Then `commit` and `rollback` matter.
     lam : (nr,) array
         Forces on the present rows [N].
     index : (na,) int array
         Rows that are closed.
     least_gap : float
-        Smallest gap of the present rows, before the contact's own flexibility gives way [m].
+        Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
     iterations, searches : int
-        Iterations of the active set, and searches of the pairs of all points, since the start of the run.
+        Number of iterations of the active set, and of searches for the pairs of all points, since the start of the run.
     """
 
     elastic: bool
@@ -69,7 +70,7 @@ class Law(Protocol):
 
     @property
     def gaps(self) -> Gaps:
-        """The rows; of two passes those of the first."""
+        """The gaps; with two passes those of the first pass."""
 
     @property
     def lam(self) -> Array:
@@ -93,7 +94,7 @@ class Law(Protocol):
 
     @property
     def row_nodes(self) -> Array:
-        """Slave's patch node of each present row, (nr,)."""
+        """Node of the slave's patch for each present row, (nr,)."""
 
     @property
     def node_areas(self) -> Array:
@@ -101,43 +102,43 @@ class Law(Protocol):
 
     @property
     def node_pressures(self) -> sp.csr_matrix:
-        """Pressures around the slave's patch nodes by the forces of their rows, (np, np) [1/m2]."""
+        """Matrix from forces of the rows to pressures around the nodes of the slave's patch, (np, np) [1/m2]."""
 
     def for_run(self, method: Method) -> Law:
-        """Return the state at the start of a run by a method; this one does not change."""
+        """Return the state at the start of a run with this method; the law itself does not change."""
 
     def evaluate(self, motion: Motion) -> Array:
         """Generalised contact force, (n,), on the coordinates of slave and master."""
 
     def tangent_matrix(self, by_q: float, by_q_t: float) -> Rows:
-        """Derivative of minus the force, (n, n): that by q times `by_q`, that by q_t times `by_q_t`; rows held."""
+        """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of the force F, with the rows held."""
 
     def row_stiffness(self) -> Array:
-        """Forces on the closed rows by their gaps, (na, na) [N/m]; of elastic laws only."""
+        """Derivative of the forces on the closed rows by their gaps, (na, na) [N/m]; elastic laws only."""
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """Gaps, rates and accelerations of an open contact, as `Gaps.closing`."""
+        """Gaps, rates and accelerations of an open contact, see `Gaps.closing`."""
 
     def commit(self, start: float) -> None:
         """Begin a step at time `start` [s]: the step before was accepted."""
 
     def rollback(self) -> None:
-        """Forget what was found since the last `commit`: the step is taken again, with another length."""
+        """Forget everything since the last `commit`: the step is repeated with another length."""
 
     def closed_stiffness(self) -> Array | None:
-        """Stiffness with all rows closed, (n, n), which limits explicit steps; None if there is no such limit."""
+        """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit."""
 
     def potential(self, q: Array) -> float:
-        """Energy stored in the contact [J] at coordinates q, (n,); zero if forces store none."""
+        """Energy stored in the contact [J] at coordinates q, (n,); zero if the law stores none."""
 
     def stored(self) -> float:
         """Energy stored at present [J]."""
 
     def dissipated(self) -> float:
-        """Energy that the contact has taken since the start of the run [J]."""
+        """Energy that the contact has dissipated since the start of the run [J]."""
 
     def press(self, gap: Array) -> tuple[float, int]:
-        """Energy stored [J] and number of closed rows at gaps of the present rows, (nr,) [m]; of elastic laws only."""
+        """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m]; elastic laws only."""
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
@@ -146,45 +147,45 @@ class Law(Protocol):
         """Moment on the slave about a point in space, (3,) [N m]."""
 
     def nodal_forces(self) -> list[Array]:
-        """Forces on the patches' nodes in space, (np, 3) of each side [N]."""
+        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
 
     def edge_reached(self) -> Array | None:
-        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""
 
     def check(self, q: Array) -> None:
-        """Raise RunError if the solver has not done with the forces what the law needs, at coordinates q, (n,)."""
+        """Raise RunError if the solver did not apply the forces as the law needs; q, (n,), are the coordinates."""
 
 
 class Together(Protocol):
-    """State of several elastic contacts on common bodies, whose forces are found together."""
+    """State of several elastic contacts on common bodies. Their forces are computed together."""
 
     def forces_at(self, state: Array, coordinates: Callable[[], Sequence[Array]]) -> list[Array]:
         """Generalised forces of each contact, (n,), see `coupled.CoupledContacts.forces_at`."""
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
-        """Generalised forces of each contact, (n,), at the coordinates of each."""
+        """Generalised forces of each contact, (n,), at its coordinates."""
 
     def stiffness(self, law: Any, other: Any) -> Array:
-        """Forces on the closed rows of one contact by gaps of those of another, (na, nb) [N/m]."""
+        """Derivative of the forces on closed rows of `law` by gaps of closed rows of `other`, (na, nb) [N/m]."""
 
     def for_run(self, laws: Sequence[Any]) -> Together:
-        """Return the state at the start of a run of these laws."""
+        """Return the state at the start of a run with these laws."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedBody:
-    """A body that two contacts have in common.
+    """A body that two contacts share.
 
     Parameters
     ----------
     body : ReducedBody
     name : str
     patches : (int, int)
-        Number of the patch of each contact.
+        Number of each contact's patch on the body.
     mass : (n_dofs,) array
         Diagonal mass matrix of its coordinates.
     columns : (slice, slice)
-        Where its coordinates are among those of each contact.
+        Place of its coordinates in those of each contact.
     other : str
         Name of the other contact.
     """
@@ -198,48 +199,48 @@ class SharedBody:
 
 
 class Formulation(Protocol):
-    """How forces follow from gaps; a value.
+    """How forces follow from gaps; it does not change.
 
     Attributes
     ----------
     rows : {"integrated", "node-to-segment"}
-        Default of the rows.
+        Default kind of the gap rows.
     both_passes : bool
-        Whether half of it may act with one body as slave, and half with the other.
+        Whether it works in two passes, each with half of the forces and another body as slave.
     """
 
     rows: str = "integrated"
     both_passes: bool = False
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
-        """Raise InputError if it needs something of a basis that the bodies do not have."""
+        """Raise InputError if the bases of the bodies lack what the formulation needs."""
 
     def law(self, gaps: Gaps) -> Law:
         """Return the law at the start."""
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
-        """Whether forces of two contacts on a body move each other's rows, so that they are found together.
+        """Whether forces of each contact on a body change the gaps of the other, so that both are solved together.
 
         Raises
         ------
         InputError
-            If there is no answer for both.
+            If the two contacts cannot be computed on one body.
         """
         if shared.patches[0] == shared.patches[1]:
             raise InputError(
-                f"body {shared.name!r}: its patch {shared.patches[0]} already has the contact {shared.other!r}; each "
-                "would take its residual flexibility for itself. Make a patch for each contact (Partition.ball(...) | "
-                "Partition.ball(...)), or take basis='free' with formulation='lagrange'"
+                f"body {shared.name!r}: its patch {shared.patches[0]} already has the contact {shared.other!r}. Each "
+                "contact would use all of its residual flexibility. Make a patch for each contact "
+                "(Partition.ball(...) | Partition.ball(...)), or take basis='free' with formulation='lagrange'"
             )
         return False
 
     def together(self, laws: Sequence[Any], links: Callable[[], list[Any]]) -> Together | None:
-        """Return what finds forces of several contacts together; None if each finds its own.
+        """Return the object that solves several contacts together; None if each contact is solved alone.
 
         Parameters
         ----------
         laws : sequence of Law
         links : callable
-            Returns how the sides of the laws move each other, see `coupled.CoupledContacts`.
+            Returns the flexibilities between the sides of the laws, see `coupled.CoupledContacts`.
         """
         return None

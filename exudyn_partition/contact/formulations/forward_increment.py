@@ -1,4 +1,4 @@
-"""Multipliers of several contacts found together: on bodies whose coordinates they share, and across joints."""
+"""Multipliers of several contacts solved together: contacts that share bodies, or that joints connect."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from .lagrange import LagrangeContact
 
 
 class ForwardIncrement:
-    """One complementarity problem over all rows of some contacts.
+    """One complementarity problem for all rows of several contacts.
 
-    It is lambda >= 0, w >= 0, lambda'w = 0 for
+    The problem is lambda >= 0, w >= 0, lambda'w = 0 with
 
         w = h + F lambda,    h = g / step^2,    F = G M^-1 G',
 
-    with their gaps g at the end of the step as it would be without them.
+    where g are the gaps at the end of the step without contact forces.
 
     Parameters
     ----------
     laws : list of LagrangeContact
     dofs : list of (n,) int arrays
-        Numbers of each contact's coordinates among all, by which contacts know what they share.
+        Numbers of each contact's coordinates among all. They show which coordinates contacts share.
     """
 
     def __init__(self, laws: Sequence[LagrangeContact], dofs: Sequence[Array]) -> None:
@@ -41,16 +41,16 @@ class ForwardIncrement:
 
     @property
     def iterations(self) -> int:
-        """Iterations of the active set so far."""
+        """Number of iterations of the active set so far."""
         return self.problem.iterations if self._taken else 0
 
     def increment(self, states: Sequence[tuple[Array, Array, Array]], step: float) -> list[Array]:
-        """Accelerations M^-1 G' lambda, (n,) of each contact, that keep all gaps open; none if nothing closes.
+        """Accelerations M^-1 G' lambda, (n,) for each contact, that prevent penetration; empty if no gap closes.
 
         Parameters
         ----------
         states : list of three (n,) arrays
-            Coordinates of each contact's bodies, velocities and accelerations without contact.
+            For each contact: coordinates of its bodies, their velocities, and their accelerations without contact.
         step : float
             [s]
         """
@@ -67,13 +67,13 @@ class ForwardIncrement:
         return np.concatenate(gaps) / step**2
 
     def open(self) -> list[Array]:
-        """Leave all rows open in the coming step, without accelerations."""
+        """Leave all rows open in the coming step; returns no accelerations."""
         for law in self.laws:
             law.open()
         return []
 
     def take_rows(self) -> bool:
-        """Take F of the present rows; whether they are others than before."""
+        """Compute F of the present rows; return whether the rows have changed."""
         changed = [law.take_rows() for law in self.laws]
         if self._taken and not any(changed):
             return False
@@ -95,11 +95,14 @@ class ForwardIncrement:
         return slice(self._ends[law], self._ends[law + 1])
 
     def split(self, lam: Array) -> list[Array]:
-        """Parts of each contact, of lam, (nr,)."""
+        """Split lam, (nr,), into the parts of the contacts."""
         return [lam[self._rows(i)] for i in range(len(self.laws))]
 
     def solve(self, h: Array, by_joints: Array | None = None) -> Array:
-        """Return lambda, (nr,), for h, (nr,), and what joints add to F by their own answer to lambda, (nr, nr)."""
+        """Return lambda, (nr,), for h, (nr,).
+
+        `by_joints`, (nr, nr), is what joints add to F, because their forces answer to lambda.
+        """
         if by_joints is not self._by_joints:
             self.problem.replace(self._F if by_joints is None else self._F + by_joints, self.problem.active)
             self._by_joints = by_joints
@@ -108,7 +111,7 @@ class ForwardIncrement:
         return lam
 
     def accelerations(self, lam: Array) -> list[Array]:
-        """Take the solution lam, (nr,), for the coming step; returns the accelerations that it makes, (n,) of each."""
+        """Use lam, (nr,), in the coming step; return the accelerations that it causes, (n,) for each contact."""
         if self.problem.index is not self._index:
             self._index = self.problem.index
             self._closed = [np.flatnonzero(self.problem.active[self._rows(i)]) for i in range(len(self.laws))]

@@ -1,4 +1,4 @@
-"""What contact laws have in common: rows, their present forces, and the resultants."""
+"""Base classes of contact laws: the rows, the present forces on them, and the resultants."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ContactLaw:
-    """Forces on the rows of a contact in a run; a law that stores no energy and remembers nothing, see `Law`.
+    """Forces on the rows of a contact in a run. This base stores no energy and has no memory; see `Law`.
 
     Attributes
     ----------
@@ -26,9 +26,9 @@ class ContactLaw:
     lam : (nr,) array
         Forces on the present rows of `gaps` [N].
     index : (na,) int array
-        Those that are closed.
+        Rows that are closed.
     least_gap : float
-        Smallest gap of the present rows, before the contact's own flexibility gives way [m].
+        Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
     """
 
     elastic = False
@@ -41,7 +41,7 @@ class ContactLaw:
         self.reset()
 
     def fresh(self) -> Self:
-        """Return the same law at the start, for another run; what does not change is shared."""
+        """Return the same law in its start state, for another run; constant data are shared."""
         result = copy.copy(self)
         result.gaps = self.gaps.fresh()
         result.reset()
@@ -69,7 +69,7 @@ class ContactLaw:
         return self.gaps.searches
 
     def evaluate(self, motion: Motion) -> Array:
-        """See `Law`; nothing by the force element."""
+        """See `Law`; the force element applies no force."""
         return self._zero
 
     def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
@@ -110,26 +110,26 @@ class ContactLaw:
         """See `Law`."""
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """Gaps, rates and accelerations of an open contact, as `Gaps.closing`."""
+        """Gaps, rates and accelerations of an open contact, see `Gaps.closing`."""
         found = self.gaps.closing(q, q_t, q_tt)
-        self.open_rows()  # the rows may be others now
+        self.open_rows()  # the rows may have changed
         return found
 
     def open_rows(self) -> Array:
-        """No row is closed."""
+        """Open all rows."""
         self.lam, self.index = np.zeros(len(self.gaps.row_nodes)), np.empty(0, dtype=np.int64)
         self._closed_nodes[:] = False
         return self._zero
 
     def close_rows(self, lam: Array, index: Array) -> None:
-        """These rows are closed; which nodes they belong to is the first guess of the next step."""
+        """Close the rows `index` with forces lam, (nr,) [N]; their nodes are the first guess of the next step."""
         self.lam, self.index = lam, index
         self._closed_nodes[:] = False
         self._closed_nodes[self.gaps.row_nodes[index]] = True
 
     @property
     def row_nodes(self) -> Array:
-        """Slave's patch node of each present row, (nr,)."""
+        """Node of the slave's patch for each present row, (nr,)."""
         return self.gaps.row_nodes
 
     @property
@@ -139,7 +139,7 @@ class ContactLaw:
 
     @property
     def node_pressures(self) -> sp.csr_matrix:
-        """Pressures around the slave's patch nodes by the forces of their rows, (np, np) [1/m2]."""
+        """Matrix from forces of the rows to pressures around the nodes of the slave's patch, (np, np) [1/m2]."""
         return self.gaps.node_pressures
 
     def resultant(self) -> Array:
@@ -147,7 +147,7 @@ class ContactLaw:
         return self.gaps.resultant(self.lam)
 
     def nodal_forces(self) -> list[Array]:
-        """Forces on the patches' nodes in space, (np, 3) of each side [N]."""
+        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
         return self.gaps.nodal_forces(self.lam)
 
     def moment(self, point: Array) -> Array:
@@ -155,7 +155,7 @@ class ContactLaw:
         return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)
 
     def edge_reached(self) -> Array | None:
-        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""
         rows = self.index[self.gaps.at_edge[self.index]]
         if not len(rows):
             return None
@@ -164,7 +164,7 @@ class ContactLaw:
 
 
 class ElasticContact(ContactLaw):
-    """A contact whose forces follow from the coordinates alone, and so have a stiffness and a potential."""
+    """A law whose forces follow from the coordinates alone. It has a stiffness and a potential."""
 
     elastic = True
     h: Array
@@ -188,15 +188,15 @@ class ElasticContact(ContactLaw):
         return self.stored(), len(self.index)
 
     def answer(self, gap: Array) -> None:
-        """Find the forces on the present rows by their gaps, (nr,) [m]."""
+        """Find the forces on the present rows from their gaps, (nr,) [m]."""
         raise NotImplementedError
 
     def stored(self) -> float:
-        """Energy stored at present [J]: -1/2 lambda' h, the half of forces times depths."""
+        """Energy stored at present [J]: -1/2 lambda' h, half of the forces times the depths."""
         return -0.5 * float(self.lam[self.index] @ self.h[self.index])
 
     def tangent_of(self, H: Rows) -> Array:
-        """Stiffness that the closed rows make on some coordinates, (m, m), by their derivatives H, (na, m)."""
+        """Stiffness of the closed rows on some coordinates, (m, m); H, (na, m), are the derivatives of their gaps."""
         raise NotImplementedError
 
     def row_stiffness(self) -> Array:
@@ -204,7 +204,7 @@ class ElasticContact(ContactLaw):
         return np.asarray(self.tangent_of(np.eye(len(self.index))))
 
     def tangent(self) -> Array:
-        """Contact stiffness -d force / d q of the closed rows, (n, n), pairs held."""
+        """Contact stiffness -d force / d q of the closed rows, (n, n), with the pairs held."""
         return self.tangent_of(self.gaps.jacobian(self.index))
 
     def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
@@ -212,7 +212,7 @@ class ElasticContact(ContactLaw):
         return sp.csr_matrix(by_q * self.tangent())
 
     def closed_stiffness(self) -> Array:
-        """Contact stiffness with all rows closed, (n, n): the stiffest that the element can be."""
+        """Contact stiffness with all rows closed, (n, n): the largest that the element can have."""
         raise NotImplementedError
 
     def potential(self, q: Array) -> float:

@@ -13,17 +13,17 @@ from ...support.arrays import Array
 from ..gaps import Gaps
 from .law import ElasticContact
 
-_SOFT = 0.1  # of the bodies' own highest squared frequency: what the layer may add to it
+_SOFT = 0.1  # share of the bodies' highest squared frequency that the layer may add
 
 
 class PenaltyContact(ElasticContact):
-    """Each row pushes with its area times a layer's stiffness times the depth that its gap is closed beyond zero.
+    """An elastic layer: the force on a row is its area times the layer's stiffness times its depth, -gap.
 
     Parameters
     ----------
     gaps : Gaps
     stiffness : float
-        Of the layer [N/m3].
+        Stiffness of the layer [N/m3].
     """
 
     def __init__(self, gaps: Gaps, stiffness: float) -> None:
@@ -31,7 +31,7 @@ class PenaltyContact(ElasticContact):
         super().__init__(gaps)
 
     def answer(self, gap: Array) -> None:
-        """Find the forces on the present rows by their gaps, (nr,) [m]."""
+        """Find the forces on the present rows from their gaps, (nr,) [m]."""
         self.h = gap
         self.least_gap = gap.min(initial=np.inf)
         if math.isnan(self.least_gap):
@@ -43,7 +43,7 @@ class PenaltyContact(ElasticContact):
         self.close_rows(lam, np.flatnonzero(lam))
 
     def tangent_of(self, H: Array) -> Array:
-        """Stiffness of the closed rows on any coordinates, (m, m), H (na, m)."""
+        """Stiffness of the closed rows on some coordinates, (m, m); H, (na, m), are the derivatives of their gaps."""
         return self._tangent(self.index, H)
 
     def closed_stiffness(self) -> Array:
@@ -58,16 +58,17 @@ class PenaltyContact(ElasticContact):
 
 
 def bed_stiffness(gaps: Gaps) -> float:
-    """Stiffness of the layer that yields under a uniform pressure as the bodies' residual flexibility does [N/m3].
+    """Stiffness of a layer that yields under uniform pressure as the bodies' residual flexibility does [N/m3].
 
-    With the rows' areas A and flexibility F, a unit pressure moves them by F A; the layer's mean is the same.
+    A are the areas of the rows and F is their flexibility. A unit pressure moves the rows by F A. The layer yields by
+    the mean of this motion.
     """
     A = gaps.area
     return float(A.sum() / (A @ gaps.flexibility(np.arange(len(A))) @ A))
 
 
 def inertial_stiffness(gaps: Gaps, inverse_mass: Array, omega_max: float) -> float:
-    """Stiffness of the layer that raises no squared frequency of patches with mass by more than a tenth [N/m3].
+    """Stiffness of a layer that adds at most a tenth to the highest squared frequency of the bodies [N/m3].
 
     A row with mobility g = G M^-1 G' and stiffness k adds at most k g to omega_max^2.
     """

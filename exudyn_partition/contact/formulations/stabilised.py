@@ -1,4 +1,4 @@
-"""Contact by Lagrange multipliers in implicit steps, as a force element that Newton's iteration can follow."""
+"""Contact by Lagrange multipliers in implicit steps, as a force element with a tangent for Newton's iteration."""
 
 from __future__ import annotations
 
@@ -16,35 +16,36 @@ from ..gaps import Side
 from .formulation import Motion
 from .law import ContactLaw
 
-_AHEAD = 2.0  # steps that gaps are predicted
-_SHARE = 0.4  # of the compliance that a step meets
-_PATIENCE = 30  # evaluations in a step that has been cut, after which rows no longer open or close
-_CUT = 0.26  # of the longest step
-_STEPS_KEPT = 8  # step sizes whose flexibility is kept, for adaptive steps
+_AHEAD = 2.0  # number of steps by which gaps are predicted
+_SHARE = 0.4  # share of the compliance that a time step sees
+_PATIENCE = 30  # evaluations in a shortened step after which rows no longer open or close
+_CUT = 0.26  # of the longest step: below it, a step counts as shortened
+_STEPS_KEPT = 8  # number of step sizes whose flexibility is kept, for adaptive steps
 
 
 class StabilisedContact(ContactLaw):
     """Multipliers of patches with mass, for generalized-alpha with step s.
 
-    With gaps h two steps ahead, at q + 2 s q_t, forces solve lambda >= 0, w >= 0, lambda'w = 0 for
+    With the gaps h predicted for two steps ahead, at q + 2 s q_t, the forces solve lambda >= 0, w >= 0,
+    lambda'w = 0 with
 
         w = h + F (lambda - lambda*),    F = 0.4 G (4 M / s^2 + K)^-1 G'.
 
-    Here lambda* = 2 lambda_n - lambda_n-1 is extrapolated from the last two steps, and F is a share of the compliance
-    that a step of the trapezoidal rule itself meets, s^2 / 4m on a node without neighbours and static on a stiff one.
+    Here lambda* = 2 lambda_n - lambda_n-1 is extrapolated from the last two steps. F is a share of the compliance that
+    a step of the trapezoidal rule sees: s^2 / 4m at a node without neighbours, the static one at a stiff node.
 
-    Gaps that are zero at the end of the step would be of index 3, whose forces ring from step to step. The prediction
-    damps: closed rows obey h + 2 s h' = 0 once forces are smooth, and what comes to touch is slowed down over some
-    steps. F lets Newton's iteration find which rows are closed. It gives way to the second difference of the forces
-    alone, so that penetration is F s^2 lambda'', nothing under constant or steadily changing forces. Its work is of
-    third order in the step, and not always a loss: a body that rings undamped on its contact gains energy in coarse
-    steps. What contact takes besides is what nodes' own masses carry when they meet (Kane, Repetto, Ortiz, Marsden
-    1999).
+    Zero gaps at the end of each step would give equations of index 3, whose forces oscillate from step to step. The
+    prediction damps them: closed rows obey h + 2 s h' = 0 once forces are smooth, and nodes that touch are slowed down
+    over some steps. F lets Newton's iteration find which rows are closed. F acts on the second difference of the
+    forces only. So the penetration is F s^2 lambda'', which is zero under constant or steadily changing forces. The
+    work of F is of third order in the step, and not always a loss: a body that vibrates undamped on its contact gains
+    energy in coarse steps. Besides, contact takes the kinetic energy of the nodes' own masses when they meet (Kane,
+    Repetto, Ortiz, Marsden 1999).
 
-    Where Newton's iteration goes round in a circle, Exudyn cuts the step; if that does not help either, rows stay open
-    or closed for the rest of the step, with forces that may pull a little, once.
+    Where Newton's iteration does not converge but cycles, Exudyn shortens the step. If that does not help either, rows
+    stay open or closed for the rest of the step. Their forces may then pull a little in this step.
 
-    `least_gap` is that of the prediction.
+    `least_gap` is the smallest predicted gap.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ class StabilisedContact(ContactLaw):
         q, q_t : (n,) arrays
             Coordinates of slave and master at the end of the step, and their velocities.
         step : float
-            [s]; zero where the solver asks for initial accelerations, in which contact has no part yet.
+            [s]; zero while the solver computes initial accelerations, to which contact does not contribute.
 
         Raises
         ------
@@ -111,14 +112,14 @@ class StabilisedContact(ContactLaw):
         return gaps.generalised(lam)
 
     def commit(self, start: float) -> None:
-        """Begin a new step: the forces found last are those of the one before, and extrapolated."""
+        """Begin a new step: keep the last forces as those of the previous step, and extrapolate them."""
         last = np.zeros(len(self._closed_nodes))
         last[self.gaps.row_nodes[self.index]] = self.lam[self.index]
         self._expected = 2 * last - self._last
         self._last, self._evaluations = last, 0
 
     def _take_rows(self, step: float) -> None:
-        """F of the present rows, if they or the step are others than before."""
+        """Compute F of the present rows, if the rows or the step have changed."""
         gaps = self.gaps
         if step != self._step:
             if step not in self._flexibilities:
@@ -136,12 +137,12 @@ class StabilisedContact(ContactLaw):
         self._step, self._held = step, gaps.held
 
     def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
-        """Derivative of minus the force, (n, n), pairs held: that by q times `by_q`, that by q_t times `by_q_t`."""
+        """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of the force F, with the pairs held."""
         n, index = self.gaps.n, self.index
         if not index.size:
             return sp.csr_matrix((n, n))
         H = sp.csr_matrix(self.gaps.jacobian(index))
-        some = np.unique(H.indices)  # of the many nodal coordinates, those of closed rows
+        some = np.unique(H.indices)  # only coordinates that closed rows depend on, of the many nodal ones
         part = H[:, some].toarray()
         stiffness = (by_q + _AHEAD * self._step * by_q_t) * (part.T @ self.problem.solve_active(part))
         place = np.repeat(some, len(some)), np.tile(some, len(some))
@@ -149,7 +150,7 @@ class StabilisedContact(ContactLaw):
 
 
 def _dynamic_flexibility(side: Side, step: float) -> Array:
-    """Displacements of the patch's nodes by forces on them, (3 np, 3 np) [m/N], as an implicit step meets them."""
+    """Displacements of the patch's nodes per force on them in an implicit step, (3 np, 3 np) [m/N]."""
     body = side.kinematics.body
     rows = sp.csr_matrix(body.rows(side.kinematics.nodes))
     met = Factorisation(sp.csc_matrix(4 / step**2 * body.mass + body.stiffness))

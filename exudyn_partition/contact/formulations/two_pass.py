@@ -1,4 +1,4 @@
-"""Two-pass contact: the mean of both ways to choose slave and master."""
+"""Two-pass contact: the mean of the forces for both choices of slave and master."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from .law import ElasticContact
 
 
 class TwoPass:
-    """Half of a law with one side as slave, and half of it with the other: no side is preferred, no row redundant.
+    """Half of the forces of a law with one side as slave, plus half with the other: no side is preferred.
 
-    Each half is the gradient of a potential, so their sum is, and each alone carries the whole force.
+    No row is redundant. The forces of each pass are the gradient of a potential, and so is their mean. Each pass alone
+    would carry the whole force.
 
     Parameters
     ----------
     there, back : ElasticContact
-        The laws of the two passes; the second has slave and master exchanged.
+        Laws of the two passes; `back` has slave and master exchanged.
     """
 
     elastic = True
@@ -41,12 +42,12 @@ class TwoPass:
         return self.force(motion.q)
 
     def force(self, q: Array) -> Array:
-        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
         there, back = self.passes
         return 0.5 * (there.force(q) + back.force(q[self._exchange])[self._restore])
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """Gaps, rates and accelerations of both passes, as `Gaps.closing`."""
+        """Gaps, rates and accelerations of both passes, see `Gaps.closing`."""
         there, back = self.passes
         both = there.closing(q, q_t, q_tt), back.closing(*(x[self._exchange] for x in (q, q_t, q_tt)))
         gap, rate, acceleration = (np.concatenate(pair) for pair in zip(*both, strict=True))
@@ -62,7 +63,7 @@ class TwoPass:
         return sp.csr_matrix(by_q * self.tangent())
 
     def row_stiffness(self) -> Array:
-        """See `Law`; a rigid surface, whose carrier asks for it, has one pass."""
+        """See `Law`; only carriers of rigid surfaces ask for it, and these contacts have one pass."""
         raise NotImplementedError("contact in two passes has rows of two kinds")
 
     def commit(self, start: float) -> None:
@@ -83,7 +84,7 @@ class TwoPass:
         return 0.5 * sum(law.stored() for law in self.passes)
 
     def press(self, gap: Array) -> tuple[float, int]:
-        """See `Law`; by the first pass alone, which would carry the whole force."""
+        """See `Law`; from the first pass alone, because each pass alone carries the whole force."""
         return self.passes[0].press(gap)
 
     def closed_stiffness(self) -> Array:
@@ -113,26 +114,26 @@ class TwoPass:
 
     @property
     def index(self) -> Array:
-        """Closed rows among them."""
+        """Numbers of the closed rows in `lam`, (na,)."""
         there, back = self.passes
         value: Array = np.r_[there.index, len(there.lam) + back.index]
         return value
 
     @property
     def row_nodes(self) -> Array:
-        """Patch nodes of the rows, those of the second pass counted on from the first slave's."""
+        """Patch nodes of the rows, (nr,); nodes of the second slave are numbered after those of the first."""
         there, back = self.passes
         value: Array = np.r_[there.row_nodes, len(there.node_areas) + back.row_nodes]
         return value
 
     @property
     def node_areas(self) -> Array:
-        """Half the areas of all patch nodes' rows [m2]: their sum is one side's."""
+        """Half the areas of the rows of all patch nodes [m2]; their sum is the area of one side."""
         return 0.5 * np.concatenate([law.node_areas for law in self.passes])
 
     @property
     def node_pressures(self) -> sp.csr_matrix:
-        """Pressures around all patch nodes by the forces of their rows, each of which holds half of a side's [1/m2]."""
+        """Matrix from forces of the rows, half of each side's, to pressures around all patch nodes [1/m2]."""
         return 2.0 * sp.block_diag([law.node_pressures for law in self.passes], format="csr")
 
     @property
@@ -146,16 +147,16 @@ class TwoPass:
         return 0.5 * (there.resultant() - back.resultant())
 
     def nodal_forces(self) -> list[Array]:
-        """Forces on the patches' nodes in space, (np, 3) of each side of the first pass [N]."""
+        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side of the first pass [N]."""
         there, back = (law.nodal_forces() for law in self.passes)
         return [0.5 * (one + other) for one, other in zip(there, back[::-1], strict=True)]
 
     def moment(self, point: Array) -> Array:
-        """Moment on it about a point in space, (3,) [N m]."""
+        """Moment on the slave of the first pass about a point in space, (3,) [N m]."""
         there, back = self.passes
         return 0.5 * (there.moment(point) - back.moment(point))
 
     def edge_reached(self) -> Array | None:
-        """Place of a closed row at the edge of what can touch, (3,) [m]; None if there is none."""
+        """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""
         places = [law.edge_reached() for law in self.passes]
         return next((place for place in places if place is not None), None)
