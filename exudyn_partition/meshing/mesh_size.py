@@ -87,7 +87,7 @@ def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine])
         raise InputError(f"shape: expected a body of finite size, got one that spans {low} to {high} m")
     if maxh > size:
         warnings.warn(
-            f"maxh: {maxh:g} m is longer than the body, {size:.4g} m. Lengths are in metres: give maxh in metres, "
+            f"maxh: {maxh:g} m is longer than the body, {size:.4g} m; lengths are in metres: give maxh in metres, "
             "and scale=1e-3 of fe_model for a shape in millimetres",
             UnitsWarning,
             stacklevel=4,
