@@ -1,5 +1,7 @@
 """Gap rows of a patch in motion, and the generalised forces of forces on the rows.
 
+`Gaps.jacobian` is G_C of the paper (eq. 25-27).
+
 Module `contact.patch_gaps` has the gaps to another patch, `contact.rigid` the gaps to rigid surfaces.
 """
 

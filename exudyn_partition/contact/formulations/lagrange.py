@@ -1,4 +1,4 @@
-"""Contact by Lagrange multipliers on nodal coordinates, forward-increment central differences (paper, eq. 27-29)."""
+"""Contact by Lagrange multipliers on nodal coordinates, forward-increment central differences (paper, eq. 21-28)."""
 
 from __future__ import annotations
 
