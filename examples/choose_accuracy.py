@@ -1,9 +1,10 @@
-"""How fine does a body have to be? Ask for a tolerance, and see whether the promise is kept.
+"""How fine does a body have to be? Ask for a tolerance, and see whether it is kept.
 
-A steel ball hits an aluminium plate, whose bending waves leave the ball no simple answer. `reduce_pair` computes the
-impact of the two on each other while their bases grow, and stops where it estimates the wanted error. Here the full FE
-model of the same meshes judges each of these promises. The estimate is of the force and of the whole velocity field; a
-single point near the contact, whose velocity is printed too, can be further off.
+A steel ball hits an aluminium plate. Because of the plate's bending waves there is no simple formula for this impact.
+`reduce_pair` computes the impact of the two bodies while their bases grow. It stops when the estimated error is the
+wanted one. Here each estimate is compared with the full FE model of the same meshes. The estimate is for the force and
+for the whole velocity field. The velocity of a single point near the contact, which is printed too, can have a larger
+error.
 """
 
 import argparse
@@ -30,11 +31,11 @@ def fe_models(h, maxh):
 
 
 def collide(bodies, fem, end_time):
-    """History of an impact of two reduced bodies in Exudyn; `fem` of the plate, whose back is near the contact."""
+    """History of an impact of two reduced bodies in Exudyn; `fem` is the plate's, whose back is near the contact."""
     mbs = exu.SystemContainer().AddSystem()
     ball = ep.CreatePartitionBody(mbs, bodies[0], name="ball", initialVelocity=[0, 0, -SPEED])
     plate = ep.CreatePartitionBody(mbs, bodies[1], name="plate")
-    contact = ep.CreatePartitionContact(mbs, ball, plate, passes="given")  # the slave of the reference
+    contact = ep.CreatePartitionContact(mbs, ball, plate, passes="given")  # the same slave as in the reference
     mbs.Assemble()
     run = ep.solve_dynamic(mbs, end_time=end_time)
     return run.history(contact, {"back of the plate": (plate, (0, 0, -THICKNESS), fem)})

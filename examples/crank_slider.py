@@ -1,9 +1,9 @@
 """A crank slider strikes a block on a spring-damper (Wang, Liu, Hong 2018, section 6).
 
-A rigid crank turns at constant speed and drives, by a flexible link, block 3 along a slide. Near the outer dead centre
-its spherical head strikes that of block 4, which a spring-damper holds. The model is models/crank_slider.py with the
-parts of models/crank_slider_parts.py; this script runs it, weighs the drive's work against what is stored and
-dissipated, and draws the paper's figures.
+A rigid crank turns at constant speed. Through a flexible link it drives block 3 along a slide. Near the outer dead
+centre, the spherical head of block 3 strikes the head of block 4, which a spring-damper holds. The model is
+models/crank_slider.py with the parts of models/crank_slider_parts.py. This script runs it and compares the work of the
+drive with the stored and the dissipated energy. Then it draws the paper's figures.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from models import crank_slider_results as results
 
 
 def summary(mechanism, run, found, models):
-    """What the run says of itself, for result.json."""
+    """Main numbers of the run, for result.json."""
     bodies = [item.body for item in (mechanism.link, *mechanism.blocks)]
     impacts = mechanism.contact.impacts(run)
     return {
@@ -48,7 +48,7 @@ def summary(mechanism, run, found, models):
 
 
 def show(result):
-    """The main numbers, on the terminal."""
+    """Print the main numbers as a table."""
     table = Table(title=f"crank slider, {result['scheme']}: {result['dofs']} of {result['fe_dofs']} dofs")
     table.add_column("quantity")
     table.add_column("value")

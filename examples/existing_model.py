@@ -1,8 +1,8 @@
 """An existing Exudyn model with a reduced body, and one line of it changed.
 
-The model is models/swinging_arm.py, plain Exudyn: an arm swings on a hinge, driven by a torque and pulled by gravity,
-with a weight on its other end. Once the arm is Exudyn's own body, Hurty-Craig-Bampton modes of `exudyn.FEM`, once a
-partition body of the same mesh; all else of the model is the same function.
+The model is models/swinging_arm.py, plain Exudyn. An arm swings on a hinge under a torque and gravity, with a weight on
+its other end. In the first run the arm is Exudyn's own body, with Hurty-Craig-Bampton modes of `exudyn.FEM`. In the
+second run it is a partition body of the same mesh. The same function makes everything else of the model.
 """
 
 import argparse
@@ -48,7 +48,7 @@ def main(argv=None):
     maxh, end_time = (6e-3, 0.1) if options.quick else (5e-3, 0.5)
 
     mesh = ep.generate_mesh(arm_shape(), maxh=maxh)
-    body, fe_dofs = partition_body(mesh)  # first, for FEMinterface changes the mesh
+    body, fe_dofs = partition_body(mesh)  # first, because FEMinterface changes the mesh
     begin = time.perf_counter()
     fem = cms_modes(mesh, ep.STEEL)
     cms_reduce_s = time.perf_counter() - begin

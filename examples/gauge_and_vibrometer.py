@@ -1,8 +1,8 @@
-"""Strain gauges and a laser vibrometer on a computed bar: what an impact experiment would show, and why one trusts it.
+"""Strain gauges and a laser vibrometer on a computed bar: what an impact experiment would measure, and a check of it.
 
-A ball hits the end of a bar. The force travels along it as a wave at c = sqrt(E / rho): a gauge sees it as strain
-F / (E A), a laser on the far end as velocity 2 F / (rho c A). Read back into forces, both have to agree with the
-contact's own.
+A ball hits the end of a bar. The force travels along the bar as a wave at c = sqrt(E / rho). A gauge measures it as
+strain F / (E A), and a laser on the far end as velocity 2 F / (rho c A). Both signals, converted back to forces,
+must agree with the contact force.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def main(argv=None):
     options = parser.parse_args(argv)
 
     models = fe_models(options.quick)
-    # Each body has its own f_cut; one below the small ball's first mode would be refused.
+    # Each body has its own f_cut. A value below the first mode of the small ball would be refused.
     bodies = [ep.reduce(*model, f_cut=f_cut) for model, f_cut in zip(models, (300e3, 100e3), strict=True)]
     mbs = exu.SystemContainer().AddSystem()
     ball = ep.CreatePartitionBody(mbs, bodies[0], name="ball", initialVelocity=[0, 0, 1.0])
@@ -60,16 +60,16 @@ def main(argv=None):
     run = ep.solve_dynamic(mbs, end_time=2e-3)
     t, force = run.t, contact.force(run)
 
-    # Instruments are rows on the nodal displacements, made after the run; the body need not know of them beforehand.
+    # Instruments are rows on the nodal displacements. They are made after the run; the reduction does not need them.
     fem = models[1][0]
     gauges = [ep.StrainGauge((x, 0, LENGTH / 2), (0, 0, 1), 3e-3, f"at x = {1e3 * x:g} mm") for x in (R_BAR, -R_BAR)]
     rows = ep.recovery.gauge_rows(fem, gauges)
     strain = bar.recover(run, rows)
-    # What the contact's static answer adds to the kept shapes: half a bar away from the contact next to nothing.
+    # The part that the contact's static answer adds to the kept shapes. Half a bar away from the contact it is tiny.
     strain += np.outer(force, rows @ ep.recovery.static_correction(fem, bar.body).ravel())
     velocity = bar.coordinates_t(run) @ bar.body.reduced_rows(laser_row(fem))[0]
 
-    # Back to forces, until the first reflection comes by: bending cancels in the gauges' mean.
+    # Convert to forces, until the first reflection arrives. Bending cancels in the mean of the gauges.
     by_gauges = np.interp(t + LENGTH / 2 / WAVE, t, -ep.STEEL.E * AREA * strain.mean(axis=1))
     by_laser = np.interp(t + LENGTH / WAVE, t, velocity / np.cos(TILT) * ep.STEEL.rho * WAVE * AREA / 2)
     first = t < 0.9 * LENGTH / WAVE

@@ -1,8 +1,8 @@
-"""Balls in a row, of which the first is hit: Newton's cradle, with one reduced body used several times.
+"""Balls in a row, the first of which moves: Newton's cradle, with one reduced body used several times.
 
-Every ball has two contact patches. The same is asked of point masses between Hertz springs, an equation that SciPy
-solves: from touching balls the last one does not take all of the velocity, as schoolbooks say, for it moves off before
-the others have come to rest.
+Every ball has two contact patches. The results are compared with point masses between Hertz springs, an equation that
+SciPy solves. Schoolbooks say that the last ball takes all of the velocity. If the balls touch at the start it does not,
+because it leaves before the others have come to rest.
 """
 
 import argparse
@@ -57,7 +57,7 @@ def main(argv=None):
 
     body, fe_dofs = reduced_ball(0.12e-3 if options.quick else 0.08e-3)
 
-    # The same reduced body, placed several times; patches are told apart by name.
+    # The same reduced body is placed several times. Each patch has a name.
     mbs = exu.SystemContainer().AddSystem()
     balls, contacts = [], []
     for i in range(options.balls):

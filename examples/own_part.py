@@ -1,7 +1,7 @@
 """Bring your own part: a STEP file or a mesh file in millimetres, dropped onto a rigid floor.
 
-Without --file the example makes one part and writes it both ways, a rocker with a round nose and a bore. With --file it
-drops yours: say where it touches the ground (--at) and which way is down (--down), in metres.
+Without --file the example makes a part, a rocker with a round nose and a bore, and writes it in both formats. With
+--file it drops your part. Say where the part touches the floor (--at), in metres, and which direction is down (--down).
 """
 
 import argparse
@@ -29,13 +29,13 @@ def write_rocker(folder, h):
     step, mesh = folder / "rocker.step", folder / "rocker.vtu"
     rocker.WriteStep(str(step))
     fem = ep.fe_model(step, ep.STEEL, **mesh_options((0, 0, 0), h))
-    # Anything that meshio writes would do, of Gmsh, Abaqus, Nastran: elements must be fine where contact happens.
+    # Any format of meshio works, such as Gmsh, Abaqus or Nastran. Elements must be fine where contact happens.
     meshio.Mesh(fem.points / MILLIMETRE, [(f"tetra{fem.cells.shape[1]}", fem.cells)]).write(mesh)
     return [step, mesh]
 
 
 def mesh_options(at, h):
-    """How Netgen meshes a STEP file: finer around the contact, with elements of size h [m] there."""
+    """Options for Netgen's mesh of a STEP file: finer around the contact, with elements of size h [m] there."""
     return {"scale": MILLIMETRE, "maxh": 5e-3, "refine": [ep.Refine(at, radius=4 * h, h=h)]}
 
 
@@ -43,7 +43,7 @@ def drop(path, options):
     """FE model of a file, reduced and dropped; returns them and the run."""
     is_step = path.suffix.lower() in (".step", ".stp")
     fem = ep.fe_model(path, ep.STEEL, **(mesh_options(options.at, options.h) if is_step else {"scale": MILLIMETRE}))
-    print(f"{path.name}: {fem}")  # sizes and mass tell whether the unit was right
+    print(f"{path.name}: {fem}")  # size and mass show whether the unit was right
     down = np.array(options.down) / np.linalg.norm(options.down)
     partition = ep.Partition.ball(fem, center=options.at, radius=6 * options.h, direction=down)
     body = ep.reduce(fem, partition, f_cut=options.f_cut)

@@ -1,7 +1,8 @@
 """A hemispherical-tip steel rod hits a square aluminium plate (Wang, Liu, Hong 2018, sections 4 and 5).
 
-The model is models/rod_on_plate.py; this script runs it with the basis of your choice, compares force and velocities
-with the full FE model, and says what both cost. Try the paper's basis, --basis free, to see what the others save.
+The model is models/rod_on_plate.py. This script runs it with the basis of your choice, compares force and velocities
+with the full FE model, and prints the run times of both. Try the paper's basis, --basis free, to see what the others
+save.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from models import rod_on_plate as model
 
 
 def peak_memory():
-    """Peak memory of this process [GB], where the system tells."""
+    """Peak memory of this process [GB], if the system reports it."""
     try:
         import resource
     except ImportError:
@@ -25,7 +26,7 @@ def peak_memory():
 
 
 def summary(bodies, contact, run, history, reference):
-    """What the run says of itself, for result.json."""
+    """Main numbers of the run, for result.json."""
     errors = ep.compare(history, reference)
     energy = sum(item.energy(run) for item in (*bodies, contact))
     change = [body.momentum(run)[-1, 2] - body.momentum(run)[0, 2] for body in bodies]
@@ -53,7 +54,7 @@ def summary(bodies, contact, run, history, reference):
 
 
 def show(result):
-    """Errors beside times, on the terminal."""
+    """Print errors and run times as a table."""
     time = result["time"]
     table = Table(title=f"rod on plate, {result['basis']}: {result['dofs']} of {result['fe_dofs']} dofs")
     table.add_column("quantity")
@@ -78,7 +79,7 @@ def main(argv=None):
     default = "default 5 ms; 0.5 ms with --quick; 0.3 ms if the patch has mass"
     parser.add_argument("--end-time", type=float, metavar="S", help=default)
     parser.add_argument("--quick", action="store_true", help="coarser mesh, 0.5 ms, its own reference")
-    parser.add_argument("--reference", action="store_true", help="compute the full FE reference anew")
+    parser.add_argument("--reference", action="store_true", help="compute the full FE reference again")
     parser.add_argument("--out", type=Path, default=Path("out/rod_on_plate"), metavar="DIR")
     options = parser.parse_args(argv)
     end_time = options.end_time or (0.5e-3 if options.quick else 0.3e-3 if options.basis in model.WITH_MASS else 5e-3)

@@ -1,7 +1,8 @@
 """Two steel balls collide: the shortest way from shapes to contact forces, checked against Hertz.
 
-Hertz's theory has half spaces for balls and no waves. Both are nearly true here, so that the reduced balls have to give
-his force within the 1 % by which whole balls are stiffer, his duration and pressure, and have to swap their velocities.
+Hertz's theory replaces the balls by half spaces, and has no waves. Both are nearly true here. So the reduced balls must
+give Hertz's force within 1 %, because whole balls are stiffer by that much. They must also give Hertz's duration and
+pressure, and they must swap their velocities.
 """
 
 import argparse
@@ -37,18 +38,18 @@ def main(argv=None):
     parser.add_argument("--out", type=Path, default=Path("out/two_spheres"), metavar="DIR")
     options = parser.parse_args(argv)
 
-    # 1. Before any mesh: what Hertz says of two balls of this mass.
+    # 1. Before any mesh: Hertz's answer for two balls of this mass.
     mass = 4 / 3 * np.pi * R**3 * ep.STEEL.rho
     hertz = ep.hertz.impact(ep.hertz.effective(mass, mass), options.speed, R, R, ep.STEEL, ep.STEEL)
 
-    # 2. FE models, off-line. What moves faster than f_cut answers statically; the pulse of 70 us needs far less.
+    # 2. FE models, off-line. Motion faster than f_cut is kept as a static answer. The pulse of 70 us needs far less.
     begin = time.perf_counter()
     models = [ball(side, 0.10e-3 if options.quick else 0.07e-3) for side in (1, -1)]
     fem_s = time.perf_counter() - begin
     bodies = [ep.reduce(fem, partition, f_cut=200e3) for fem, partition in models]
     print(bodies[0].table())
 
-    # 3. An ordinary Exudyn model, with two bodies and a contact of ours in it.
+    # 3. An ordinary Exudyn model, with two partition bodies and their contact.
     mbs = exu.SystemContainer().AddSystem()
     upper = ep.CreatePartitionBody(mbs, bodies[0], name="upper", initialVelocity=[0, 0, -options.speed])
     lower = ep.CreatePartitionBody(mbs, bodies[1], name="lower")

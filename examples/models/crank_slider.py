@@ -1,7 +1,7 @@
 """The crank slider as a mechanism in Exudyn: crank, drive, joints, spring-damper, contact, and how it is run.
 
-What to learn here: a reduced body that turns has a floating frame, one that slides an inertial one; its interfaces give
-markers, to which Exudyn's own joints and springs are attached as to those of any other body.
+What to learn here: a reduced body that turns has a floating frame, and one that slides has an inertial frame. Its
+interfaces give markers. Exudyn's own joints and springs are attached to these as to the markers of any other body.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from .crank_slider_parts import CONTACT_ANGLE, CRANK, CRANK_MASS, DAMPING, LENGT
 
 SCHEMES = {  # basis of the blocks, formulation and rows of their contact
     "contact-adapted": ("contact-adapted", "compliance", "integrated"),
-    "paper": ("free", "lagrange", "node-to-segment"),  # explicit, for its nodes have mass: the first impact alone
+    "paper": ("free", "lagrange", "node-to-segment"),  # explicit, because its nodes have mass: the first impact alone
 }
 
 
@@ -93,7 +93,7 @@ def mechanism(link_body, block_bodies, scheme="contact-adapted", angle=0.0, cont
 
 
 def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4):
-    """Implicit steps that grow in free flight and resolve the impact; the paper's central differences in its scheme."""
+    """Run implicit steps, long in free flight and short in the impact; the paper's scheme runs central differences."""
     if scheme == "paper":
         step = 0.5 * ep.stability_limit(model.mbs)
         return ep.solve_dynamic(model.mbs, end_time=end_time, step=step, sample_period=1e-6)
@@ -101,8 +101,8 @@ def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4):
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
     newton = settings.timeIntegration.newton
-    newton.absoluteTolerance, newton.relativeTolerance = 1e-8, 1e-5  # forces stay, iterations are saved
-    newton.modifiedNewtonContractivity = 0.02  # a new Jacobian costs less than the iterations that an old one takes
-    # What rings on after the impact, undamped, holds less than 1 % of the energy; without contact it is not resolved.
+    newton.absoluteTolerance, newton.relativeTolerance = 1e-8, 1e-5  # forces do not change, iterations are saved
+    newton.modifiedNewtonContractivity = 0.02  # a new Jacobian takes less time than more iterations with an old one
+    # Undamped vibration after the impact has less than 1 % of the energy. Without contact it is not resolved.
     adaptive = {"adaptive": True, "free_step": free_step, "unresolved": 1e-2}
     return ep.solve_dynamic(model.mbs, end_time=end_time, step=step, method="implicit", settings=settings, **adaptive)

@@ -1,9 +1,10 @@
 """The parts of the crank slider: dimensions, motion as rigid bodies, FE models and partitions of link and blocks.
 
-The paper gives crank, speed, spring and damper, shapes and duration; lengths, sections and the place of block 4 are
-reconstructed, for its Table 4 is missing from our copy (crank angle at first contact: 150 degrees). What to learn here:
-faces that get a name in the shape become interfaces of the partition, where joints take hold; a body may have an impact
-region besides.
+The paper gives crank, speed, spring and damper, shapes and duration. Lengths, sections and the place of block 4 are
+reconstructed, because Table 4 is missing in our copy of the paper (crank angle at first contact: 150 degrees).
+
+What to learn here: faces that get a name in the shape become interfaces of the partition, where joints are attached. A
+body with interfaces may also have an impact region.
 """
 
 import math
@@ -22,9 +23,10 @@ CONTACT_ANGLE = math.radians(150)  # of the crank from the inner dead centre
 TURN = 2 * math.pi / SPEED  # [s]
 STEEL = ep.Material(E=210e9, nu=0.3, rho=7800.0)
 LINK_SIZE = 8e-3  # of its elements [m]
-# Element size at the head and within which radius, and elsewhere [m]; some 11000 nodes, as the paper's blocks have.
+# Element size at the head, radius of this region, element size elsewhere [m]. About 11000 nodes,
+# as many as the paper's blocks have.
 FULL_MESH, QUICK_MESH = (0.22e-3, 1.1e-3, 4e-3), (0.3e-3, 1.2e-3, 6e-3)
-PAPER_MESH = 0.4e-3, 1e-3, 4e-3  # some 150 nodes in each impact region
+PAPER_MESH = 0.4e-3, 1e-3, 4e-3  # about 150 nodes in each impact region
 
 
 def slider(angle):

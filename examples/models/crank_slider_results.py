@@ -1,7 +1,7 @@
 """What a run of the crank slider shows: histories, balance of energies, the paper's figures, pictures of the motion.
 
-What to learn here: bodies and contacts give their histories by name, as arrays over the result's times; sensors of
-Exudyn's own items, as that of the drive, stand beside them.
+What to learn here: methods of bodies and contacts give their histories, as arrays over the result's times. Sensors of
+Exudyn's own items, such as the drive's, can be read in the same way.
 """
 
 import math

@@ -1,8 +1,10 @@
 """The paper's impact as a model: FE models and partitions of rod and plate, their run in Exudyn, and its references.
 
-Lengths and thickness are reconstructed, for the paper's Table 1 is missing from our copy; speed, duration, tip radius,
-materials' names and the measured points are the paper's. What to learn here: how large a patch has to be, and that the
-same FE models and partitions go into the reduced bodies and into the full FE reference.
+Lengths and thickness are reconstructed, because the paper's Table 1 is missing in our copy. Speed, duration, tip
+radius, names of the materials and the measured points are the paper's.
+
+What to learn here: how large a patch has to be, and that the reduced bodies and the full FE reference are made of the
+same FE models and partitions.
 """
 
 import math
@@ -19,7 +21,7 @@ SIDE, THICKNESS = 0.250, 0.005  # plate [m]
 SPEED = 0.596  # [m/s]
 PEAK_FORCE = 800.0  # [N], the paper's estimate from Hertz
 P1, P2 = (0, 0, LENGTH), (0, 0, -THICKNESS)  # back end of the rod; plate's face opposite to the impact
-WITH_MASS = ("free", "craig-bampton")  # bases whose patch has mass: multipliers, steps of nanoseconds
+WITH_MASS = ("free", "craig-bampton")  # the patch has mass in these bases: multipliers, steps of nanoseconds
 PAPER = {"free": "node-to-segment"}  # the paper's basis comes with the paper's rows
 STORED = Path(__file__).parents[1] / "rod_on_plate_reference.npz"
 
@@ -39,7 +41,8 @@ def fe_models(quick, maxh=None):
     mesh_s, begin = time.perf_counter() - begin, time.perf_counter()
     fems = [ep.fe_model(mesh, material) for mesh, material in zip(meshes, (ep.STEEL, ep.ALUMINIUM), strict=True)]
     times = {"mesh_s": mesh_s, "fem_s": time.perf_counter() - begin}
-    # The tip's patch is larger than the contact circle, the plate's larger still: all but rim nodes have a partner.
+    # The patch of the tip is larger than the contact circle, that of the plate is even larger. So all nodes of the
+    # tip's patch, except those at its rim, face the plate's patch.
     reach = 1.7 * ep.hertz.contact_radius(PEAK_FORCE, RADIUS, math.inf, ep.STEEL, ep.ALUMINIUM)
     region = 1.5e-3 if quick else 1e-3
     partitions = [
@@ -50,7 +53,7 @@ def fe_models(quick, maxh=None):
 
 
 def partition_run(fems, partitions, basis, f_cut, method, end_time):
-    """Reduce both bodies, let them collide in Exudyn; returns bodies, contact, result and the time of reduction."""
+    """Reduce both bodies and let them collide in Exudyn; returns bodies, contact, result and the time of reduction."""
     reduced = []
     for name, fem, partition in zip(("rod", "plate"), fems, partitions, strict=True):
         with ep.progress(f"reduce {name}, {basis}") as report:
@@ -87,8 +90,6 @@ def stored_reference(fems):
     dofs = sum(fem.n_dofs for fem in fems)
     if reference.info["dofs"] != dofs:
         mesher = reference.info["versions"]["ngsolve"]
-        print(
-            f"{STORED.name} is of another mesh, {reference.info['dofs']} dofs by NGSolve {mesher}, not {dofs}: errors"
-        )
-        print("hold the meshes' difference; run with --reference for your own")
+        print(f"{STORED.name} has another mesh: {reference.info['dofs']} dofs by NGSolve {mesher}, not {dofs}.")
+        print("The errors include the difference of the meshes; run with --reference for a reference of your own.")
     return reference

@@ -1,7 +1,7 @@
 """An Exudyn model as it was before: an arm with two bores on a hinge, a torque, gravity, a weight on its other end.
 
-It is the set-up of Exudyn's tutorials on flexible bodies, and knows nothing of exudyn_partition. Its arm is what
-`add_arm` adds: any body with rigid-body markers "arm:pin" and "arm:tip" in the dict that it returns.
+It is the set-up of Exudyn's tutorials on flexible bodies, and does not use exudyn_partition. `add_arm` adds the arm:
+any body for which it returns a dict with the rigid-body markers "arm:pin" and "arm:tip".
 """
 
 import time
