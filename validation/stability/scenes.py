@@ -17,6 +17,7 @@ import exudyn_partition as ep
 
 RADIUS = 10e-3
 PLANE = ep.RigidPlane()
+UNIT = ep.Material(E=1.0, nu=0.0, rho=1.0)
 SAMPLED = 25  # times at which complementarity is checked
 
 

@@ -1,6 +1,6 @@
 """Stiff and extreme cases, each with both integrators where it makes sense: right, or stopped by a named error.
 
-Reference: what `cases.py` says of each case, from analytic answers, rigid bodies and conservation. Quantity: energy,
+Reference: what `cases/` says of each case, from analytic answers, rigid bodies and conservation. Quantity: energy,
 momentum, complementarity (forces and gaps evaluated anew from stored coordinates), and the reference's own. Limit: in
 the table; no result that is not finite, no warning that is not stated, no silent wrong answer.
 
