@@ -1,7 +1,7 @@
-"""Items of a model that reach a part of a partition body which is not what they take it for: found, and refused.
+"""Checks of markers and sensors that are attached to the wrong part of a partition body.
 
-The super element that carries markers has no mass matrix, and the rigid node of one in an inertial frame is held in
-space. Exudyn would let loads, joints and sensors have these, and tell nothing.
+The super element that carries markers has no mass matrix. In an inertial frame, its rigid node is held in space. Loads,
+joints and sensors on these have no effect or read wrong values, and Exudyn gives no warning.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
 from .model import BodyItem
 
-_FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # of a body's own axes
-_TORN = 0.5  # rad, of a body in an inertial frame: lengths are 13 % off
+_FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # markers on the frame of a body
+_TORN = 0.5  # largest rotation of a body in an inertial frame [rad]; lengths are then wrong by 13 %
 _OF_MASS = ("KineticEnergy", "PotentialEnergy", "Force")
 
 
 class AttachableBody(BodyItem, Protocol):
-    """A body that carries markers."""
+    """A body to which markers can be attached."""
 
     frame_markers: list[int]
 
@@ -36,16 +36,16 @@ class AttachableBody(BodyItem, Protocol):
         """Rigid motion in coordinates q, (n, n_dofs): (n, 6)."""
 
     def __contains__(self, key: object) -> bool:
-        """Whether it has an Exudyn index of this name."""
+        """Whether the body has an Exudyn index with this name."""
 
 
 def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
-    """Refuse markers and sensors that would act on, or tell of, nothing.
+    """Raise for markers and sensors that would have no effect or read wrong values.
 
     Raises
     ------
     InputError
-        Naming the item, the body, and what to take instead.
+        Its message names the item, the body, and what to use instead.
     """
     carriers = {int(item["oFFRFreducedOrder"]): item for item in bodies if "oFFRFreducedOrder" in item}
     if not carriers:
@@ -64,8 +64,8 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
         elif number not in own and int(marker.get("nodeNumber", -1)) in held:
             item = held[int(marker["nodeNumber"])]
             raise InputError(
-                f"{named}, is on a node of body {item.name!r} that is held in space, for its frame is inertial: "
-                f"{_instead(item)}"
+                f"{named}, is on a node of body {item.name!r} that is held in space, because its frame is "
+                f"inertial: {_instead(item)}"
             )
         _check_mesh_nodes(named, carriers, marker.get("bodyNumber", -1), marker.get("meshNodeNumbers", ()))
     for number in range(mbs.systemData.NumberOfSensors()):
@@ -75,14 +75,15 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
         quantity = str(sensor.get("outputVariableType", "")).rpartition(".")[2]
         if item is not None and sensor["sensorType"] in ("Body", "Object") and quantity in _OF_MASS:
             raise InputError(
-                f"{named} of {quantity}, is on the object that carries the markers of body {item.name!r}, which has no "
-                "mass and stiffness of its own: take the body's energy(result) and momentum(result)"
+                f"{named} of {quantity}, is on the object that carries the markers of body {item.name!r}. It has no "
+                "mass and no stiffness: take energy(result) and momentum(result) of the body"
             )
         if sensor["sensorType"] == "Node" and int(sensor["nodeNumber"]) in held:
             item = held[int(sensor["nodeNumber"])]
             raise InputError(
-                f"{named}, is on a node of body {item.name!r} that is held in space, for its frame is inertial: take a "
-                "SensorMarker on what CreateInterfaceMarker or CreatePointMarker returns, or frame='floating'"
+                f"{named}, is on a node of body {item.name!r} that is held in space, because its frame is "
+                "inertial: take a SensorMarker on what CreateInterfaceMarker or CreatePointMarker returns, or take "
+                "frame='floating'"
             )
         if sensor["sensorType"] == "SuperElement":
             _check_mesh_nodes(named, carriers, sensor.get("bodyNumber", -1), [sensor["meshNodeNumber"]])
@@ -91,7 +92,10 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
 def _check_mesh_nodes(
     named: str, carriers: dict[int, AttachableBody], number: ObjectIndex, mesh_nodes: Sequence[int] | Array
 ) -> None:
-    """Refuse mesh nodes, those of the FE model before those of interfaces, inside a body that was saved without it."""
+    """Raise for mesh nodes inside a body that was saved without its inside.
+
+    Numbers up to the number of FE nodes are nodes of the FE model; higher ones belong to interfaces.
+    """
     item = carriers.get(int(number))
     if item is not None:
         nodes = np.array(mesh_nodes, dtype=np.int64)
@@ -111,9 +115,10 @@ def _instead(item: AttachableBody) -> str:
 
 
 def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem], None]) -> None:
-    """Add a sensor that stores nothing, for Exudyn to read: it calls `check` at the start of each run.
+    """Add a sensor that stores nothing, but calls `check` at the start of each run, when Exudyn reads it.
 
-    It also stops runs that turn a body in an inertial frame so far that joints, which turn as it does not, tear it.
+    It also stops a run in which a body in an inertial frame rotates too far. Joints would rotate by the full angle, but
+    not the body, so that they would tear it.
     """
     latest, name, node, n = math.inf, item.name, item.nodes[0], item.body.n_dofs
     turning = item.rigid_motion(np.eye(n))[:, 3:].T if item.frame == "inertial" else None
@@ -128,9 +133,9 @@ def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem
             angle = float(np.linalg.norm(turning @ mbs.systemData.GetODE2Coordinates(copy=False)[first : first + n]))
             if angle > _TORN:
                 raise RunError(
-                    f"body {name!r} has rotated by {angle:.2g} rad at t = {t:.6g} s, and its frame is inertial, "
-                    "which takes rotations as small: its joints cannot follow. Take frame='floating' of "
-                    "CreatePartitionBody, which turns as far as it likes"
+                    f"body {name!r} has rotated by {angle:.2g} rad at t = {t:.6g} s, but its frame is inertial, "
+                    "for small rotations only: its joints cannot follow. Take frame='floating' of "
+                    "CreatePartitionBody, which allows any rotation"
                 )
         return [0.0]
 

@@ -1,4 +1,4 @@
-"""Exudyn bodies that carry rigid surfaces: where they are, how they move, and what contact does to them."""
+"""Exudyn bodies that carry rigid surfaces: their pose, their motion, and the loads of contact on them."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Motion = Callable[[], tuple[Array, Array]]  # velocity, (3,) [m/s], and angular 
 
 
 def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
-    """Return what gives the model as long as the user holds it.
+    """Return a function that returns the model as long as the user holds it.
 
-    The model holds its user functions, so that one which held the model would keep both for ever.
+    The model holds its user functions. If a user function also held the model, neither would ever be freed.
     """
     model = weakref.ref(mbs)
 
     def held() -> MainSystem:
         found = model()
         if found is None:
-            raise RunError("mbs: the model is in use, but nothing holds it any more; keep what AddSystem() returned")
+            raise RunError("mbs: the model is in use but was deleted; keep what AddSystem() returned in a variable")
         return found
 
     return held
@@ -44,12 +44,12 @@ def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:
             mbs.GetObjectOutputBody(
                 body, what, localPosition=[0.0, 0.0, 0.0], configuration=exu.ConfigurationType.Reference
             )
-    except Exception as error:  # Exudyn has several types of errors
+    except Exception as error:  # Exudyn raises several types of errors
         raise InputError(f"{expected}; Exudyn says: {error}") from error
 
 
 def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
-    """Where an Exudyn body is now, in a model that is not assembled yet at its reference."""
+    """Return the present pose of an Exudyn body; before the model is assembled, its reference pose."""
     exu = require("exudyn")
     variable, configuration, model = exu.OutputVariableType, exu.ConfigurationType, weakly(mbs)
 
@@ -66,7 +66,7 @@ def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
 
 
 def motion(mbs: MainSystem, body: ObjectIndex) -> Motion:
-    """Velocity and angular velocity of an Exudyn body now."""
+    """Return the present velocity and angular velocity of an Exudyn body."""
     variable, model = require("exudyn").OutputVariableType, weakly(mbs)
 
     def motion_now() -> tuple[Array, Array]:
@@ -81,7 +81,7 @@ def motion(mbs: MainSystem, body: ObjectIndex) -> Motion:
 
 
 class Carrier:
-    """The body that carries a rigid surface, by its Exudyn nodes.
+    """The Exudyn body that carries a rigid surface, with its nodes.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Carrier:
         self._motion_now = motion(mbs, body)
 
     def by_coordinates(self, mbs: MainSystem) -> Array:
-        """Velocity and angular velocity in space, (6, k), by those of the k coordinates of the nodes."""
+        """Derivative of velocity and angular velocity in space by the rates of the nodes' k coordinates, (6, k)."""
         exu, data = require("exudyn"), mbs.systemData
         q_t, columns = data.GetODE2Coordinates_t(copy=False), []
         before = q_t.copy()
@@ -113,9 +113,10 @@ class Carrier:
 
 
 def load_carrier(mbs: MainSystem, law_now: Callable[[], Law], body: ObjectIndex) -> None:
-    """Put the reaction of a contact, by its law at present, on the body that carries the rigid surface, as loads.
+    """Add loads that apply the reaction of a contact to the body that carries the rigid surface.
 
-    Exudyn evaluates loads after objects, so that the contact's forces are those of the same coordinates.
+    `law_now` returns the contact's present law. Exudyn evaluates loads after objects, so the contact's forces belong to
+    the same coordinates.
     """
     items, pose_now = require("exudyn.itemInterface"), pose(mbs, body)
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))

@@ -30,12 +30,12 @@ from ..support.optional import require
 from .model import coordinate_slices, registered, validate_model, validate_new_name
 from .partition_body import RIGID, PartitionBody
 
-Functions = dict[str, UserFunction]  # by their names in ObjectGenericODE2
+Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
 
-_ORTHONORMAL = 1e-9  # defect of a rotation matrix that is round-off
+_ORTHONORMAL = 1e-9  # defect of a rotation matrix that counts as round-off
 # Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
-# From here a turn about a coordinate axis keeps 1e-14 rad at every angle. Further away Exudyn's static solver, which
-# adds rotation vectors, would converge slowly.
+# With this start, a rotation about a coordinate axis has an error of 1e-14 rad at every angle. With a larger one,
+# Exudyn's static solver, which adds rotation vectors, would converge slowly.
 _APART = (0.01, 0.01, 0.01)  # rad
 
 
@@ -56,16 +56,16 @@ def CreatePartitionBody(
 ) -> PartitionBody:
     """Add a reduced body to a model.
 
-    Inertial frame: a NodeGenericODE2 holds the shape coordinates, a second one the nodal coordinates of the paper's
-    basis, an ObjectGenericODE2 the matrices: identity mass and diagonal stiffness go to Exudyn as they are; the
-    coupling of shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
+    Inertial frame: a NodeGenericODE2 holds the coordinates of the shapes. A second one holds the nodal coordinates of
+    the paper's basis. An ObjectGenericODE2 has the matrices: identity mass and diagonal stiffness go to Exudyn
+    unchanged. The coupling of shapes and nodes is applied as a sparse product on Exudyn's own coordinates.
 
-    Floating frame: a NodeRigidBodyRotVecLG at the centre of mass takes the place of the six rigid shapes, a
-    NodeGenericODE2 holds the elastic ones, if there are any. Of the paper's basis those are what is left of shapes and
-    nodal columns without rigid motion (module `mean_axes`), and their stiffness is in the user function below.
-    Mass is constant, inertia forces are a user function (module `floating`).
-    There are no algebraic equations, so that every solver of Exudyn runs it. The rigid node's axes stand a degree off
-    the body's, as rotation vectors lose their digits near zero; markers of interfaces have the body's axes.
+    Floating frame: a NodeRigidBodyRotVecLG at the centre of mass replaces the six rigid shapes. A NodeGenericODE2 holds
+    the elastic coordinates, if there are any. With the paper's basis, these are shapes and nodal columns without their
+    rigid motion (module `mean_axes`), and a user function applies their stiffness. The mass is constant, and a user
+    function applies the inertia forces (module `inertia_forces`). There are no algebraic equations, so every solver of
+    Exudyn can run the body. The axes of the rigid node differ from those of the body by one degree, because rotation
+    vectors lose digits near zero. Markers of interfaces have the axes of the body.
 
     Parameters
     ----------
@@ -73,32 +73,33 @@ def CreatePartitionBody(
     body : ReducedBody
     name : str
     frame : {"inertial", "floating", "auto"}
-        "inertial": the body moves by small rotations about its place, translations may be large. "floating": its axes
-        rotate with it, as far as they like. "auto": floating if an initial angular velocity or a reference rotation is
-        given, inertial otherwise; a body that others will turn needs "floating".
+        "inertial": rotations of the body are small, translations may be large. "floating": the axes rotate with the
+        body, by any angle. "auto": floating if an initial angular velocity or a reference rotation is given, inertial
+        otherwise. A body that other bodies will turn needs "floating".
     referencePosition : (3,)
-        Where the origin of the body's mesh is put [m].
+        Place of the origin of the body's mesh in space [m].
     referenceRotation : (3, 3), optional
-        Rotation matrix from the axes of the body's mesh to the global ones; of a floating frame.
+        Rotation matrix from the axes of the body's mesh to the global axes; needs a floating frame.
     initialVelocity : (3,)
-        Of the centre of mass [m/s].
+        Velocity of the centre of mass [m/s].
     initialAngularVelocity : (3,)
-        About the centre of mass, in global axes [rad/s].
+        Angular velocity in global axes [rad/s].
     inertiaTerms : collection of str
-        Inertia forces of a floating frame that are kept, of `floating.TERMS`: "gyroscopic", "coriolis", "centrifugal"
-        and "coupling". Default: all. `left_out` of what is returned says what is missing.
+        Inertia forces of a floating frame to keep, from `TERMS`: "gyroscopic", "coriolis", "centrifugal" and
+        "coupling". Default: all. `left_out` of the returned body says what is missing.
     gravity : (3,)
-        Acceleration of gravity [m/s2], a constant force.
+        Acceleration of gravity [m/s2], applied as a constant force.
     damping : float, sequence, callable or Rayleigh, optional
-        Damping of vibration: one ratio for all kept modes, a ratio for each elastic one, a function from frequencies
-        [Hz] to ratios, or `Rayleigh(alpha, beta)`, which alone goes with kept nodes. Rigid motion is not damped.
-        Default: none. It lowers the explicit stability limit.
+        Damping of vibration: one ratio for all kept modes, one ratio for each elastic mode, a function from frequencies
+        [Hz] to ratios, or `Rayleigh(alpha, beta)`. Bases that keep nodes need Rayleigh. Rigid motion is not damped.
+        Default: none. Damping lowers the explicit stability limit.
     superElement : bool
-        Whether to add what carries Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a marker for
-        each interface at once, so that the result has the keys of `mbs.CreateFFRFReducedOrderObject` and of
-        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. Otherwise they come when first asked for. Markers
-        that a model itself attaches to FE nodes have the rigid node's axes, which are those of the mesh then: near zero
-        rotation Exudyn keeps 8 digits of it, so that forces of stiff joints chatter in steps of microseconds.
+        Whether to add at once the object for Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a
+        marker for each interface. The result then has the keys of `mbs.CreateFFRFReducedOrderObject` and of
+        `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. If False, they are added when first asked for.
+        With superElement=True the rigid node has the axes of the mesh, so that markers that a model itself attaches to
+        FE nodes have them too. But near zero rotation Exudyn keeps only 8 digits of it, and forces of stiff joints are
+        noisy with steps of microseconds.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def CreatePartitionBody(
     ------
     InputError
         If `mbs` is no model, an argument is out of range, the model has an item of that name, or the body cannot have a
-        floating frame: it has no inertia about some axis.
+        floating frame, because it has no inertia about some axis.
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
@@ -162,7 +163,7 @@ def CreatePartitionBody(
 
 
 def _rotation_vector(matrix: object) -> Array:
-    """Rotation vector, (3,) [rad], of a matrix that the user gave."""
+    """Rotation vector, (3,) [rad], of the rotation matrix from the user."""
     A = validate_array("referenceRotation", matrix, (3, 3))
     defect = abs(A @ A.T - np.eye(3)).max()
     if defect > _ORTHONORMAL or np.linalg.det(A) < 0:
@@ -170,7 +171,7 @@ def _rotation_vector(matrix: object) -> Array:
             f"referenceRotation: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
             f"product with its transpose differs from the identity by {defect:.3g}"
         )
-    value: Array = Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 wants one that it may write to
+    value: Array = Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 needs a writable array
     return value
 
 
@@ -211,11 +212,11 @@ def _add_floating(
             )
         )
     }
-    if body.n_dofs > RIGID:  # a compact body may be rigid but for its contact
+    if body.n_dofs > RIGID:  # a compact body may have no elastic coordinates
         indices["nModal"] = _add_node(mbs, np.zeros(body.n_dofs - RIGID))
     said = [f"{sentence} (inertiaTerms)" for term, sentence in TERMS.items() if term not in terms]
     if "coupling" in terms:
-        said.append("what deformation changes in the inertia that forces of other items meet")
+        said.append("the change of the body's inertia by its deformation, for forces of other items")
     item = PartitionBody(body, name, kinematics, tuple(said), **indices)
     mass = sp.block_diag(
         [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - RIGID)], format="csr"
@@ -253,7 +254,7 @@ def _add_object(
     damping: Damping | None,
 ) -> ObjectIndex:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
-    if isinstance(damping, ModeDamping):  # other damping is in the functions
+    if isinstance(damping, ModeDamping):  # the functions apply other damping
         functions = {"dampingMatrix": exu.MatrixContainer(damping.matrix()), **functions}
     return mbs.AddObject(
         items.ObjectGenericODE2(
@@ -268,7 +269,7 @@ def _add_object(
 
 
 def _runs_verlet(mbs: MainSystem, t: float) -> bool:
-    """Whether it is VelocityVerlet that asks for forces at t."""
+    """Whether the solver that asks for forces at t is VelocityVerlet."""
     solver = mbs.sys.get("dynamicSolver")
     if solver is None:
         raise RunError(
@@ -285,15 +286,15 @@ def _inertia_functions(
     stiffness: Callable[[], Array] | None = None,
     damping: Damping | None = None,
 ) -> Functions:
-    """Inertia forces of a floating frame and their Jacobian, with elastic ones and damping if they are given."""
+    """User functions for inertia forces of a floating frame; with elastic forces and damping if they are given."""
     start_of_step = exu.ConfigurationType.StartOfStep
 
     def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
-        """Velocities at the end of a step of VelocityVerlet, which evaluates forces with those of its middle.
+        """Velocities at the end of a step of VelocityVerlet, from those in its middle, which the solver gives.
 
-        Inertia forces with the latter would be of first order, and pump energy into modes of equal frequency. From the
-        middle on it is half a step with the accelerations of its start, but for elastic and Coriolis forces, whose
-        change is fast and known.
+        Inertia forces from the velocities in the middle would be of first order, and add energy to modes of equal
+        frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
+        forces are updated, because they change fast and their change is known.
         """
         data = mbs.systemData
         rigid, *modal = (mbs.GetNodeODE2Index(node) for node in nodes)
@@ -314,7 +315,7 @@ def _inertia_functions(
         result = np.zeros(RIGID + len(z))
         if stiffness is not None:
             result[RIGID:] = -forces.elastic(z)
-        if v.any():  # not in a static solution
+        if v.any():  # zero in a static solution
             if damping is not None:
                 result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
@@ -342,10 +343,10 @@ def _inertia_functions(
 def _coupling_functions(
     exu: Exudyn, item: PartitionBody, stiffness: sp.csr_matrix, damping: Damping | None
 ) -> Functions:
-    """Force and Jacobian of what is not diagonal.
+    """User functions for the part of stiffness and damping that is not diagonal.
 
-    The force reads Exudyn's coordinates in place: converting the list that a user function receives costs more than the
-    product itself.
+    The force reads Exudyn's coordinates in place, because converting the list that a user function receives costs more
+    than the product itself.
     """
     stiffness = sp.csr_matrix(stiffness)
     stiffness.eliminate_zeros()

@@ -1,4 +1,4 @@
-"""Joints and other constraints of an Exudyn model as rows on the coordinates that they move, for explicit steps.
+"""Joints and other constraints of an Exudyn model as rows on the coordinates that they act on, in explicit steps.
 
 These are the rows G_J of the paper (eq. 10, 18, 28). In implicit steps Exudyn has its own.
 """
@@ -25,38 +25,38 @@ _HOLONOMIC = (
     "ConnectorCoordinate", "ConnectorCoordinateVector", "ConnectorDistance", "JointGeneric", "JointPrismatic2D",
     "JointPrismaticX", "JointRevolute2D", "JointRevoluteZ", "JointSpherical",
 )  # fmt: skip
-_LINEAR = ("ConnectorCoordinate", "ConnectorCoordinateVector")  # but for user functions and quadratic terms
+_LINEAR = ("ConnectorCoordinate", "ConnectorCoordinateVector")  # unless they have user functions or quadratic terms
 _TIMED = ("offsetUserFunction", "constraintUserFunction")
 
 
 class Joints:
-    """Algebraic equations g(q, t) = 0 of a model, whose rows C give their rates, C q_t + dg/dt.
+    """Algebraic equations g(q, t) = 0 of a model. Their rows C give the rates C q_t + dg/dt.
 
-    All is on the coordinates that joints touch, or that share mass with those. Velocities of a NodeRigidBodyRotVecLG
-    are Exudyn's: the angular velocity in the body's axes.
+    The coordinates here are those that joints act on, and those that mass couples with them. Velocities of a
+    NodeRigidBodyRotVecLG are Exudyn's: the angular velocity in the body's axes.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-        Assembled.
+        An assembled model.
 
     Attributes
     ----------
     n : int
         Number of equations.
     dofs : (k,) int array
-        Their coordinates among the model's.
+        Numbers of these coordinates among the model's.
     linear : bool
         Whether the rows are constant and g is linear in the coordinates.
     C, push : (n, k), (k, n) arrays
-        Present rows, and the accelerations M^-1 C' that unit multipliers make.
+        Present rows, and the accelerations M^-1 C' that unit multipliers cause.
     scale : (n,) array
-        Square roots of the rows' masses, 1 / sqrt(diagonal of C M^-1 C'); zero for rows that are not active.
+        Square roots of the masses of the rows, 1 / sqrt(diagonal of C M^-1 C'); zero for inactive rows.
 
     Raises
     ------
     InputError
-        If something is constrained that cannot be in explicit steps.
+        If the model has a constraint that explicit steps cannot take.
     """
 
     def __init__(self, mbs: MainSystem) -> None:
@@ -75,8 +75,8 @@ class Joints:
                     self._timed.append(int(number))
         if sum(len(rows) for _, rows, *_ in self._objects) < self.n:
             raise InputError(
-                "method: explicit steps take algebraic equations of joints and constraints alone, the model has others "
-                "(NodeGenericAE); use method='implicit'"
+                "method: explicit steps take only algebraic equations of joints and constraints. The model has "
+                "others (NodeGenericAE); use method='implicit'"
             )
         self.linear = all(linear for *_, linear in self._objects)
         self._take_masses()
@@ -86,7 +86,7 @@ class Joints:
         self.C = np.full((self.n, len(self.dofs)), np.nan)
 
     def _take_masses(self) -> None:
-        """Find the coordinates that joints move, constant masses, and bodies whose mass varies with the coordinates."""
+        """Find the coordinates that joints act on, constant masses, and bodies whose mass depends on coordinates."""
         n = self._mbs.systemData.ODE2Size()
         varying, constant, linked = [], [], []
         for number, columns, mass in _masses(self._mbs):
@@ -110,7 +110,7 @@ class Joints:
         self._blocks: list[Array] = []
 
     def _mass_changed(self) -> bool:
-        """Take the present masses of the bodies whose mass varies; whether they are others than before."""
+        """Update the masses of the bodies whose mass varies; return whether they have changed."""
         blocks = [self._mbs.ComputeItem(number, self._kind.MassMatrix) for number, _ in self._varying]
         if self._blocks and all(map(np.array_equal, blocks, self._blocks)):
             return False
@@ -121,7 +121,7 @@ class Joints:
         return bool(blocks)
 
     def _take_turns(self, exu: Exudyn) -> None:
-        """Rotation vectors among the coordinates, and what they start from."""
+        """Find the rotation vectors among the coordinates, and their reference values."""
         turns, references = [], []
         for number in map(exu.NodeIndex, range(self._mbs.systemData.NumberOfNodes())):
             node = self._mbs.GetNode(number)
@@ -133,7 +133,7 @@ class Joints:
         self._turns, self._references = np.reshape(turns, (-1, 3)).astype(int), np.reshape(references, (-1, 3))
 
     def update(self) -> bool:
-        """Take rows and masses of the present coordinates; whether they are others than before."""
+        """Compute rows and masses at the present coordinates; return whether they have changed."""
         active = [bool(self._mbs.GetObjectParameter(joint[0], "activeConnector")) for joint in self._objects]
         if self.linear and not self._varying and active == self._were_active:
             return False
@@ -145,7 +145,7 @@ class Joints:
                 J = np.asarray(self._mbs.ComputeItem(number, self._kind.ConstraintJacobian))
                 if linear:
                     self._constant[int(number)] = J
-            np.add.at(C, (rows[:, None], self._place[columns]), J)  # a joint may meet a coordinate twice
+            np.add.at(C, (rows[:, None], self._place[columns]), J)  # a joint may name a coordinate twice
         if not self._mass_changed() and np.array_equal(C, self.C):
             return False
         self.C, self.push = C, np.empty(C.shape[::-1])
@@ -161,13 +161,13 @@ class Joints:
         return True
 
     def solve(self, rhs: Array) -> Array:
-        """Multipliers, (n,) or (n, m), that accelerate the rows by rhs, so shaped."""
+        """Multipliers, (n,) or (n, m), that give the rows the accelerations rhs, of the same shape."""
         scale = self.scale if rhs.ndim == 1 else self.scale[:, None]
         value: Array = scale * lapack.dpotrs(self._factor, scale * rhs, lower=1)[0]
         return value
 
     def residual(self, start: Array, way: Array) -> Array:
-        """g, (n,), at the present time and the coordinates that a step of `way`, (k,), leads to from `start`, (k,)."""
+        """g, (n,), at the present time, after a step of `way`, (k,), from the coordinates `start`, (k,)."""
         q = self._mbs.systemData.GetODE2Coordinates(copy=False)
         end = start + way
         if len(self._turns):
@@ -181,7 +181,7 @@ class Joints:
         return g
 
     def drift(self, step: float) -> Array:
-        """dg/dt, (n,), of what moves by a function of time, over a step about the present time."""
+        """dg/dt, (n,), of equations that depend on time, as the mean over a step centred at the present time."""
         rate = np.zeros(self.n)
         if self._timed:
             data = self._mbs.systemData
@@ -208,13 +208,13 @@ def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         if rows.size and kind.ConstraintJacobian in mbs.ComputeItem(number):
             J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
             for row, values in zip(rows, J, strict=True):
-                for column, value in zip(columns, values, strict=True):  # a joint may meet a coordinate twice
+                for column, value in zip(columns, values, strict=True):  # a joint may name a coordinate twice
                     C[row, column] += value
     return M, sp.csr_matrix(C)
 
 
 def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, sp.coo_matrix | None]]:
-    """Number, coordinates and mass matrix of each object that has one; None for a mass that may vary."""
+    """Number, coordinates and mass matrix of each object with mass; None in place of a mass that may vary."""
     exu, data = require("exudyn"), mbs.systemData
     for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
         columns = np.array(data.GetObjectLTGODE2(number), int)
@@ -226,13 +226,13 @@ def _validate(number: ObjectIndex, entry: ItemEntry) -> None:
     kind, name = entry["objectType"], f"object {int(number)} {entry['name']!r}"
     if kind == "RigidBody":
         raise InputError(
-            f"method: {name} rotates by Euler parameters, whose mass matrix is singular; for explicit steps create it "
+            f"method: {name} rotates by Euler parameters. Their mass matrix is singular; for explicit steps create it "
             "with nodeType=exu.NodeType.RotationRotationVector, or use method='implicit'"
         )
     if kind not in _HOLONOMIC or entry.get("velocityLevel"):
         what = "constrains velocities" if entry.get("velocityLevel") else f"is of type {kind}"
         raise InputError(
-            f"method: {name} {what}, explicit steps take {', '.join(_HOLONOMIC)} on position level; use "
+            f"method: {name} {what}. Explicit steps take only {', '.join(_HOLONOMIC)} on position level; use "
             "method='implicit'"
         )
 
@@ -243,7 +243,7 @@ def _is_linear(entry: ItemEntry) -> bool:
 
 
 def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
-    """Mass matrix, (n, n), by what GetObject tells; None for one that may vary. ComputeItem has no sparse ones."""
+    """Mass matrix, (n, n), from GetObject, because ComputeItem returns no sparse matrices; None if it may vary."""
     kind = entry["objectType"]
     if kind in ("Mass1D", "MassPoint", "MassPoint2D"):
         return sp.coo_matrix(entry["mass"] * np.eye(n))
@@ -259,5 +259,5 @@ def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
 
 
 def _placed(matrix: sp.coo_matrix, columns: Array, n: int) -> sp.csr_matrix:
-    """Put a matrix on some coordinates, (k,), of n."""
+    """Matrix, (n, n), with the entries of a (k, k) matrix at the coordinates `columns`, (k,)."""
     return sp.csr_matrix((matrix.data, (columns[matrix.row], columns[matrix.col])), shape=(n, n))

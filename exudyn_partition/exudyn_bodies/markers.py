@@ -1,12 +1,13 @@
-"""Exudyn adapter: a super element that lends partition bodies Exudyn's markers, and what its mesh nodes are.
+"""Exudyn adapter: a super element to which Exudyn's markers of a partition body attach, and its mesh nodes.
 
-An ObjectFFRFreducedOrder without stiffness and inertia forces, on the body's own nodes, is a body to Exudyn's
-superelement markers and sensors, and to a LoadMassProportional on its MarkerBodyMass: it has the integrals that gravity
-takes. Module `attachments` refuses what else would reach it. Its mesh nodes are those of the FE model, with the same
-numbers, followed by three for each interface, which move as the interface does: by its mean translation and rotation.
+The super element is an ObjectFFRFreducedOrder on the body's own nodes, without stiffness and inertia forces. Exudyn's
+superelement markers and sensors take it as a body. So does a LoadMassProportional on its MarkerBodyMass, because it has
+the mass integrals that gravity needs. Module `attachments` raises for all other items on it. Its mesh nodes are those
+of the FE model, with the same numbers. Three more follow for each interface; they move by its mean translation and
+rotation.
 
-The super element needs a rigid body's node and one for modes. A floating body has both. An inertial body moves within a
-node of its own that six coordinate constraints hold, which Exudyn's explicit solvers eliminate.
+The super element needs a node of a rigid body and a node for modes. A floating body has both. An inertial body gets a
+rigid node of its own, which six coordinate constraints hold; Exudyn's explicit solvers eliminate them.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from ..support.optional import require
 
 Kinematics = InertialKinematics | FloatingKinematics
 
-_TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the fewest that turn
-_SMALL = 1e-6  # mass of what constraints hold to an interface, of the body's
-_NEAR = 12  # nodes of which a point's motion is interpolated: more than are in one plane of a tetrahedron or hexahedron
+_TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the least number that has a rotation
+_SMALL = 1e-6  # mass of the small body at an interface, relative to the body's mass
+_NEAR = 12  # nodes for the interpolation of a point's motion: more than lie on one face of a tetrahedron or hexahedron
 
 
 def add_super_element(
@@ -41,18 +42,18 @@ def add_super_element(
     mbs : exudyn.MainSystem
     kinematics : InertialKinematics or FloatingKinematics
     nodes : dict
-        Exudyn nodes of the body, `nModal` if it has elastic coordinates, and `nRigid` of a floating frame.
+        Exudyn nodes of the body: `nModal` if it has elastic coordinates, `nRigid` if its frame is floating.
     name : str
 
     Returns
     -------
     dict, list of int
-        `oFFRFreducedOrder` and its nodes `nRigidBody` and `nGenericODE2`, and the markers that hold the former.
+        `oFFRFreducedOrder` and its nodes `nRigidBody` and `nGenericODE2`; and the markers that hold `nRigidBody`.
 
     Raises
     ------
     InputError
-        If the body's basis has nodal columns, which have an Exudyn node of their own in an inertial frame.
+        If the frame is inertial and the body's basis has nodal columns, which then have an Exudyn node of their own.
     """
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body = kinematics.body
@@ -90,7 +91,10 @@ def add_super_element(
 
 
 def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[NodeIndex, list[int]]:
-    """Add a node at the centre of mass, held by six constraints, which are returned; explicit solvers want its mass."""
+    """Add a node at the centre of mass, and six constraints that hold it; return it with the constrained markers.
+
+    Explicit solvers need a mass at the node.
+    """
     items = require("exudyn.itemInterface")
     origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
     node = mbs.AddNode(items.NodeRigidBodyRxyz(name=name and f"{name}:frame", referenceCoordinates=[*origin, 0, 0, 0]))
@@ -109,7 +113,7 @@ def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[
 
 
 def _add_idle_node(mbs: MainSystem) -> NodeIndex:
-    """Node of one coordinate that nothing moves, for a floating body without elastic coordinates."""
+    """Add a node with one coordinate that stays at rest, for a floating body without elastic coordinates."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     node = mbs.AddNode(
         items.NodeGenericODE2(
@@ -129,16 +133,16 @@ def _add_idle_node(mbs: MainSystem) -> NodeIndex:
 
 
 def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
-    """Mesh nodes of the super element: places, (m, 3) [m], and displacements by the modes, (3m, n), in body's axes."""
+    """Places of the super element's mesh nodes, (m, 3) [m], and their modes, (3m, n), in the body's axes."""
     body = kinematics.body
     known = np.arange(len(body.points)) if body.basis.shape_nodes is None else body.basis.shape_nodes
     of_known = np.asarray(kinematics.at(known).rows)
-    of_all = np.full((3 * len(body.points), of_known.shape[1]), np.nan)  # what is not known must not look like rest
+    of_all = np.full((3 * len(body.points), of_known.shape[1]), np.nan)  # unknown displacements must not look like zero
     of_all[node_dofs(known)] = of_known
     places, rows = [body.points - body.centre_of_mass], [of_all]
     for interface in body.partition.interfaces:
         motion = interface.motion @ kinematics.at(interface.nodes).rows
-        arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # small ones would turn round-off into moments
+        arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # short arms would turn round-off into moments
         places.append(interface.position - body.centre_of_mass + arms)
         turning = np.cross(motion[3:].T[None], arms[:, None])  # (3, n, 3)
         rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))
@@ -148,7 +152,7 @@ def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
 def add_interface_marker(
     mbs: MainSystem, super_element: ObjectIndex, kinematics: Kinematics, interface: str, name: str
 ) -> MarkerIndex:
-    """Add a MarkerSuperElementRigid that moves as an interface, with the body's axes; returns its number."""
+    """Add a MarkerSuperElementRigid that moves like an interface, with the body's axes; return its number."""
     items, body = require("exudyn.itemInterface"), kinematics.body
     names = [joint.name for joint in body.partition.interfaces]
     first = len(body.points) + 3 * names.index(interface)
@@ -169,7 +173,7 @@ def add_interface_marker(
 def add_tied_marker(
     mbs: MainSystem, kinematics: Kinematics, nodes: Mapping[str, ItemIndex], interface: str, name: str
 ) -> MarkerIndex:
-    """Add a small rigid body that six constraints hold to an interface, for bases with nodal columns.
+    """Add a marker on a small rigid body that six constraints hold at an interface, for bases with nodal columns.
 
     Parameters
     ----------
@@ -178,7 +182,7 @@ def add_tied_marker(
     nodes : dict
         The body's `oGenericODE2` and its nodes, `nModal` and `nNodal`.
     interface, name : str
-        Of the body, and for Exudyn.
+        Name of the body's interface, and name of the new items in Exudyn.
 
     Returns
     -------
@@ -213,14 +217,14 @@ def add_tied_marker(
             ],
             scalingMarker0=np.eye(6),
             scalingMarker1=rows,
-            offset=[*(-place), 0, 0, 0],  # of the node's reference coordinates
+            offset=[*(-place), 0, 0, 0],  # for the node's reference coordinates
         )
     )
     return mbs.AddMarker(items.MarkerBodyRigid(name=name, bodyNumber=foot))
 
 
 def add_point_marker(mbs: MainSystem, super_element: ObjectIndex, nodes: Array, weights: Array) -> MarkerIndex:
-    """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); returns its number."""
+    """Add a MarkerSuperElementPosition at the weighted mean of nodes, (k,); return its number."""
     return mbs.AddMarker(
         require("exudyn.itemInterface").MarkerSuperElementPosition(
             bodyNumber=super_element, meshNodeNumbers=[*map(int, nodes)], weightingFactors=weights
@@ -231,20 +235,20 @@ def add_point_marker(mbs: MainSystem, super_element: ObjectIndex, nodes: Array, 
 def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
     """Nodes around a point, (k,), and weights, (k,), that reproduce every linear field there.
 
-    So a force at the point has its resultant and moment exactly. Of all such weights, those with the smallest sum of
-    squares of distance times weight: a node at the point alone counts.
+    So a force at the point has its exact resultant and moment. Of all such weights, these have the smallest sum of
+    squares of distance times weight. If a node lies at the point, it has all the weight.
 
     Parameters
     ----------
     points : (n, 3) array
-        Nodes [m].
+        Places of the nodes [m].
     point : (3,) array
-        [m]
+        Place of the point [m].
 
     Raises
     ------
     InputError
-        If the point is further from the nearest nodes than they are from each other.
+        If the point is further from the nearest nodes than these are from each other.
     """
     point = validate_vector("point", point)
     distance = np.linalg.norm(points - point, axis=1)
@@ -253,7 +257,7 @@ def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
     if distance[near[0]] > np.linalg.norm(points[near[1:]] - points[near[0]], axis=1).max():
         raise InputError(
             f"point: expected a point on or in the body, got {point}, {distance[near[0]]:.4g} m away from its nearest "
-            f"node at {points[near[0]]}; points are given in the body's own coordinates, those of its mesh"
+            f"node at {points[near[0]]}; give points in the body's own coordinates, those of its mesh"
         )
     if distance[near[0]] < 1e-9 * size:
         return near[:1], np.ones(1)

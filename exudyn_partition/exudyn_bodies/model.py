@@ -1,4 +1,4 @@
-"""What an Exudyn model holds of this library: its bodies and contacts, their coordinates, and the step at work."""
+"""Items of this library in an Exudyn model: bodies and contacts, their coordinates, and the present step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REGISTRY = "exudynPartition"  # key in mbs.sys
 
 
 class BodyItem(Protocol):
-    """A body in a model, as far as its coordinates go."""
+    """A body in a model: what this module needs to know of it."""
 
     name: str
     body: ReducedBody
@@ -38,25 +38,25 @@ class BodyItem(Protocol):
 
 
 class ContactItem(Protocol):
-    """A contact in a model, as far as bodies ask for it."""
+    """A contact in a model: what bodies need to know of it."""
 
     @property
     def sides(self) -> Sequence[tuple[BodyItem, int]]:
-        """Slave, and master if that is a body too, each with the number of its patch."""
+        """Slave, and master if it is a partition body; each with the number of its patch."""
 
     @property
     def elastic(self) -> bool:
-        """Whether its forces follow from the coordinates, so that they are known at every node."""
+        """Whether its forces follow from the coordinates, and so are known at every node."""
 
     def force(self, result: Any) -> Array:
         """Sum of the normal forces, (n,) [N]."""
 
     def nodal_forces(self, result: Any) -> list[Array]:
-        """Forces on the nodes of each side's patch, (n, np, 3) in space [N]."""
+        """Forces on the nodes of each side's patch, in axes of space, (n, np, 3) [N]."""
 
 
 class Samples(Protocol):
-    """What items of a model read of a run."""
+    """Results of a run, as bodies and contacts read them."""
 
     @property
     def t(self) -> Array:
@@ -71,12 +71,12 @@ class Samples(Protocol):
         """Contacts of the model."""
 
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
-        """Samples of the sensor `number` of `item`, (n, k)."""
+        """Samples of sensor `number`, which belongs to `item`, (n, k)."""
 
 
 @dataclass
 class Registry:
-    """Items of this library in a model: bodies by their objects, contacts by their sensors."""
+    """Items of this library in a model: bodies by object number, contacts by sensor number."""
 
     bodies: dict[int, Any] = field(default_factory=dict)
     contacts: dict[int, Any] = field(default_factory=dict)
@@ -91,19 +91,19 @@ def validate_model(mbs: MainSystem) -> None:
 
 
 def validate_new_name(mbs: MainSystem, name: object, kinds: Collection[str]) -> str:
-    """Return `name` if none of the model's items of these kinds, such as "Object", has it, so that all can be added."""
+    """Return `name`, or raise if an item of the model of one of these kinds, such as "Object", already has it."""
     validate_text("name", name)
     for kind in kinds:
         if name and int(getattr(mbs, f"Get{kind}Number")(name)) >= 0:
             raise InputError(
                 f"name: the model already has the {kind.lower()} {name!r}, and Exudyn takes each name once. Choose "
-                "another; a notebook cell that builds a model and is run again begins with a new one, AddSystem()"
+                "another name. A notebook cell that is run again must first make a new model with AddSystem()"
             )
     return str(name)
 
 
 def registered(mbs: MainSystem) -> Registry:
-    """Bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
+    """Return bodies and contacts of a model; those from before an `mbs.Reset()` are removed."""
     validate_model(mbs)
     held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
@@ -118,7 +118,7 @@ def registered(mbs: MainSystem) -> Registry:
 
 
 def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
-    """Places of a body's coordinates in the system vector, asked anew: a model may be assembled again."""
+    """Places of a body's coordinates in the system vector; they may change when a model is assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
     return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]
 
@@ -129,8 +129,8 @@ def start_of_step(mbs: MainSystem) -> float:
 
 
 def runs_implicit(mbs: MainSystem) -> bool:
-    """Whether an implicit dynamic solver is at work."""
+    """Whether an implicit dynamic solver is running."""
     solver = mbs.sys.get("dynamicSolver")
     if solver is None or "implicit" not in solver.GetSolverName():
         return False
-    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # not one that ran before a static solver
+    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # else it ran before, and a static solver runs now

@@ -1,4 +1,4 @@
-"""A partition body in an Exudyn model: its indices, markers and results, and the list of what a model holds."""
+"""A partition body in an Exudyn model: its indices, markers and results."""
 
 from __future__ import annotations
 
@@ -29,25 +29,24 @@ Kinematics = InertialKinematics | FloatingKinematics
 Static = FEModel | StaticAnswer
 
 RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
-_LACKING = 0.02  # of a history: what it may lack by an estimate that holds within some factor of two
-_BLOCK = 1000  # samples whose patches are recovered at a time
+_LACKING = 0.02  # largest missing share of a history; its estimate is right within a factor of about two
+_BLOCK = 1000  # number of samples whose patches are recovered at a time
 
 
 class PartitionBody(dict[str, ItemIndex]):
-    """What `CreatePartitionBody` returns: Exudyn indices by name, and the body's results.
+    """Exudyn indices of a body by name, and its results; `CreatePartitionBody` returns it.
 
-    Keys: `nModal` and `nNodal`, where the basis has shapes and nodal columns, or `nRigid` and `nModal` of a floating
-    frame, whose rigid node has axes of its own, `kinematics.node_axes` in those of the body; `oGenericODE2`;
-    `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
+    Keys in an inertial frame: `nModal` if the basis has shapes, `nNodal` if it has nodal columns. Keys in a floating
+    frame: `nRigid` and `nModal`; the rigid node has its own axes, `kinematics.node_axes` in the axes of the body. In
+    both: `oGenericODE2`, and `sCoordinates` and `sCoordinates_t`, lists with a sensor for each node.
 
-    With the first marker, or by superElement=True, come the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`,
-    to which superelement markers and sensors of FE nodes attach, its nodes `nRigidBody` and `nGenericODE2`, all three
-    again as `FFRFReducedOrderObjectDict`, and the markers of interfaces, as `name:interface`.
+    The first marker, or superElement=True, adds the keys of Exudyn's own reduced bodies: `oFFRFreducedOrder`, to which
+    superelement markers and sensors of FE nodes attach, and its nodes `nRigidBody` and `nGenericODE2`. A dict of these
+    three is under `FFRFReducedOrderObjectDict`, and markers of interfaces are under `name:interface`.
 
-    `point_markers` are the points of node and point markers beside rigid interfaces, by the markers' numbers;
-    `frame_markers` are those by which the rigid node of an inertial frame is held.
-
-    `kinematics` is the motion of the body in space, without nodes; `kinematics.at(nodes)` is that of nodes.
+    `point_markers` has the points of node and point markers outside of rigid interfaces, by the markers' numbers.
+    `frame_markers` hold the rigid node of an inertial frame. `kinematics` is the motion of the body in space;
+    `kinematics.at(nodes)` is that of nodes.
     """
 
     def __init__(
@@ -71,12 +70,12 @@ class PartitionBody(dict[str, ItemIndex]):
 
     @property
     def position(self) -> Array:
-        """Where the origin of the body's mesh was put, (3,) [m]."""
+        """Place of the origin of the body's mesh in space, (3,) [m]."""
         return self.kinematics.position
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What body and frame leave out, in sentences."""
+        """What body and frame leave out, as a list of texts."""
         dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
         undamped = ("damping of the kept modes (damping= of CreatePartitionBody)",)
         said = self.body.left_out + self._frame_left_out
@@ -94,7 +93,7 @@ class PartitionBody(dict[str, ItemIndex]):
         return [size for size in (first, self.body.n_dofs - first) if size]
 
     def is_in(self, mbs: MainSystem) -> bool:
-        """Whether the model still holds this body's object on its nodes, of its size."""
+        """Whether the model still holds this body's object, with the same nodes and size."""
         nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
         if [*map(int, nodes)] != [*map(int, self.nodes)]:
             return False
@@ -102,16 +101,16 @@ class PartitionBody(dict[str, ItemIndex]):
         return bool(sum(held) == self.body.n_dofs)
 
     def CreateInterfaceMarker(self, mbs: MainSystem, interface: str) -> MarkerIndex:
-        """Marker of position and orientation that moves as an interface, for any joint, spring-damper, load or sensor.
+        """Marker with the position and rotation of an interface, for any joint, spring-damper, load or sensor.
 
-        Its place is the interface's `position`, its axes are those of the mesh at the start. Of a basis that keeps
-        nodes it is the marker of a small rigid body which six constraints hold to the interface.
+        Its place is the interface's `position`, its axes are those of the mesh at the start. If the basis keeps nodes,
+        the marker is on a small rigid body that six constraints hold at the interface.
 
         Parameters
         ----------
         mbs : exudyn.MainSystem
         interface : str
-            Name, as in `Partition.interface`.
+            Name of the interface, as in `Partition.interface`.
 
         Returns
         -------
@@ -137,8 +136,8 @@ class PartitionBody(dict[str, ItemIndex]):
     def CreateNodeMarker(self, mbs: MainSystem, point: Sequence[float]) -> MarkerIndex:
         """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
 
-        It moves as the kept shapes let it: the body answers forces of its contacts and interfaces exactly, but lacks
-        the local dent that a force on this node alone would make. For joints take an interface.
+        It moves by the kept shapes. The static answer to forces of contacts and interfaces is exact, but the local dent
+        of a force on this node is left out. For joints take an interface.
 
         Returns
         -------
@@ -155,8 +154,8 @@ class PartitionBody(dict[str, ItemIndex]):
     def CreatePointMarker(self, mbs: MainSystem, point: Sequence[float]) -> MarkerIndex:
         """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
 
-        The point moves by the nodes around it, so that a force on it has its resultant and moment exactly; it lacks the
-        same dent as `CreateNodeMarker`.
+        The point moves by the nodes around it, so that a force on it has its exact resultant and moment. Its local dent
+        is left out, as with `CreateNodeMarker`.
 
         Returns
         -------
@@ -178,7 +177,7 @@ class PartitionBody(dict[str, ItemIndex]):
         return marker
 
     def _super_element(self, mbs: MainSystem) -> ObjectIndex:
-        """Object that carries markers, made when first asked for."""
+        """Add the object that carries markers, when it is first needed."""
         self._check_model(mbs)
         if "oFFRFreducedOrder" not in self:
             indices, self.frame_markers = add_super_element(mbs, self.kinematics, self, self.name)
@@ -221,9 +220,8 @@ class PartitionBody(dict[str, ItemIndex]):
         point : (3,) array
             In the body's own coordinates [m].
         fem : FEModel or recovery.StaticAnswer, optional
-            The body's FE model, to add what the kept shapes lack of the static answer to contact forces (mode
-            acceleration): it counts near a contact, such as on the far side of a plate. A StaticAnswer is factorised
-            once for many points.
+            Adds the part of the static answer to contact forces that the kept shapes do not have (mode acceleration).
+            It matters near a contact. For many points, a StaticAnswer is factorised only once.
 
         Raises
         ------
@@ -233,7 +231,7 @@ class PartitionBody(dict[str, ItemIndex]):
         Warns
         -----
         ModelLimitWarning
-            If there is no `fem`, and what is lacking is estimated to be more than 2 % of the history.
+            If `fem` is not given, and the missing part is estimated as more than 2 % of the history.
         """
         q = self.coordinates(result)
         kept = self._node(point).displacements(q)[:, 0]
@@ -245,7 +243,7 @@ class PartitionBody(dict[str, ItemIndex]):
     def velocity(self, result: Samples, point: Array, *, fem: Static | None = None) -> Array:
         """Velocity of the node nearest to `point`, (n, 3) [m/s]; see `displacement`.
 
-        The part that `fem` adds is the rate of change of the contact forces' static answer from sample to sample.
+        The part that `fem` adds is the rate of change of the static answer from sample to sample.
         """
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         kept = self._node(point).velocities(q, q_t)[:, 0]
@@ -259,10 +257,9 @@ class PartitionBody(dict[str, ItemIndex]):
         return kept
 
     def recover(self, result: Samples, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
-        """History of `rows` on the nodal displacements, (n, k): strains, stresses, as module `recovery` makes them.
+        """History of `rows` times the nodal displacements, (n, k): strains or stresses, see module `recovery`.
 
-        It is that of the kept shapes, and with `fem` (see `displacement`) of what they lack. Displacements are those
-        within the frame, in its axes.
+        `fem` adds what the kept shapes do not have. Displacements are relative to the frame, in its axes.
 
         Parameters
         ----------
@@ -283,7 +280,7 @@ class PartitionBody(dict[str, ItemIndex]):
         Raises
         ------
         InputError
-            If the point is no vector of three numbers.
+            If the point is not a vector of three numbers.
         """
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
@@ -299,7 +296,7 @@ class PartitionBody(dict[str, ItemIndex]):
     def dissipated_energy(self, result: Samples) -> Array:
         """Energy that damping has taken from the body since the start of the result, (n,) [J].
 
-        By the trapezoidal rule between samples, which must resolve the vibration.
+        It is integrated by the trapezoidal rule; the samples must resolve the vibration.
         """
         q_t = self.coordinates_t(result)
         if self.damping is None:
@@ -308,7 +305,7 @@ class PartitionBody(dict[str, ItemIndex]):
         return value
 
     def rigid_motion(self, q: Array) -> Array:
-        """Rigid motion in coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body.
+        """Rigid motion at coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body.
 
         Raises
         ------
@@ -318,7 +315,7 @@ class PartitionBody(dict[str, ItemIndex]):
         return self.kinematics.rigid_motion(self._coordinates(q))
 
     def deformation(self, q: Array) -> Array:
-        """Largest elastic displacement on the contact patch in coordinates q, (n, n_dofs): (n,) [m].
+        """Largest elastic displacement on the contact patches at coordinates q, (n, n_dofs): (n,) [m].
 
         Raises
         ------
@@ -327,11 +324,11 @@ class PartitionBody(dict[str, ItemIndex]):
         """
         q = self._coordinates(q)
         patches = self.kinematics.at(self.body.partition.patch_nodes)
-        blocks = np.array_split(q, len(q) // _BLOCK + 1)  # a long run has more samples than memory holds patches
+        blocks = np.array_split(q, len(q) // _BLOCK + 1)  # not all at once: a long run would need too much memory
         return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
 
     def _lacking(self, result: Samples, point: Array, fem: Static) -> Array:
-        """What the kept shapes lack of the displacement of a node, (n, 3) [m]."""
+        """Static part of a node's displacement that the kept shapes do not have, (n, 3) [m]."""
         own = node_dofs(np.array([self.body.nearest_node(point)]))
         select = sp.csr_matrix((np.ones(3), (np.arange(3), own)), shape=(3, self.body.fe_dofs))
         axes = self.kinematics.frame(self.coordinates(result))[1]
@@ -341,10 +338,10 @@ class PartitionBody(dict[str, ItemIndex]):
     def _warn_near_contact(
         self, result: Samples, point: Array, kept: Array, what: str, of_force: Callable[[Array], Array]
     ) -> None:
-        """Warn if the static answer that `kept`, (n, 3), lacks may show at a point.
+        """Warn if the static answer that is missing in `kept`, (n, 3), may matter at a point.
 
-        A force on a patch of radius a yields the residual flexibility there, and at a distance d some a / (a + d) of
-        it, as the surface of a half-space does (Boussinesq).
+        The patch, of radius a, yields to a force by its residual flexibility. A point at a distance d yields by about
+        a / (a + d) of that, like the surface of a half-space (Boussinesq).
         """
         lacking = 0.0
         for contact in result.contacts:
@@ -361,14 +358,13 @@ class PartitionBody(dict[str, ItemIndex]):
         if lacking > _LACKING * size > 0:
             warnings.warn(
                 f"body {self.name!r}: near a contact the {what} of a point lacks its static answer to the contact's "
-                f"force; at {point} that is some {lacking / size:.2g} of it. Give the FE model, {what}(result, "
-                "point, fem=fem)",
+                f"force; at {point} this is about {lacking / size:.2g} of it. Give the FE model: {what}(..., fem=fem)",
                 ModelLimitWarning,
                 stacklevel=3,
             )
 
     def _static_part(self, result: Samples, rows: sp.csr_matrix, fem: Static) -> Array:
-        """Rows, (k, 3 nodes), on what the kept shapes lack of the static answer to the contacts' forces, (n, k)."""
+        """Rows, (k, 3 nodes), times the static answer to contact forces that the kept shapes do not have, (n, k)."""
         if not isinstance(fem, StaticAnswer):
             validate_type("fem", fem, FEModel, "fe_model()")
         total = np.zeros((len(result.t), rows.shape[0]))
@@ -377,7 +373,7 @@ class PartitionBody(dict[str, ItemIndex]):
             return total
         answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, self.body)
         answer.check(self.body)
-        # The flexibility is symmetric: answers to the rows as loads, at the nodes with forces.
+        # The flexibility is symmetric: the rows act as loads, and their answers are taken at the loaded nodes.
         loaded = self.body.partition.patch_nodes
         fields = np.array([answer(row.toarray().reshape(-1, 3), loaded) for row in rows])
         axes = self.kinematics.frame(self.coordinates(result))[1]
@@ -389,7 +385,7 @@ class PartitionBody(dict[str, ItemIndex]):
         return total
 
     def _coordinates(self, q: Array) -> Array:
-        """Coordinates that may be without end, of a run that became unstable."""
+        """Check coordinates q, (n, n_dofs); infinite values pass, as an unstable run may have them."""
         if not isinstance(q, np.ndarray) or q.dtype.kind != "f" or q.ndim != 2 or q.shape[1] != self.body.n_dofs:
             got = f"one of {q.dtype} {q.shape}" if isinstance(q, np.ndarray) else type(q).__name__
             raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
@@ -400,5 +396,5 @@ class PartitionBody(dict[str, ItemIndex]):
 
 
 def check_model(mbs: MainSystem) -> None:
-    """Refuse what would silently have no effect in a run of the model."""
+    """Raise if an item of the model would have no effect in a run."""
     check_attachments(mbs, [*registered(mbs).bodies.values()])

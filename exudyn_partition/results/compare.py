@@ -1,4 +1,4 @@
-"""Comparison of a run with its reference: relative errors beside run times."""
+"""Comparison of a run with its reference: relative errors and run times."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class Comparison:
     Parameters
     ----------
     error : dict of str to float
-        ||x - x_ref|| / ||x_ref|| over the common time, for "force" and each point's velocity; a velocity is taken from
-        its initial value.
+        ||x - x_ref|| / ||x_ref|| over the common time, for "force" and for the velocity of each point. x is then the
+        change of the velocity from its initial value.
     time_s, reference_time_s : float
-        Run times of both [s].
+        Run times of the run and of its reference [s]; nan if not known.
     end_time : float
         End of the common time [s].
 
     Raises
     ------
     InputError
-        If an error is no number of at least zero, or a time is none; a run time that is not known is nan.
+        If an error or a time is not a number, or one is below zero.
     """
 
     error: dict[str, float]
@@ -54,17 +54,17 @@ class Comparison:
 
     @property
     def speedup(self) -> float:
-        """The reference's run time over the run's; nan where one is not known."""
+        """Run time of the reference divided by that of the run; nan if one is not known."""
         return self.reference_time_s / self.time_s if self.time_s else math.nan
 
 
 def compare(run: History, reference: History) -> Comparison:
-    """Relative L2 errors of a run over the time that both cover, on the reference's samples there.
+    """Relative L2 errors of a run over the common time, at the samples of the reference.
 
     Parameters
     ----------
     run, reference : History
-        With the same named points.
+        Histories with the same named points.
 
     Returns
     -------
@@ -73,15 +73,15 @@ def compare(run: History, reference: History) -> Comparison:
     Raises
     ------
     InputError
-        If a named point is missing, the runs have no time in common, or the reference has no force or a point of it
-        keeps its velocity then: a relative error of nothing is no number.
+        If a named point is missing, or the runs have no time in common. Also if in the common time the reference has no
+        force, or the velocity of a point is constant: then there is no relative error.
     """
     for name, history in (("run", run), ("reference", reference)):
         validate_type(name, history, History, "Result.history(), reference.simulate() or History.load()")
     missing = set(reference.velocity) - set(run.velocity)
     if missing:
         said = ", ".join(sorted(missing))
-        raise InputError(f"run: has no velocity of {said}, which the reference has; name all its points in history()")
+        raise InputError(f"run: has no velocity of {said}, which the reference has; name all points of the reference in history()")
     begin, end = max(run.t[0], reference.t[0]), min(run.t[-1], reference.t[-1])
     slack = 1e-9 * abs(end)
     common = (reference.t >= begin - slack) & (reference.t <= end + slack)
@@ -100,13 +100,13 @@ def compare(run: History, reference: History) -> Comparison:
 
 
 def front(runs: Mapping[str, Comparison], quantity: str = "force") -> list[str]:
-    """Names of the runs that no other beats in both run time and error (Pareto's front), the quickest first.
+    """Names of the runs for which no other run is better in both run time and error (Pareto front), fastest first.
 
     Parameters
     ----------
     runs : mapping of str to Comparison
     quantity : str
-        Whose error: "force" or the name of a point.
+        What the error is of: "force" or the name of a point.
 
     Raises
     ------
@@ -136,12 +136,12 @@ def validate_runs(runs: Mapping[str, Comparison], quantity: str) -> None:
 def _relative(name: str, x: Array, x_ref: Array) -> float:
     size = np.linalg.norm(x_ref)
     if not size:
-        raise InputError(f"reference: has no {name} in the common time; expected some, for an error relative to it")
+        raise InputError(f"reference: has no {name} in the common time, so that there is no relative error")
     return float(np.linalg.norm(x - x_ref) / size)
 
 
 def _run_time(name: str, value: Any) -> float:
-    """Run time [s], nan where it is not known."""
+    """Check a run time [s]; nan if it is not known."""
     seconds = (
         math.nan if isinstance(value, float) and math.isnan(value) else validate_number(name, value, "a time in s")
     )
@@ -156,7 +156,7 @@ def _resample(x: Array, t: Array, t_new: Array) -> Array:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results depend on."""
+    """Versions of Python and of the packages that affect results."""
     found: dict[str, Any] = {"python": platform.python_version()}
     for package in ("exudyn-partition", "exudyn", "ngsolve", "numpy", "scipy"):
         try:

@@ -1,4 +1,4 @@
-"""Histories of one run: what is compared, plotted and stored."""
+"""Histories of a run over time, to compare, plot and store."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from ..support.checks import validate_array, validate_file, validate_number, val
 from ..support.files import replacing
 
 _FORMAT = 1
-# What NumPy and zipfile raise on bytes that are no history.
+# Errors of NumPy and zipfile for a file that is not a history.
 _DAMAGE = (OSError, EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 
 
 def at_times(t: Array, means: Array) -> Array:
-    """Values at times from means over the intervals before them.
+    """Values at times, from means over the interval before each time.
 
     Parameters
     ----------
     t : (n,) array
-        [s]
+        Times [s].
     means : (n, ...) array
-        Entry i is the mean from t[i - 1] to t[i]; entry 0 counts for nothing.
+        Entry i is the mean from t[i - 1] to t[i]; entry 0 is not used.
 
     Returns
     -------
     (n, ...) array
-        Mean over the intervals on both sides, at the ends over the one there is: the trapezoidal rule over it gives
-        the integral of the means.
+        Mean over the two intervals beside each time; at the ends, over the only one. Its integral by the trapezoidal
+        rule is that of the means.
     """
     if len(t) < 2:
         return means
@@ -58,12 +58,12 @@ class History:
     velocity : dict of str to (n, 3) array
         Velocities of named points [m/s].
     info : dict
-        What is worth knowing of the run: `time_s`, `dofs`, `step_s`, versions; JSON types.
+        Data of the run, such as `time_s`, `dofs`, `step_s` and versions; JSON types.
 
     Raises
     ------
     InputError
-        If there is no sample, a number is not finite, times descend, or lengths differ.
+        If there is no sample, a number is not finite, times do not ascend, or lengths differ.
     """
 
     t: Array
@@ -93,7 +93,7 @@ class History:
 
     @property
     def impulse(self) -> float:
-        """Impulse of the contact force [N s], trapezoidal."""
+        """Impulse of the contact force [N s], by the trapezoidal rule."""
         return float(np.trapezoid(self.force, self.t))
 
     @property
@@ -103,11 +103,11 @@ class History:
 
     @property
     def contact_duration(self) -> float:
-        """Time with a contact force, sub-impacts added [s]."""
+        """Time with a contact force, summed over sub-impacts [s]."""
         in_contact = self.force > 1e-6 * max(self.peak_force, 1e-300)
         if len(self.t) < 2:
             return 0.0
-        return float(np.gradient(self.t, np.arange(len(self.t)))[in_contact].sum())  # half the steps on both sides
+        return float(np.gradient(self.t, np.arange(len(self.t)))[in_contact].sum())  # half of the steps on both sides of each sample
 
     def until(self, end_time: float) -> History:
         """Return the part up to `end_time` [s].
@@ -125,14 +125,14 @@ class History:
         return History(self.t[keep], self.force[keep], {k: v[keep] for k, v in self.velocity.items()}, self.info)
 
     def save(self, path: str | Path) -> None:
-        """Write to an npz file at `path`, a name that is taken as it is, in single precision but for the times.
+        """Write to an npz file at `path`, in single precision except for the times; no ending is added to the name.
 
         Raises
         ------
         InputError
-            If no file can stand there, or `info` holds what JSON has no word for.
+            If no file can be written there, or JSON cannot hold `info`.
         OutputError
-            If the disk is full or protected; the file that was there is kept.
+            If the disk is full or protected; an old file is kept.
         """
         try:
             info = json.dumps(self.info)
@@ -162,8 +162,8 @@ class History:
                     velocity = {name: array.astype(float) for name, array in named.items()}
                     return cls(data["t"], data["force"].astype(float), velocity, json.loads(str(data["info"])))
         except _DAMAGE as error:
-            # NumPy takes what it does not know for pickled objects, and advises to load those, which runs their code.
+            # NumPy's own message would advise to load pickled objects, which would run their code.
             raise InputError(
-                f"path: {path} is no history, or a damaged one. Restore it from a copy, or compute and save it anew"
+                f"path: {path} is no history, or a damaged one. Restore it from a copy, or compute and save it again"
             ) from error
-        raise InputError(f"path: {path} is no history of format {_FORMAT}; compute and save it anew")
+        raise InputError(f"path: {path} is no history of format {_FORMAT}; compute and save it again")
