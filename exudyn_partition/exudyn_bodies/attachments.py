@@ -133,7 +133,7 @@ def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem
             angle = float(np.linalg.norm(turning @ mbs.systemData.GetODE2Coordinates(copy=False)[first : first + n]))
             if angle > _TORN:
                 raise RunError(
-                    f"body {name!r} has rotated by {angle:.2g} rad at t = {t:.6g} s, but its frame is inertial, "
+                    f"body {name!r} has rotated by {angle:.2g} rad at t = {t:.6g} s, and its frame is inertial, "
                     "for small rotations only: its joints cannot follow. Take frame='floating' of "
                     "CreatePartitionBody, which allows any rotation"
                 )

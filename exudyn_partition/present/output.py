@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ..exudyn_contacts.run_result import RunResult as Result
 
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
-Load = tuple[PartitionContact, list[Array]]  # and its forces on the nodes of each side's patch, (n, np, 3)
+Load = tuple[PartitionContact, list[Array]]  # a contact, and its forces on the nodes of each side's patch, (n, np, 3)
 
 FIELDS = ("displacement", "deformation", "velocity", "stress", "von_mises", "contact_pressure")
 _OF_STRESS = {"stress", "von_mises"}
@@ -67,9 +67,9 @@ def write_paraview(
     bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
         Default: all of the run. Stresses, and the inside of a body, need its FE model.
     fields : str or iterable of str
-        "displacement" and "deformation" [m] and "velocity" [m/s], (n, 3) in the axes of space; "von_mises", (n,), and
-        "stress", (n, 6) xx, yy, zz, yz, xz, xy in the body's own axes [Pa]; "contact_pressure", (n,) [Pa], of slaves,
-        whose nodes have the contact's rows (with passes="two" of both bodies).
+        "displacement" and "deformation" [m] and "velocity" [m/s], (n, 3) in the axes of space. "von_mises", (n,), and
+        "stress", (n, 6) xx, yy, zz, yz, xz, xy in the body's own axes [Pa]. "contact_pressure", (n,) [Pa], on slaves,
+        because their nodes have the contact's rows; with passes="two" on both bodies.
     times : (k,) [s] or int
         Times, for which the nearest samples are taken; or the number of frames, equally spaced over the run.
     contacts : sequence of PartitionContact, optional
@@ -81,7 +81,7 @@ def write_paraview(
         see `recovery.StaticAnswer`. Without it, stresses beneath a contact are far too small. It costs a factorisation
         of the body's stiffness. Velocities do not include it.
     progress : callable, optional
-        Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
+        Called with the finished share, 0 to 1. Default: a bar on the terminal, if writing takes long.
 
     Returns
     -------
@@ -91,8 +91,8 @@ def write_paraview(
     Raises
     ------
     InputError
-        If an argument is no such thing, a field is unknown, a time not within the run, there is no body, or an FE model
-        is missing or of another body.
+        If an argument has a wrong type, a field is unknown, a time is not within the run, there is no body, or an FE
+        model is missing or belongs to another body.
     OutputError
         If the disk is full or protected; old files are kept.
     """
@@ -104,7 +104,7 @@ def write_paraview(
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     contacts = validate_contacts(result.contacts if contacts is None else contacts)
     for contact in contacts:
-        result.sensor_of(contact, contact["sForce"])  # which knows the run's own
+        result.sensor_of(contact, contact["sForce"])  # raises for a contact of another model
     chosen = result.at(times)
     pieces = [BodyFields(entry, names, surface) for entry in shown_bodies(result.bodies, bodies)]
     answered = static_answer and any(piece.fem is not None for piece in pieces)
@@ -172,8 +172,8 @@ class BodyFields:
     Raises
     ------
     InputError
-        If it is no such thing, the FE model is needed and missing, or of another body, or the body was saved without
-        the inside that is needed.
+        If `entry` has a wrong type, a needed FE model is missing or belongs to another body, or the body was saved
+        without the inside that is needed.
     """
 
     def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
@@ -211,7 +211,7 @@ class BodyFields:
     def frames(
         self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Fields at each time of `result`, (n,) or (n, 3), with pressures of `contacts` and answers to `loads`."""
+        """Yield fields, (n,) or (n, 3), at each time of `result`, with pressures of `contacts` and answers to `loads`."""
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
         for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
             data = self.fields(q, q_t, self.forces(loads, i))
@@ -254,12 +254,12 @@ class BodyFields:
 
 
 def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:
-    """Forces of contacts on the nodes of their patches at the times of `result`; without those that are multipliers.
+    """Forces of elastic contacts on the nodes of their patches at the times of `result`; none of multipliers.
 
     Raises
     ------
     InputError
-        If a body of another kind carries a rigid surface: these are not known after the run.
+        If a carried rigid surface has the contact: its forces on nodes are not known after the run.
     """
     contacts = validate_contacts(contacts)
     validate_result(result)
@@ -272,13 +272,13 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
 def _pressures(
     item: PartitionBody, contacts: Iterable[PartitionContact], result: Result
 ) -> list[tuple[Array, Array, Array]]:
-    """Facets and nodes of the patches of a body that have rows, and the pressures on the latter, (n, np) [Pa]."""
+    """Facets and nodes of a body's patches that have rows, and the pressures at these nodes, (n, np) [Pa]."""
     found = []
     for contact in contacts:
         pressure, start = contact.pressure(result), 0
         for side, patch in contact.sides:
             own = side.body.partition.patches[patch]
-            if start < pressure.shape[1]:  # of the slave, and with two passes of the master
+            if start < pressure.shape[1]:  # the slave has rows; with two passes, so has the master
                 if side is item:
                     found.append((own.facets, own.nodes, pressure[:, start : start + len(own.nodes)]))
                 start += len(own.nodes)
@@ -286,7 +286,7 @@ def _pressures(
 
 
 def _stems(pieces: Sequence[BodyFields]) -> list[str]:
-    """File names of bodies: their names without special characters; different also where case does not matter."""
+    """File names from the bodies' names, without special characters; they differ in more than case."""
     stems: list[str] = []
     for i, piece in enumerate(pieces):
         wanted = re.sub(r"[^\w.-]+", "_", piece.item.name)[:_LONGEST_STEM] or f"body{i}"
@@ -299,7 +299,7 @@ def _stems(pieces: Sequence[BodyFields]) -> list[str]:
 
 
 def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> None:
-    """Write the list of files with their times and parts."""
+    """Write the PVD file: a list of files with their times and parts."""
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     collection = ElementTree.SubElement(root, "Collection")
     for t, part, name in entries:

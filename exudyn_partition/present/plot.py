@@ -1,4 +1,4 @@
-"""Figures of runs; every function draws on given axes, or on those of a new figure, and returns them.
+"""Figures of runs. Every function draws on given axes, or on those of a new figure, and returns the axes.
 
 A run is a `History` or a `Result`. If a Result has several contacts or bodies, `contact` and `body` say which is meant.
 Curves differ in dashes as well as in colour, for prints in black and white.
@@ -69,7 +69,7 @@ def force(
     Raises
     ------
     InputError
-        If an argument is no such thing, or a Result has no contact, or several and none is named.
+        If an argument has a wrong type, or a Result has no contact, or several contacts and none is named.
     """
     axes = axes_of(axes)
     for history, style in _layers(history_of(run, contact), reference):
@@ -92,7 +92,7 @@ def velocity(
     ----------
     axes : matplotlib.axes.Axes or None
     point : str or (3,) array
-        Name in `History.velocity`; of a Result, a point of `body` in its own coordinates [m].
+        For a History, a name in `History.velocity`. For a Result, a point of `body` in its own coordinates [m].
     run : History or Result
     reference : History, optional
     axis : {0, 1, 2}
@@ -106,7 +106,7 @@ def velocity(
     Raises
     ------
     InputError
-        If an argument is no such thing, or there is no such point or body.
+        If an argument has a wrong type, or there is no such point or body.
     """
     axes, axis = axes_of(axes), validate_integer("axis", axis, 0, 2)
     shown, name = history_of_point(run, point, body)
@@ -135,11 +135,11 @@ def spectrum(
     axes : matplotlib.axes.Axes or None
     run : History or Result
     point, axis, body :
-        As for `velocity`; default: the force.
+        See `velocity`. Default: the spectrum of the force.
     contact : PartitionContact, optional
         Of a Result with several.
     f_cut : float, optional
-        Truncation frequency [Hz], drawn as a line. Default: the highest of a Result's bodies.
+        Truncation frequency [Hz], drawn as a line. Default: the highest f_cut of a Result's bodies.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def spectrum(
     Raises
     ------
     InputError
-        As `force` and `velocity`; also if there are less than three samples, or nothing changes.
+        See `force` and `velocity`; also if there are less than three samples, or the signal is constant.
     """
     axes, axis = axes_of(axes), validate_integer("axis", axis, 0, 2)
     if f_cut is not None:
@@ -160,7 +160,7 @@ def spectrum(
         history, name = history_of_point(run, point, body)
         x, label = _velocity(history, name)[:, axis], f"spectrum of the velocity of {plain(name)} [m]"
     if len(history.t) < 3 or np.diff(history.t).min() <= 0 or not np.ptp(x):
-        raise InputError("run: expected a signal that changes, of at least three samples one after another")
+        raise InputError("run: expected a signal that changes, with at least three samples at ascending times")
     t = np.linspace(history.t[0], history.t[-1], _equal_samples(history.t))
     x = np.interp(t, history.t, x)
     f, amplitude = amplitude_spectrum(t, x, window="none" if point is None else "hann")
@@ -200,7 +200,7 @@ def energy(
     Raises
     ------
     InputError
-        If an argument is no such thing, there is neither body nor contact, the run has no samples, or the energy of a
+        If an argument has a wrong type, there is neither body nor contact, the run has no samples, or the energy of a
         contact is not known after the run.
     """
     axes = axes_of(axes)
@@ -230,19 +230,19 @@ def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionConta
     axes : matplotlib.axes.Axes or None
     result : Result
     time : float
-        [s]
+        Time of the pressure [s].
     contact : PartitionContact, optional
         Of a Result with several.
 
     Returns
     -------
     matplotlib.axes.Axes
-        With a colour bar.
+        A colour bar stands beside the axes.
 
     Raises
     ------
     InputError
-        If an argument is no such thing, or the time is not within the run.
+        If an argument has a wrong type, or the time is not within the run.
     """
     axes, contact = axes_of(axes), contact_of(result, contact)
     sample = result.at([validate_number("time", time, "a time in s")])
@@ -277,7 +277,7 @@ def modes(axes: Axes, body: ReducedBody | PartitionBody) -> Axes:
     Raises
     ------
     InputError
-        If an argument is no such thing.
+        If an argument has a wrong type.
     """
     axes = axes_of(axes)
     body = body.body if isinstance(body, PartitionBody) else body
@@ -305,7 +305,7 @@ def pareto(
     runs : mapping of str to Comparison
         Label and comparison of each run.
     quantity : str
-        Whose error: "force" or the name of a point.
+        What the error is of: "force" or the name of a point.
 
     Returns
     -------
@@ -314,7 +314,7 @@ def pareto(
     Raises
     ------
     InputError
-        If an argument is no such thing, there are no runs, or one has no such error or run time.
+        If an argument has a wrong type, there are no runs, or one has no such error or run time.
     """
     axes, runs = axes_of(axes), labelled(runs)
     if not runs:
@@ -353,7 +353,7 @@ def overview(
     Raises
     ------
     InputError
-        As `force` and `velocity`.
+        See `force` and `velocity`.
     """
     run = history_of(run, contact)
     figure_class = require("matplotlib.figure").Figure

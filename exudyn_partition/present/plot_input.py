@@ -19,7 +19,7 @@ from ..support.optional import require
 if TYPE_CHECKING:
     from ..exudyn_contacts.run_result import RunResult as Result
 
-_SIZE = (6.0, 3.4)  # inches: a column and a half
+_SIZE = (6.0, 3.4)  # inches: one and a half columns of a page
 _LONGEST_LABEL = 50  # characters
 
 
@@ -37,7 +37,7 @@ def validate_bodies(bodies: Sequence[PartitionBody]) -> list[PartitionBody]:
 
 
 def axes_of(axes: Axes) -> Axes:
-    """Return the axes, or those of a new figure for None."""
+    """Return the axes; for None, those of a new figure."""
     if axes is None:
         return require("matplotlib.figure").Figure(figsize=_SIZE, layout="constrained").subplots()
     if not isinstance(axes, require("matplotlib.axes").Axes):
@@ -53,7 +53,7 @@ def check_samples(result: Result) -> None:
 
 
 def contact_of(result: Result, contact: PartitionContact | None) -> PartitionContact:
-    """Return the contact, or the only one of the run for None."""
+    """Return the contact; for None, the only one of the run."""
     check_samples(result)
     if contact is not None:
         validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
@@ -65,7 +65,7 @@ def contact_of(result: Result, contact: PartitionContact | None) -> PartitionCon
 
 
 def history_of(run: History | Result, contact: PartitionContact | None) -> History:
-    """Return a history, or that of a contact of a Result."""
+    """Return the history itself, or that of a contact of a Result."""
     if not isinstance(run, History):
         chosen = contact_of(run, contact)
         return run.history(chosen)
@@ -75,7 +75,7 @@ def history_of(run: History | Result, contact: PartitionContact | None) -> Histo
 
 
 def history_of_point(run: History | Result, point: object, body: PartitionBody | None) -> tuple[History, str]:
-    """History with the velocity of a point, and its name there."""
+    """Return a history with the velocity of a point, and the name of the point in it."""
     if isinstance(run, History):
         if body is not None:
             raise InputError("body: a History has points by their names; name a body of a Result")
@@ -101,7 +101,7 @@ def label_of(history: History) -> str | None:
 
 
 def labelled(runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]]) -> dict[str, Comparison]:
-    """Return comparisons by their labels."""
+    """Return a dict of comparisons by label."""
     try:
         return dict(runs)
     except (TypeError, ValueError) as error:
@@ -111,5 +111,5 @@ def labelled(runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]]) 
 
 
 def name_of(item: PartitionBody | PartitionContact, otherwise: str) -> str:
-    """Name of a body or contact, or what it is called without one."""
+    """Name of a body or contact; `otherwise` if it has none."""
     return item.name or otherwise

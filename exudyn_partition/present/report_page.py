@@ -1,4 +1,4 @@
-"""One run as a page: scene, what was left out, step, conservation, contacts, timings, versions and figures.
+"""A page on one run: scene, what was left out, step, conservation, contacts, timings, versions and figures.
 
 The page is one HTML file; its figures are embedded.
 """
@@ -31,8 +31,8 @@ from .plot_input import plain
 if TYPE_CHECKING:
     from ..exudyn_contacts.run_result import RunResult as Result
 
-_VISIBLE = 0.03  # largest deformation in the picture, by the size of the bodies
-_MOST_IMPACTS = 20  # sub-impacts of a contact that are listed
+_VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
+_MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
 _STYLE = """
 body { font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
 table { border-collapse: collapse; margin: .6em 0 1.4em; }
@@ -47,7 +47,7 @@ def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
     path = writable(path)
     validate_text("title", title)
     if not len(result.t):
-        raise InputError("result: the run kept no samples, there is nothing to report")
+        raise InputError("result: the run kept no samples, so there is nothing to report")
     title = title or path.stem
     parts = [
         f"<h1>{html.escape(title)}</h1>",
@@ -193,7 +193,7 @@ def _figures(result: Result) -> str:
 
 
 def _scale(sample: Result) -> float:
-    """Power of ten that makes the deformation visible."""
+    """Power of ten by which the deformation must be scaled to be visible."""
     size = max(np.ptp(item.body.points, axis=0).max() for item in sample.bodies)
     largest = max(
         abs(item.kinematics.at(np.unique(item.body.facets)).deformation(item.coordinates(sample)[0])).max()

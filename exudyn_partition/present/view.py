@@ -41,8 +41,8 @@ from .output import BodyFields, Shown, contact_loads, shown_bodies
 if TYPE_CHECKING:
     from ..exudyn_contacts.run_result import RunResult as Result
 
-GraphicsData = dict[str, object]  # Exudyn's
-Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # of a body in a model, now
+GraphicsData = dict[str, object]  # in the format of Exudyn
+Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
 
 UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 _COLOURS = "viridis"
@@ -50,7 +50,7 @@ _WINDOW = (1024, 768)
 _MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
 _LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
 _AMBIENT = 0.8  # brightness without light: shadows must not look like small values
-_MARGIN = 0.6  # half of a picture's height, by the diagonal of the bodies
+_MARGIN = 0.6  # half of a picture's height, relative to the diagonal of the bodies
 
 
 def CreatePartitionView(
@@ -82,7 +82,7 @@ def CreatePartitionView(
     Returns
     -------
     exudyn.ObjectIndex
-        Of an ObjectGround.
+        Number of the ObjectGround.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def picture(
     field : {"deformation", "displacement", "velocity", "von_mises"}
         Its magnitude [m], [m/s] is the colour, or von Mises's stress [Pa], which needs the FE models.
     scale, limits :
-        As for `CreatePartitionView`.
+        See `CreatePartitionView`.
     rotation : (3,)
         Rotation vector of the view [rad].
     size : (int, int)
@@ -147,7 +147,7 @@ def picture(
     Raises
     ------
     InputError
-        If an argument is no such thing or out of range, or the time is not within the run.
+        If an argument has a wrong type or is out of range, or the time is not within the run.
     """
     validate_result(result)
     frame = result.at([validate_number("time", time, "a time in s")])
@@ -165,7 +165,7 @@ def picture(
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     height = _MARGIN * float(np.linalg.norm(high - low))
-    centre = turn.apply((low + high) / 2)  # the renderer moves after it has turned
+    centre = turn.apply((low + high) / 2)  # the renderer rotates before it translates
     SC.renderer.SetModelView(height, turn.as_rotvec().tolist(), centre.tolist())
     return np.array(SC.renderer.RedrawAndGetImage(useRaytracer=True))
 
@@ -187,9 +187,9 @@ def show(
     ----------
     result : Result
     bodies, field, scale, limits :
-        As for `picture`.
+        See `picture`.
     times : (k,) [s] or int
-        As for `Result.at`.
+        See `Result.at`.
     period : float
         Time between frames on the screen [s].
     cycles : int, optional
@@ -198,7 +198,7 @@ def show(
     Raises
     ------
     InputError
-        If an argument is no such thing or out of range.
+        If an argument has a wrong type or is out of range.
     RunError
         If there is no screen.
     """
@@ -230,7 +230,7 @@ def _pieces(bodies: Sequence[Shown], field: str) -> list[BodyFields]:
 
 
 def _pixels(size: tuple[int, int]) -> list[int]:
-    """Width and height of a picture."""
+    """Check width and height of a picture."""
     if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or len(size) != 2:
         raise InputError(f"size: expected width and height in pixels, such as {_WINDOW}, got {size!r}")
     return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
@@ -318,7 +318,7 @@ def _graphics(
 
 def _corner(places: list[Array], turn: Rotation) -> list[float]:
     """Place above the bodies in the view, (3,) [m]."""
-    seen = turn.apply(np.vstack(places))  # to the right, up, and towards the eye
+    seen = turn.apply(np.vstack(places))  # coordinates to the right, upwards, and towards the viewer
     low, high = seen.min(axis=0), seen.max(axis=0)
     corner: list[float] = turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()
     return corner

@@ -81,7 +81,7 @@ def compare(run: History, reference: History) -> Comparison:
     missing = set(reference.velocity) - set(run.velocity)
     if missing:
         said = ", ".join(sorted(missing))
-        raise InputError(f"run: has no velocity of {said}, which the reference has; name all points of the reference in history()")
+        raise InputError(f"run: has no velocity of {said}, which the reference has; name all its points in history()")
     begin, end = max(run.t[0], reference.t[0]), min(run.t[-1], reference.t[-1])
     slack = 1e-9 * abs(end)
     common = (reference.t >= begin - slack) & (reference.t <= end + slack)

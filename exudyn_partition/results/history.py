@@ -107,7 +107,7 @@ class History:
         in_contact = self.force > 1e-6 * max(self.peak_force, 1e-300)
         if len(self.t) < 2:
             return 0.0
-        return float(np.gradient(self.t, np.arange(len(self.t)))[in_contact].sum())  # half of the steps on both sides of each sample
+        return float(np.gradient(self.t, np.arange(len(self.t)))[in_contact].sum())  # half the steps on both sides
 
     def until(self, end_time: float) -> History:
         """Return the part up to `end_time` [s].
