@@ -211,7 +211,7 @@ class BodyFields:
     def frames(
         self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Yield fields, (n,) or (n, 3), at each time of `result`, with pressures of `contacts` and answers to `loads`."""
+        """Yield fields, (n,) or (n, k), at each time of `result`, with pressures of `contacts`, answers to `loads`."""
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
         for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
             data = self.fields(q, q_t, self.forces(loads, i))
