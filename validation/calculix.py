@@ -1,19 +1,20 @@
-"""Two spheres by CalculiX, an independent FE code, beside the full FE model and the contact-adapted basis.
+"""Two spheres by CalculiX, an independent FE code, compared with the full FE model and the contact-adapted basis.
 
-Scene: two equal steel spheres of 10 mm radius meet at 0.5 m/s (cases.md); the same quadratic tetrahedra for all.
-CalculiX (`ccx`, Debian's calculix-ccx) takes surface-to-surface contact by penalty and implicit HHT steps; its contact
-force is what it prints for the pair (CF). Its stiffness matrix is ours to round-off, its mass matrix is not: it is
-integrated at four points an element (tests/test_calculix.py), which only modes of the mesh's own length notice.
-Reference: this library's full FE model (HHT, exact complementarity), its own error by half the step beside it. Hertz'
-peak and duration are shown too.
+Scene: two equal steel spheres of 10 mm radius meet at 0.5 m/s (cases.md). All use the same quadratic tetrahedra.
+CalculiX (`ccx`, Debian's calculix-ccx) has surface-to-surface contact by penalty and implicit HHT steps. Its contact
+force is what it prints for the pair (CF). Its stiffness matrix equals ours to round-off. Its mass matrix does not,
+because it is integrated at four points in an element (tests/test_calculix.py). Only modes of the length of an element
+show this.
+Reference: this library's full FE model (HHT, exact complementarity), with its own error from half the step. The table
+also has Hertz' peak and duration.
 Quantity: relative L2 error of the contact force, peak, impulse, duration; run times. CalculiX' penalty stiffness, its
-step and its damping alpha are varied one at a time: the penalty limits it, step and damping do not. It has to be stiff
-against the material over the size of an element, E / h = 2e15 Pa/m; beyond 1e16 Pa/m the mesh is what is left, for
-CalculiX enforces contact at integration points of facets, and this library by integrated rows.
-Limits: contact-adapted against the full FE model 1 % (force); CalculiX with the stiffest penalty on the fine mesh
-against it 1 % in force and peak, 0.1 % in impulse; with --quick, on the coarse mesh with 1e16 Pa/m, 3 % in force.
+step and its damping alpha are varied one at a time. The penalty limits its accuracy; step and damping do not. The
+penalty must be stiff against the material over the size of an element, E / h = 2e15 Pa/m. Beyond 1e16 Pa/m only the
+mesh matters, because CalculiX enforces contact at integration points of facets, and this library by integrated rows.
+Limits: contact-adapted against the full FE model 1 % (force). CalculiX with the stiffest penalty on the fine mesh
+against it: 1 % in force and peak, 0.1 % in impulse. With --quick, on the coarse mesh with 1e16 Pa/m: 3 % in force.
 
-Without `ccx` it says so, writes nothing, and ends with exit code 0.
+Without `ccx` the script says so, writes nothing, and ends with exit code 0.
 
     python validation/calculix.py [--quick] [--again] [--out FILE]
 """
@@ -91,7 +92,7 @@ def patch_faces(fem, patch):
 def model_cards(fems, surfaces=()):
     """Nodes, elements (C3D10) and materials of the bodies B1, B2, ..., and a surface S1, S2, ... of each if given.
 
-    Nodes and elements are numbered through, the first body's first.
+    Nodes and elements have consecutive numbers, those of the first body first.
     """
     points = np.vstack([fem.points for fem in fems])
     lines = ["*NODE", *(f"{i}, {x:.12g}, {y:.12g}, {z:.12g}" for i, (x, y, z) in enumerate(points, 1))]
@@ -148,7 +149,7 @@ def solve(text, folder):
 
 
 def frequencies(dat):
-    """Frequencies of the modes that a .dat file lists, (n,) [Hz]; those of rigid modes may come as zero."""
+    """Frequencies of the modes that a .dat file lists, (n,) [Hz]; those of rigid modes may be zero."""
     rows = re.findall(r"^ +\d+ +\S+ +\S+ +(\S+) +\S+$", dat.split("P A R T I C I P A T I O N")[0], flags=re.MULTILINE)
     return np.array(rows, dtype=float)
 
@@ -270,7 +271,7 @@ def main():
     parser.add_argument("--again", action="store_true", help="run CalculiX also where its result is kept in out/")
     options = parser.parse_args()
     if executable() is None:
-        print("skipped: no `ccx` on the path, CalculiX' solver (Debian: apt-get install calculix-ccx)")
+        print("skipped: `ccx`, CalculiX' solver, is not on the path (Debian: apt-get install calculix-ccx)")
         return
     rows = []
     for mesh, settings in (QUICK_RUNS if options.quick else RUNS).items():

@@ -1,10 +1,11 @@
-"""Size of body files, and the time to write and to read them: whole, and without the inside.
+"""Size of body files, and the time to write and to read them: whole files, and files without the inside.
 
 Reference: the arrays of a body as they are in memory, byte for byte.
-Quantity: the ball of README's complete program; rod and plate of examples/rod_on_plate.py in their quick meshes, and
-the plate by the bases that keep more. Sizes, their shares of the arrays' bytes, and the shortest of three times.
-Limits: a whole file takes at most 95 % of the arrays' bytes; without the inside one of the ball 35 %, all others 75 %.
-What is read is what was written, to the last bit.
+Quantity: sizes, their shares of the bytes of the arrays, and the shortest of three times. The bodies are the ball of
+README's complete program, and rod and plate of examples/rod_on_plate.py in their quick meshes. The plate is also
+reduced with the bases that keep more.
+Limits: a whole file takes at most 95 % of the arrays' bytes. Without the inside, the file of the ball takes at most
+35 %, and all others 75 %. What is read equals what was written, to the last bit.
 
     python -m validation.benchmarks.body_files
 """
@@ -56,7 +57,7 @@ def array_bytes(value):
 
 
 def shortest(function, *arguments, **options):
-    """Shortest time of some calls [s], and what the last returned."""
+    """Shortest time of some calls [s], and the result of the last call."""
     times = []
     for _ in range(RUNS):
         begin = time.perf_counter()

@@ -1,10 +1,11 @@
-"""What one evaluation of a contact costs: about 100 slave nodes against 250 facets, frozen and moving pairs.
+"""Time of one evaluation of a contact: about 100 slave nodes against 250 facets, frozen and moving pairs.
 
-Reference: none; the limits of issue 4 are 60 us with frozen pairs, 300 us with moving ones, all in Python, for the
-default rows, integrated.
-Quantity: median time of `law.force(q)` over 2000 calls with the contact closed to the depth of a Hertz impact: with
-coordinates that change but do not slide (frozen), and that slide by 0.1 % of a facet a call, over facets' edges
-(moving). Beside it node-to-segment and integrated rows, closed rows, and the same with the patches apart.
+Reference: none. The limits are 60 us with frozen pairs and 300 us with moving ones, all in Python, for the default
+rows, which are integrated.
+Quantity: median time of `law.force(q)` over 2000 calls, with the contact closed to the depth of a Hertz impact. In the
+case "frozen" the coordinates change but do not slide. In the case "moving" they slide by 0.1 % of a facet in a call,
+over edges of facets. The table also has node-to-segment rows, the numbers of closed rows, and the same with the patches
+apart.
 
     python -m validation.benchmarks.contact_evaluation
 """
@@ -66,7 +67,7 @@ def median_us(law, coordinates):
 
 
 def motions(bodies, gaps):
-    """Coordinates, CALLS of them: trembling without sliding, sliding, and the same with the ball lifted."""
+    """CALLS coordinates of each motion: small changes without sliding, sliding, and both with the ball lifted."""
     n = sum(body.n_dofs for body in bodies)
     rigid = np.zeros((n, 3))
     rigid[: bodies[0].n_dofs] = bodies[0].rigid[:, :3]

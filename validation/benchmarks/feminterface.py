@@ -1,11 +1,13 @@
-"""The first 20 elastic modes of a free plate, against Exudyn's own FEMinterface on the same mesh.
+"""The first 20 elastic modes of a free plate, compared with Exudyn's own FEMinterface on the same mesh.
 
 Reference: exudyn.FEM.FEMinterface, ImportMeshFromNGsolve and ComputeEigenmodes (ARPACK, shift-invert about zero). It
-takes a number of modes, 21; this library a band, whose end is the geometric mean of its 20th and 21st frequency.
-Quantity: time of the modes' computation, beside it the time of assembly; relative difference of the 20 frequencies.
+needs a number of modes, 21. This library needs a band of frequencies. Its end is the geometric mean of the 20th and the
+21st frequency of FEMinterface.
+Quantity: time of the computation of modes, time of assembly, and relative difference of the 20 frequencies.
 Limits: three times faster, frequencies equal to 1e-6, at least 40 000 nodes.
 
-Both sides have quadratic tetrahedra with straight edges. They run in turn, twice, and the shorter time of each counts.
+Both sides have quadratic tetrahedra with straight edges. They run one after the other, twice, and the shorter time of
+each counts.
 
     python -m validation.benchmarks.feminterface
 """

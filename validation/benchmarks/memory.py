@@ -1,16 +1,16 @@
-"""Memory of a reduction: its peak against the estimate that comes before the work, and what repetitions keep.
+"""Memory of a reduction: its peak against the estimate that comes before the work, and growth in repetitions.
 
-Reference: the peak of a process of its own, beyond what is in use before, for `reduce_pair` of a steel rod of 20 mm
-with a hemispherical tip and an aluminium plate of 10 mm; and memory in use after each of five `reduce` of one body of
-some 28 000 dofs.
-Quantity: the estimate of `reduction.memory.needed`, the peak, their ratio, by elements per contact radius; the growth
-of memory in use from the second of the five reductions to the last.
-Limits: estimates within a factor of 1.5 of the peak, growth below 50 MB (factors are some 200 MB).
+Reference: the peak of a separate process, beyond what is in use before, for `reduce_pair` of two bodies: a steel rod of
+20 mm with a hemispherical tip, and an aluminium plate of 10 mm. Also memory in use after each of five `reduce` of one
+body of some 28 000 dofs.
+Quantity: the estimate of `reduction.memory.needed`, the peak and their ratio, for several numbers of elements per
+contact radius. The growth of memory in use from the second of the five reductions to the last.
+Limits: estimates within a factor of 1.5 of the peak, growth below 50 MB (factors take some 200 MB).
 
     python -m validation.benchmarks.memory [--elements 2 3] [--no-leak]
 
-Off-line time grows as the 2.3rd power of the patch's nodes, for dofs of the refined region grow as their power of 1.5
-and the factorisations as the square of the dofs.
+Off-line time grows as the 2.3rd power of the number of patch nodes. The reason: the dofs of the refined region grow as
+its power of 1.5, and the factorisations as the square of the dofs.
 """
 
 import argparse

@@ -1,22 +1,28 @@
 """Cost of the reduction, off-line and on-line, against the size of the mesh: rod and plate of examples/rod_on_plate.py.
 
-Reference: the full FE model on the largest mesh; else none: times and peak memory of this machine. Each case runs in a
-process of its own, so that its peak memory is its own. The meshes differ in the global `maxh` alone: with the same
-local refinement, contact rows stay about the same. That refinement alone has some 17 000 nodes, which bounds the
-smallest mesh from below.
-Quantity: times of meshing, assembly, reduction (contact-adapted, 40 kHz, both bodies) and of a step of the explicit run
-of 1 ms, the quickest of ten runs; the exponent of growth of the reduction's time with the number of nodes; all four
-bases on the largest mesh. There, too, what the full FE model's 5 ms take, by the time of a step: implicit (HHT, 1 us,
-of which 0.3 ms are run and compared with the reduced bodies' force), and by the paper's explicit scheme with its steps
-of nanoseconds.
-Limits: at the largest size, of at least 95 000 nodes, the default reduction takes less than 150 s and 8 GB, all four
-bases less than 15 min; exponent below 1.5; time per step at each size within 20 % of their mean; force error 1 %;
-on-line 3000 times faster than the full FE model's implicit stepping; reduction and run together 50 times faster than
-its explicit stepping, by which the paper's factor of 20 is.
+Reference: the full FE model on the largest mesh; for everything else none, only times and peak memory of this machine.
+Each case runs in a process of its own, so that its peak memory is its own. The meshes differ only in the global `maxh`.
+The local refinement is the same, so the number of contact rows is nearly the same too. This refinement alone has some
+17 000 nodes, which limits the smallest mesh.
+Quantity:
+- times of meshing, assembly and reduction (contact-adapted, 40 kHz, both bodies), and of a step of the explicit run of
+  1 ms, the quickest of ten runs;
+- the exponent of growth of the reduction's time with the number of nodes;
+- all four bases on the largest mesh;
+- also on the largest mesh, the time of 5 ms of the full FE model, from the time of one step. Implicit steps are HHT of
+  1 us; 0.3 ms of them are run and compared with the force of the reduced bodies. Explicit steps are the paper's, of
+  nanoseconds.
+Limits:
+- at the largest size, of at least 95 000 nodes, the default reduction takes less than 150 s and 8 GB, and all four
+  bases less than 15 min;
+- the exponent is below 1.5, and the time of a step at each size within 20 % of their mean;
+- the force error is 1 %;
+- the on-line run is 3000 times faster than the full FE model's implicit stepping;
+- reduction and run together are 50 times faster than its explicit stepping, from which the paper has its factor of 20.
 
     python -m validation.benchmarks.size [--only small medium large bases full]
 
-Cases are kept in size.json; without `--only` all run anew.
+Cases are kept in size.json. Without `--only` all run again.
 """
 
 import argparse
@@ -75,7 +81,7 @@ def peak_memory():
 
 
 def size_case(maxh):
-    """One mesh: off-line times, peak memory, and the quickest of the on-line runs, which the machine disturbs least."""
+    """One mesh: off-line times, peak memory, and the quickest of the on-line runs, the least disturbed one."""
     from examples.models import rod_on_plate as example
 
     fems, partitions, times = example.fe_models(quick=False, maxh=maxh)
@@ -120,7 +126,7 @@ def bases_case(maxh):
 
 
 def full_case(maxh):
-    """The full FE model on one mesh: its steps, implicit and explicit, and the reduced bodies beside it."""
+    """The full FE model on one mesh: its implicit and explicit steps, compared with the reduced bodies."""
     from examples.models import rod_on_plate as example
     from validation.paper import cost
 
@@ -162,7 +168,7 @@ def run_case(name):
 
 
 def evaluate(cases):
-    """What follows from the three sizes, and the limits that do not hold."""
+    """Results of the three sizes, and the limits that do not hold."""
     sizes = [cases[name] for name in MAXH]
     large, bases, full = cases["large"], cases["bases"], cases["full"]
     logs = np.log([[case["nodes"], case["reduce_s"]] for case in sizes])

@@ -1,18 +1,19 @@
-"""Longitudinal impacts of bars: two equal bars, and a bar on a rigid wall, against Saint-Venant's waves.
+"""Longitudinal impacts of bars: two equal bars, and a bar on a rigid wall, compared with Saint-Venant's waves.
 
 Reference (cases.md): two 2 x 2 x 10 bars, E = rho = 1, nu = 0, speeds +-0.1: force 0.4, contact lasts 20, velocities
 swap exactly. Steel bar on a wall: L = 1 m, section 3.14e-4 m2, nu = 0, gap 50 um, 0.1 m/s: contact starts at 0.5 ms,
-lasts 385.4 us, force 1270.8 N, velocity turned around.
-Quantity: mean force over the middle half of the contact, its start (error over the duration), time from first to last
-force, velocities of the centres of mass afterwards, over f_cut; impulse, energy, run times and the ripple of the force
-on its plateau beside them.
+lasts 385.4 us, force 1270.8 N, the velocity is reversed.
+Quantity: for several f_cut, the mean force over the middle half of the contact, its start (error over the duration),
+the time from first to last force, and the velocities of the centres of mass afterwards. The table also has impulse,
+energy, run times and the ripple of the force on its plateau.
 Limits: force, duration and velocities within 1 % at the highest f_cut.
 
-The ripple does not fall with f_cut. Bars feel each other through the mobility of their ends, 1 / Z for a wave impedance
-Z. Cut at f_cut, with the static flexibility of the rest in its place, it is j (2 x - ln((x + 1) / (x - 1))) / (pi Z) at
-x = f / f_cut > 1. That vanishes at x = 1.2: a frequency above all kept modes that rings without damping, at 80 % of the
-plateau after a step of velocity (standard deviation 57 %), whatever f_cut is. Impacts of round bodies hardly excite it.
-Implicit integration that damps high frequencies takes it out; one such run is reported.
+The ripple does not fall with f_cut. Each bar feels the other through the mobility of its end, 1 / Z for a wave
+impedance Z. If modes above f_cut are replaced by their static flexibility, the mobility at x = f / f_cut > 1 is
+j (2 x - ln((x + 1) / (x - 1))) / (pi Z). It vanishes at x = 1.2. This frequency is above all kept modes and rings
+without damping: at 80 % of the plateau after a step of velocity (standard deviation 57 %), whatever f_cut is. Impacts
+of round bodies hardly excite it. Implicit integration that damps high frequencies removes it. The table has one such
+run.
 
     python -m validation.contact.bars
 """

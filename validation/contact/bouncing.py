@@ -1,12 +1,13 @@
 """Ten thousand impacts in a row: a ball between two rigid planes.
 
-Reference: conservation of energy; nothing is damped. Quantity: deviation of kinetic, strain and contact energy from the
-start over the whole run, its drift as the slope of a straight line through it, single pivots of the active sets, and
-what the process' memory grows by during the second half of the run, of which few samples are kept. Limits: 1e-3 for the
-energy, 5 MB, 10 000 impacts.
+Reference: conservation of energy; nothing is damped.
+Quantity: deviation of kinetic, strain and contact energy from the start over the whole run, and its drift, the slope of
+a straight line through it. Also the single pivots of the active sets, and the growth of the process' memory during the
+second half of the run, of which few samples are kept.
+Limits: 1e-3 for the energy, 5 MB, 10 000 impacts.
 
-The explicit step is a tenth of the stability limit: central differences keep a shadow of the energy, which differs from
-it by (w h)^2, and over thousands of impacts the highest modes, for which that is most, take their share of it.
+The explicit step is a tenth of the stability limit. Central differences conserve a shadow of the energy, which differs
+from it by (w h)^2. This is largest for the highest modes, which take their share of it over thousands of impacts.
 
     python -m validation.contact.bouncing
 """
@@ -43,7 +44,7 @@ def reduced_ball():
 
 
 def resident_MB():
-    """Memory of this process now [MB]; 0 where the system does not tell."""
+    """Memory of this process now [MB]; 0 if the system does not report it."""
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     return sum(float(line.split()[1]) / 1e3 for line in lines if line.startswith("VmRSS"))
@@ -51,7 +52,7 @@ def resident_MB():
 
 @contextlib.contextmanager
 def counted():
-    """Count the times that contacts close, for samples are too rare to tell."""
+    """Count how often contacts close. The samples are too rare to show it."""
     answer, count = ComplianceContact.answer, [0]
 
     def counting(law, *gaps):

@@ -1,15 +1,16 @@
 """A bar that is dropped on a wall and bounces: the benchmark of Doyen, Ern and Piperno (2011).
 
 Reference: D. Doyen, A. Ern, S. Piperno, Time-integration schemes for the finite element dynamic Signorini problem, SIAM
-J. Sci. Comput. 33 (2011) 223-249. Length 10, E = 900, density 1, nu = 0, dropped from a height of 5 with gravity 10,
-so that waves travel at 30. The bar falls for 1 and touches for 2/3, half a period of a clamped bar, after which all
-that is not its static deformation has the other sign. So it leaves upwards as fast as it came, with twice that
-deformation, flies for 2 while it vibrates three times, touches for 2/3 as before and leaves undeformed, to where it
-came from: a period of 16/3, of two impacts, each with the impulse of 2 m v and of the weight meanwhile.
+J. Sci. Comput. 33 (2011) 223-249. Length 10, E = 900, density 1, nu = 0, dropped from a height of 5 with gravity 10, so
+waves travel at 30. The bar falls for 1. It touches for 2/3, half a period of a clamped bar; then everything except its
+static deformation has the opposite sign. So it leaves upwards with the speed at which it came, and with twice the
+static deformation. It flies for 2 and vibrates three times. It touches for 2/3 as before, leaves undeformed, and rises
+to where it came from. The period is 16/3 with two impacts. Each has the impulse 2 m v plus that of the weight during
+the contact.
 Quantity: starts, ends and impulses of the first three impacts, the period, energy, and the largest strain.
 Limits, at the highest f_cut: 1 % of the period for starts and the period, 1 % for durations and impulses.
 
-The strain is a third: linear elasticity is all that is asked here, and what the library warns of is counted.
+The strain is a third. Only linear elasticity is tested here; the library's warnings are counted.
 
     python -m validation.contact.bouncing_bar
 """
@@ -36,7 +37,7 @@ F_CUTS = (7.5, 15.0, 30.0)  # 5, 10 and 20 times the lowest frequency of the fre
 
 
 def drop(cells, f_cut, **options):
-    """The bar's first three impacts on a rigid plane: result, body, contact, and the names of what was warned of."""
+    """The bar's first three impacts on a rigid plane: result, body, contact, and the names of the warnings."""
     fem, part = bar(SIDE, LENGTH, MATERIAL, cells, up=True)
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(
@@ -51,7 +52,7 @@ def drop(cells, f_cut, **options):
 
 
 def rebounds(t, force):
-    """Starts, ends and impulses of impacts, (n, 3), of which parts less than a third of a contact apart are one."""
+    """Starts, ends and impulses of impacts, (n, 3). Parts less than a third of a contact apart count as one."""
     closed = t[force > 0]
     breaks = np.flatnonzero(np.diff(closed) > LASTS / 3)
     starts, ends = closed[np.r_[0, breaks + 1]], closed[np.r_[breaks, len(closed) - 1]]

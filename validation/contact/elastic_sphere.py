@@ -1,9 +1,10 @@
-"""Contact of a whole elastic sphere with a rigid plane, by series: what meshes of a sphere converge to.
+"""Contact of a whole elastic sphere with a rigid plane, by series: the limit of meshes of a sphere.
 
-Hertz presses half-spaces. A sphere that its own inertia presses against a plane yields to each Legendre component of
-the surface traction by Lurie's solution for the solid sphere (Theory of Elasticity, section 6.3); beside Hertz that
-makes a difference of the order of contact radius over radius, which no mesh can take away. Rings of uniform pressure
-are kept out of the plane at their middles, without friction, on the deformed positions of the sphere's points.
+Hertz presses half-spaces. Here a sphere is pressed against a plane by its own inertia. For each Legendre component of
+the surface traction, its deformation is Lurie's solution for the solid sphere (Theory of Elasticity, section 6.3). The
+difference to Hertz is of the order of contact radius over radius, and no mesh can remove it. The contact is rings of
+uniform pressure. Their middles must not enter the plane, on the deformed positions of the sphere's points and without
+friction.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,13 @@
-"""Rod on plate by all formulations, kinds of rows and passes: where they agree, and what they differ by.
+"""Rod on plate by all formulations, kinds of rows and passes: where they agree, and how much they differ.
 
 Reference: the full FE model with the same mesh and the same kind of rows (HHT, 0.5 us), over the first 0.5 ms, which
-holds the first two sub-impacts. Quantity: relative L2 error of the contact force, impulse and peak relative to the
-reference's, beside reduced dofs and run time. The two references differ by what the kind of rows does; penalty and two
-passes, which no reference has, are compared with node-to-segment's.
-Limits: with the residual flexibility, impulse
-within 0.5 % and force within 3 % of the reference; with multipliers on nodes, impulse within 10 %, for their bases lack
-the static answer of the modes that are cut (../error_against_time/rod_on_plate.py).
+contain the first two sub-impacts.
+Quantity: relative L2 error of the contact force, impulse and peak relative to the reference's, reduced dofs and run
+time. The difference of the two references is the effect of the kind of rows. No reference has a penalty or two passes;
+these are compared with that of node-to-segment.
+Limits: with the residual flexibility, impulse within 0.5 % and force within 3 % of the reference. With multipliers on
+nodes, impulse within 10 %, because their bases lack the static answer of the modes that are cut
+(../error_against_time/rod_on_plate.py).
 
     python -m validation.contact.formulations
 """
@@ -33,7 +34,7 @@ LIMITS = {"compliance": (0.03, 0.005), "lagrange": (None, 0.10)}  # force, impul
 
 @dataclass(frozen=True)
 class Case:
-    """What a run takes."""
+    """Options of a run."""
 
     basis: str
     formulation: str

@@ -1,20 +1,21 @@
-"""Impacts of spheres, and the static contact of one, against Hertz and against whole elastic spheres.
+"""Impacts of spheres, and the static contact of one, compared with Hertz and with whole elastic spheres.
 
-Reference: Hertz' closed formulas (cases.md), which press half-spaces; and the solution by series for a whole elastic
-sphere (elastic_sphere.py), which meshes of spheres converge to. They differ by the order of contact radius over radius.
-Quantity: peak force, largest approach of the centres of mass and duration of impacts, on meshes refined in four levels
-and placed at random, for both kinds of rows; the order of convergence; the error that a number of closed rows buys.
-Static: pressure as means over the hat functions of the facets' corners, and radius of the contact area, at 1e4 N
-(cases.md); beside it the pressure around each node as `PartitionContact.pressure` gives it, against Hertz at the node.
+Reference: Hertz' closed formulas (cases.md), which are for half-spaces; and the series solution for a whole elastic
+sphere (elastic_sphere.py), to which meshes of spheres converge. They differ by the order of contact radius over radius.
+Quantity: peak force, largest approach of the centres of mass and duration of impacts, for both kinds of rows. Meshes
+are refined in four levels and placed at random. Results are the order of convergence, and the error for a number of
+closed rows. Static, at 1e4 N (cases.md): pressure as means over the hat functions of the facets' corners, and radius of
+the contact area. Also the pressure around each node as `PartitionContact.pressure` gives it, against Hertz at the node.
 Limits: on the finest mesh 1 % of the sphere's series for peak, approach and duration, 3 % for static pressure
-(relative L2) and radius, with the kind of rows that does better. Deviations from Hertz himself are reported.
+(relative L2) and radius, with the better kind of rows. Deviations from Hertz himself are reported.
 
-Which kind is the default: error times closed rows, the less the better (rms of all meshes; plane at 0.5 m/s, plane at
-0.1 m/s, two spheres), is for integrated rows 0.18, 0.16, 0.12 in peak force, 0.20, 0.16, 0.22 in approach, 0.57, 0.56,
-0.55 in duration, and for node-to-segment 0.27, 0.23, 0.14; 0.20, 0.13, 0.18; 0.38, 0.28, 0.30. Integrated rows have
-less error in the force; they close later and open earlier, for the mean gap around a tip's node is larger than the
-tip's own. What decides is where meshes do not match: uniform pressure is within 0.1 to 0.3 % instead of 1 to 3 %
-(patch_test.py), a sliding contact's force ripples a sixth as much (sliding.py), and energy is kept better (oblique.py).
+Which kind is the default? Compare error times closed rows, where less is better (rms of all meshes; plane at 0.5 m/s,
+plane at 0.1 m/s, two spheres). For integrated rows it is 0.18, 0.16, 0.12 in peak force, 0.20, 0.16, 0.22 in approach,
+and 0.57, 0.56, 0.55 in duration. For node-to-segment it is 0.27, 0.23, 0.14; 0.20, 0.13, 0.18; and 0.38, 0.28, 0.30.
+Integrated rows have less error in the force. They close later and open earlier, because the mean gap around the node of
+a tip is larger than the gap of the tip itself. The decision comes from meshes that do not match: uniform pressure is
+within 0.1 to 0.3 % instead of 1 to 3 % (patch_test.py), the force of a sliding contact ripples a sixth as much
+(sliding.py), and energy is conserved better (oblique.py).
 
     python -m validation.contact.hertz [--only "two spheres, 0.5 m/s" static]
 """
@@ -68,7 +69,7 @@ def impact(bodies, speed, rows):
 
 
 def impacts(name):
-    """All impacts of one case, the references, and what the meshes say together."""
+    """All impacts of one case, the references, and the summary of the meshes."""
     speed, two = CASES[name]
     mass = scenes.STEEL.rho * 4 / 3 * math.pi * RADIUS**3
     radii, masses = ((RADIUS, RADIUS), mass / 2) if two else ((RADIUS, math.inf), mass)
@@ -104,7 +105,7 @@ def impacts(name):
 
 
 def summary(runs):
-    """Order of convergence to the series, the meshes' own limit by extrapolation, and what a closed row buys."""
+    """Order of convergence to the series, extrapolated limit of the meshes, and error times closed rows."""
     levels, result = list(LEVELS), {}
     closed = np.array([run["closed_rows"] for run in runs])
     for q in QUANTITIES:

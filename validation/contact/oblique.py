@@ -1,13 +1,15 @@
-"""A rotating rod strikes a free plate obliquely and without friction: what the system keeps.
+"""A rotating rod strikes a free plate obliquely and without friction: what the system conserves.
 
-Reference: conservation of linear momentum, of angular momentum and of energy (kinetic, strain, and what the contact's
-flexibility stores). Quantity: largest deviation over the run, relative to the value at the start, against step and kind
-of rows, on two meshes. Both bodies have floating frames, so the pairs follow the rotation from the first step on.
+Reference: conservation of linear momentum, of angular momentum and of energy (kinetic energy, strain energy, and energy
+stored in the contact's flexibility).
+Quantity: largest deviation over the run, relative to the value at the start, for several steps and both kinds of rows,
+on two meshes. Both bodies have floating frames, so the pairs follow the rotation from the first step on.
 Limits: momentum and angular momentum 1e-9 at the smallest step, energy 1e-4, with integrated rows on the finer mesh.
 
-Angular momentum deviates by the order of the integrator, not by the contact: forces and moments on both bodies cancel
-to round-off (tests/test_gaps.py). Energy deviates by the order of the rows: what a pair's residual flexibility changes
-when its point slides along a facet has no force in frictionless rows. It falls with the mesh.
+The deviation of angular momentum has the order of the integrator and does not come from the contact: forces and moments
+on both bodies cancel to round-off (tests/test_gaps.py). The deviation of energy has the order of the rows. When the
+point of a pair slides along a facet, the residual flexibility of the pair changes, and frictionless rows have no force
+for this. The deviation falls with the mesh size.
 
     python -m validation.contact.oblique
 """

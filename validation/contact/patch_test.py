@@ -1,16 +1,16 @@
 """Contact patch test: uniform pressure through a flat interface whose meshes do not match.
 
-Reference: two equal-sided blocks of different meshes, pressed together by uniform traction on their far ends. The exact
-state is uniform stress, with free sides for any Poisson's ratio; quadratic tetrahedra hold it exactly. The basis holds
-it too: the far ends are averaged interfaces, whose static answer is in it, and the contact's is the residual
-flexibility. So what remains is the contact's own discretisation, which grows out of forces that are not consistent with
-uniform pressure on one side or the other.
-Quantity: pressure on both faces, as means over the hat functions of the facets' corners of the nodal forces that each
-body feels, its largest and its relative L2 deviation from uniform; the pressure around each node as
-`PartitionContact.pressure` gives it (rms); the total force.
-Limits: 2 % for the pressure (L2) on both faces with integrated rows on the finer side; total force 1e-10. Other ways
-are reported: two passes are worse, for half of the force then comes from the coarse side in lumps, but with integrated
-rows they are within 3 %.
+Reference: two blocks with equal sides and different meshes, pressed together by uniform traction on their far ends. The
+exact state is uniform stress, with free sides for any Poisson's ratio. Quadratic tetrahedra represent it exactly. The
+basis represents it too: the far ends are averaged interfaces, whose static answer is in the basis, and the static
+answer of the contact is the residual flexibility. So only the discretisation of the contact remains. Its error comes
+from forces that are not consistent with uniform pressure on one side or the other.
+Quantity: pressure on both faces, as means over the hat functions of the facets' corners of the nodal forces on each
+body. Its largest and its relative L2 deviation from uniform pressure. The pressure around each node as
+`PartitionContact.pressure` gives it (rms). The total force.
+Limits: 2 % for the pressure (L2) on both faces with integrated rows on the finer side; total force 1e-10. Other
+settings are reported. Two passes are worse, because half of the force then comes from the coarse side in lumps. With
+integrated rows they are within 3 %.
 
     python -m validation.contact.patch_test
 """
@@ -54,7 +54,7 @@ def block(up, maxh):
 
 
 def pressed(fems, bodies, options):
-    """Equilibrium under the end tractions, and what is wrong with it."""
+    """Equilibrium under the end tractions, and its errors."""
     mbs = exu.SystemContainer().AddSystem()
     upper, lower = (ep.CreatePartitionBody(mbs, body) for body in bodies)
     contact = ep.CreatePartitionContact(mbs, upper, lower, **options)

@@ -1,14 +1,14 @@
-"""Flat ends that meet at once: how the force rings, what damps it, what that takes of the energy, and what steps add.
+"""Flat ends that meet at once: how the force rings, what damps it, what this takes of the energy, and what steps add.
 
-A bar cut at f_cut rings at 1.2 f_cut about the true force, for nothing damps it there (`bars.py` derives that). One
-impact of a steel bar on a rigid wall is computed as it comes, with implicit steps that damp high frequencies, with
-damping of the last modes, and by Craig and Bampton's basis with multipliers. A compact block on its whole flat face,
-all of whose rows close within a step or two, shows what energy the default step gains.
+A bar cut at f_cut rings at 1.2 f_cut about the true force, because nothing damps it there (`bars.py` derives this). One
+impact of a steel bar on a rigid wall is computed in four ways: without damping, with implicit steps that damp high
+frequencies, with damping of the last modes, and by Craig and Bampton's basis with multipliers. A compact block hits
+with its whole flat face, and all its rows close within a step or two. It shows how much energy the default step gains.
 
 Reference: Saint-Venant's plateau, and conservation of energy.
-Quantity: ripple of the force, a standard deviation over the plateau, and energy after the impact.
-Limits: means of the force within 1 %; the library warns of all that ring by more than 20 %; at the default step the
-block gains less than 0.5 % of its energy.
+Quantity: ripple of the force, as a standard deviation over the plateau, and energy after the impact.
+Limits: means of the force within 1 %; the library warns of all runs that ring by more than 20 %; at the default step
+the block gains less than 0.5 % of its energy.
 
     python -m validation.contact.ringing
 """
@@ -42,7 +42,7 @@ WAYS = {
 
 
 def impact(body, end_time, item_options=(), solver=(), **contact_options):
-    """Result, energy left over that before, contact, and whether the library warned of ringing."""
+    """Result, ratio of the energy after to that before, contact, and whether the library warned of ringing."""
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(
         mbs, body, referencePosition=[0, 0, 2e-6], initialVelocity=[0, 0, -SPEED], **dict(item_options)

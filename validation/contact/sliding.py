@@ -1,11 +1,12 @@
 """A sphere-tipped body dragged over the facets of a block at a constant approach: ripple and jumps of the normal force.
 
-Reference: the force itself without its trend along the way, a parabola, as the block yields most towards its ends.
-Quantity: standard deviation and largest deviation of the normal force along 0.5 mm, some three facets, over its mean;
-the jump at a facet's edge: the largest change in a hundredth of a step, 50 nm, where a step changes it most. Each state
-is the elastic equilibrium of both bodies at the held rigid motion (quasi-static).
+Reference: the force itself without its trend along the way. The trend is a parabola, because the block yields most
+towards its ends.
+Quantity: standard deviation and largest deviation of the normal force along 0.5 mm, about three facets, over its mean.
+The jump at the edge of a facet: where the force changes most in a step, the largest change in a hundredth of this step,
+50 nm. Each state is the elastic equilibrium of both bodies at the prescribed rigid motion (quasi-static).
 Limits: ripple (standard deviation and largest) below 2 % at the default mesh, about five nodes across the contact, for
-both kinds of rows with one pass. A coarser and a finer mesh and two passes are reported beside.
+both kinds of rows with one pass. A coarser mesh, a finer mesh and two passes are reported too.
 
     python -m validation.contact.sliding
 """
