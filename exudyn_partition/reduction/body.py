@@ -136,7 +136,7 @@ class ReducedBody:
                 f"contact rows at {len(beside)} nodes of the impact region, inside the body or beside the patch "
                 "(contact_radius of the partition widens the patch)"
             )
-        said.append("strain and stress rows, until `recovery` is asked for them")
+        said.append("strain and stress, which `recovery` computes on request")
         if not self.has_inside:
             said.append("the shapes inside the body, which was saved without them (save with inside=True keeps them)")
         return tuple(said)
@@ -147,12 +147,12 @@ class ReducedBody:
         return self.basis.shape_nodes is None
 
     def check_inside(self, what: str) -> None:
-        """Raise unless the shapes are known inside the body too.
+        """Raise unless the shapes are also known inside the body.
 
         Parameters
         ----------
         what : str
-            What needs them, for the message.
+            What needs these shapes, for the message.
 
         Raises
         ------
@@ -165,9 +165,9 @@ class ReducedBody:
             )
 
     def without_inside(self) -> ReducedBody:
-        """Return the body with its shapes at the nodes of surface, interfaces and nodal columns alone.
+        """Return the body with its shapes only at the nodes of surface, interfaces and nodal columns.
 
-        That is what runs, their results on the surface, and drawing need; `save` with inside=False writes it.
+        Runs, their results on the surface, and drawing need no others; `save` with inside=False writes this body.
         """
         joints = [interface.nodes for interface in self.partition.interfaces]
         kept = np.unique(np.concatenate([self.facets.ravel(), self.basis.nodal, *joints]))

@@ -245,18 +245,18 @@ def _restore(node: JSON, archive: zipfile.ZipFile, classes: dict[str, type]) -> 
 
 
 def _is_packable(array: Array) -> bool:
-    """Whether planes of an array's bytes are worth it."""
+    """Whether it is worthwhile to compress an array in planes of its bytes."""
     return array.nbytes >= PACK_FROM and array.dtype.kind in "iuf"
 
 
 def _planes(array: Array) -> Array:
-    """Bytes of an array, (itemsize, size): the first of all its numbers, taken in Fortran's order, then the second."""
+    """Bytes of an array, (itemsize, size): first bytes of all numbers, in Fortran's order, then second bytes, ..."""
     numbers = array.ravel(order="F")
     return np.ascontiguousarray(numbers.view(np.uint8).reshape(numbers.size, numbers.itemsize).T)
 
 
 def _numbers(name: str, planes: Array, dtype: np.dtype[Any], shape: tuple[int, ...], order: str) -> Array:
-    """Array of `shape` that `_planes` made `planes` of, in its order of memory."""
+    """Array of `shape`, in its order of memory; `_planes` made `planes` of it."""
     expected = (dtype.itemsize, math.prod(shape))
     if dtype.kind not in "iuf" or planes.dtype != np.uint8 or planes.shape != expected or order not in ("C", "F"):
         raise ValueError(
@@ -275,7 +275,7 @@ def _write_member(name: str, array: Array, archive: zipfile.ZipFile, kind: int =
 
 
 def _member(name: str, archive: zipfile.ZipFile, kind: int = zipfile.ZIP_STORED) -> Array:
-    """One array of a file, whose sizes are those of the file before memory is asked for them.
+    """One array of a file; its size is compared with that of the file before memory is allocated.
 
     `read` checks the member's CRC before NumPy looks at it.
     """
@@ -286,7 +286,7 @@ def _member(name: str, archive: zipfile.ZipFile, kind: int = zipfile.ZIP_STORED)
     if info.file_size > info.compress_size * (1 if kind == zipfile.ZIP_STORED else _MOST_DEFLATED):
         raise ValueError(f"{name}: {info.compress_size} bytes cannot hold the {info.file_size} that it claims")
     with archive.open(info) as file:
-        data = io.BytesIO(file.read(info.file_size))  # no more, whatever it unpacks to
+        data = io.BytesIO(file.read(info.file_size))  # no more, even if it would unpack to more
     version = np.lib.format.read_magic(data)
     if version not in _HEADERS:
         raise ValueError(f"{name}: expected an array in NumPy's format 1.0 or 2.0, got {version}")
