@@ -394,5 +394,5 @@ def load_body(path: str | Path) -> ReducedBody:
     """
     body = FILE.load(path)
     if not isinstance(body, ReducedBody):
-        raise InputError(f"path: expected one saved reduced body, got {len(body)} in {path}, a file of the cache")
+        raise InputError(f"path: expected a saved reduced body, got {len(body)} of them in {path}, a file of the cache")
     return body
