@@ -1,4 +1,4 @@
-"""What the validation compares with: flexible bodies and contact by Exudyn's own means."""
+"""Flexible bodies and contact by Exudyn's own methods, with which the validation compares."""
 
 import time
 
@@ -117,7 +117,7 @@ def sense_facet_contact(mbs, contact, node, axis):
 
 
 def solve(mbs, sensor, end_time, step):
-    """Run implicit steps; times and forces of the sensor's first component's size, and run time [s]."""
+    """Run implicit steps; times, absolute values of the sensor's first component, and run time [s]."""
     begin = time.perf_counter()
     mbs.SolveDynamic(settings(end_time, step))
     time_s = time.perf_counter() - begin

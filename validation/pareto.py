@@ -1,12 +1,12 @@
-"""Error against run time: which setting for 10 %, 1 % and 0.1 %, whether `tolerance=` picks it, and what others take.
+"""Error against run time: which setting for 10 %, 1 % and 0.1 %, whether `tolerance=` finds it, and times of others.
 
 Nothing is run: error_against_time/*.py measured four scenes, each with its reference and that reference's own error.
 Quantity: relative L2 error of the contact force against times of reduction (off-line), of the solver (on-line), and
-both together. The front is of all runs, the full FE model's and Exudyn's own means among them.
+of both together. The front contains all runs, also those of the full FE model and of Exudyn's own methods.
 Limits, for each scene:
-- `tolerance=0.1` and `0.01`: the true force error below the tolerance; for the estimate within a factor of three, or
-  below the reference's own error, but for the crank-slider, whose blocks are estimated as a pair that hits freely;
-  times within twice those of the quickest run with no larger error;
+- `tolerance=0.1` and `0.01`: the true force error is below the tolerance. The estimate is within a factor of three of
+  it, or below the reference's own error; the crank-slider is excepted here, because its blocks are estimated as a
+  pair that hits freely. Times are within twice those of the quickest run with no larger error;
 - Exudyn's floating frame bodies with penalty contact (GeneralContact): at equal force error this library is ten times
   faster on-line, and at equal on-line time its error is ten times smaller. Nothing is interpolated: the library's run
   has no larger error, or takes no longer;
@@ -202,7 +202,7 @@ def legend(scenes):
 
 
 def pictures(scenes):
-    """A figure a scene, and the README's, on-line times of all."""
+    """A figure for each scene, and the README's figure with the on-line times of all."""
     OUT.mkdir(exist_ok=True)
     for scene in scenes:
         figure, axes = plt.subplots(1, 3, figsize=(16, 6), sharey=True, layout="constrained")
@@ -224,7 +224,7 @@ def pictures(scenes):
 
 
 def annotate(ax, scene, title, front):
-    """Names of the library's runs on the front, but for the default basis' name, as far as there is room."""
+    """Names of the library's runs on the front, as far as there is room; the name of the default basis is left out."""
     last = math.inf
     for name in front:
         run = scene.runs[name]
@@ -292,7 +292,7 @@ def tables(scenes):
 
 
 def in_short(scenes):
-    """Head and rows of the README's second table: recommended settings, and Exudyn's own means beside them."""
+    """Head and rows of the README's second table: recommended settings, and Exudyn's own methods."""
     rows = []
     for s in scenes:
         cms, rigid = s.against_cms().values(), s.runs["rigid, Hertz"]

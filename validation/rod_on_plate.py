@@ -1,7 +1,7 @@
 """Run the rod-on-plate example at full size with every basis, store its reference, and write the README's table.
 
 Reference: the full FE model of the same mesh and integrated contact rows, 1 us HHT steps, computed by the first case.
-All cases have these rows too but the paper's basis, which has the paper's, node to segment.
+All cases have these rows too, except the paper's basis, which has the paper's rows, node to segment.
 Quantity: relative L2 error of contact force and velocities of P1 and P2; run times and peak memory of the same session.
 Tolerance: force 1 %, P1 0.8 %, P2 3 %, momentum 1e-6, energy 0.1 % with the default basis.
 

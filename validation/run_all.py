@@ -1,12 +1,12 @@
 """Run the validation: each case in a process of its own; results as JSON, figures, report.md and report.html.
 
-A case is a module of this folder, which states its reference, quantity and limits at its top and exits with an error if
-they are missed. One whose result for this commit is in the folder is not run again. The list below says how to run each
-and how to read its headline numbers.
+A case is a module of this folder. Its docstring states reference, quantity and limits. It exits with an error if a
+limit is missed. If the folder has a case's result for this commit, the case is not run again. The list below says how
+to run each case and how to read its headline numbers.
 
     python validation/run_all.py [--quick] [--only NAME ...] [--out DIR] [--jobs N] [--cluster ADDRESS] [--again]
 
-`--quick` takes the cases that are done within minutes. Run times mean something with one job on a quiet machine only.
+`--quick` runs the cases that are done within minutes. Run times are meaningful only with one job on a quiet machine.
 """
 
 import argparse
@@ -41,7 +41,7 @@ ANSWERS = {True: "yes", False: "NO", None: "skipped"}
 
 @dataclass(frozen=True)
 class Row:
-    """A headline number: what it is, against what, its limit, what came; `at_most` tells how they compare."""
+    """A headline number: quantity, reference, limit and result; `at_most` says how limit and result compare."""
 
     quantity: str
     reference: str
@@ -87,13 +87,13 @@ def misuse(d):
 
 
 def paper(d):
-    """What is judged; disagreements that are understood are in the table below, with why."""
+    """Rows that are judged. Disagreements that are understood are in the table below, with the reason."""
     judged = [r for r in d["rows"] if r["limit"] is not None and not (r["known"] and not r["agrees"])]
     return [Row(r["what"], r["paper"], r["limit"], r["deviation"]) for r in judged]
 
 
 def memory(d):
-    """Estimates of a peak count by how many times they are too large, or too small."""
+    """For estimates of a peak, the factor by which they are too large or too small."""
     peaks = [
         Row(f"memory of a reduction, {k} elements a radius: estimate", "peak", 1.5, max(c["ratio"], 1 / c["ratio"]))
         for k, c in d["peaks"].items()
@@ -195,7 +195,7 @@ def limits(units):
 
 def evaluation(d):
     found = d["results"]["node-to-segment"]
-    return [Row(f"one evaluation, {k}", "issue 4", limit, found[k]) for k, limit in d["limits"].items()]
+    return [Row(f"one evaluation, {k}", "stated limit", limit, found[k]) for k, limit in d["limits"].items()]
 
 
 def error_against_time(d):
@@ -261,7 +261,7 @@ CASES = {
 
 
 def commit():
-    """Commit of the sources, and a mark of what Python files differ from it."""
+    """Commit of the sources, and a mark if Python files differ from it."""
 
     def git(*arguments):
         run = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=False)

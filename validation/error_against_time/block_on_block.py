@@ -1,7 +1,7 @@
-"""Error against run time: two steel cylinders with spherical heads, the crank-slider's blocks, one at rest.
+"""Error against run time: two steel cylinders with spherical heads, as in the crank slider, one at rest.
 
-Reference: the full FE model of the same mesh, HHT; its own error: what twice its step changes, and what a finer mesh
-changes in the force of reduced bodies. Quantity: see measure.py. No limits here: ../pareto.py judges.
+Reference: the full FE model of the same mesh, HHT. Its own error is what twice its step changes, and what a finer mesh
+changes in the force of reduced bodies. Quantity: see measure.py. There are no limits here: ../pareto.py has them.
 
     python -m validation.error_against_time.block_on_block [--again]
 """

@@ -1,11 +1,11 @@
 """Error against run time: the crank-slider's first impact, 0.4 ms from 20 us before it.
 
-Reference: both blocks as full FE models in the same mechanism (../joints/full_blocks.py, which says what it assumes),
-with the same link; its own error: what twice its step changes, and what a finer mesh of the blocks changes in the force
-of reduced bodies. Quantity: see measure.py; implicit steps, for the mechanism has joints, explicit beside them. The
-bodies of `tolerance=` are reduced as a pair that hits freely, and the link to 5 kHz as all are. Bases whose
-patch has mass have a mesh of their own, with as many nodes in the impact regions as the paper's. No limits here:
-../pareto.py judges.
+Reference: both blocks as full FE models in the same mechanism, with the same link (../joints/full_blocks.py says what
+it assumes). Its own error is what twice its step changes, and what a finer mesh of the blocks changes in the force of
+reduced bodies. Quantity: see measure.py. Steps are implicit because the mechanism has joints; explicit ones are run for
+comparison. The blocks of `tolerance=` are reduced as a pair of free bodies that hit each other. The link is always
+reduced to 5 kHz. Bases whose patch has mass use another mesh, with as many nodes in the impact regions as the paper's.
+There are no limits here: ../pareto.py has them.
 
     python -m validation.error_against_time.crank_slider [--again]
 """
@@ -66,7 +66,7 @@ class CrankSlider:
         return measure.full_memory(self.models, self.step)
 
     def reduced(self, setting):
-        """Return the link and both blocks as a setting wants them."""
+        """Return the link and both blocks as a setting asks for them."""
         found, models = [self.link], self.models
         if setting.basis in measure.WITH_MASS:
             models = [block(number, *PAPER_MESH) for number in (3, 4)]
@@ -103,7 +103,7 @@ class CrankSlider:
         return ep.History(result.t, model.contact.force(result), {}, info)
 
     def explicit(self):
-        """The full FE blocks, lumped, no joints, by the paper's explicit scheme: what a step takes, times steps."""
+        """The full FE blocks, lumped, no joints, by the paper's explicit scheme: time of a step times their number."""
         mbs, start = exu.SystemContainer().AddSystem(), Start(ANGLE)
         blocks = [
             ep.CreatePartitionBody(mbs, body, referencePosition=[head, 0, 0], initialVelocity=[speed, 0, 0])

@@ -1,9 +1,10 @@
-"""What the scenes here share: their runs, each stored as soon as it is done, so that an interrupted script goes on.
+"""The runs that the scenes here share. Each is stored as soon as it is done, so that an interrupted script can go on.
 
 Quantity: relative L2 error of the contact force over the scene's duration (`ep.compare`); time of reduction (off-line)
-and of the solver alone (on-line); coordinates; memory. Rows are the library's default, integrated, but with multipliers
-node-to-segment; the reference has integrated ones, so that errors of multipliers hold the rows' difference, for which
-there is a run. Memory is that of arrays kept on-line: of both bodies, or matrices and factors of the full FE model.
+and of the solver alone (on-line); coordinates; memory. Rows are integrated, the library's default, but with multipliers
+they are node-to-segment. The reference has integrated rows. So the errors of multipliers include the difference of the
+rows, and one run measures this difference. Memory is that of arrays that are kept on-line: those of both bodies, or
+matrices and factors of the full FE model.
 """
 
 import argparse
@@ -33,7 +34,7 @@ NUMBERS = ("step_s", "steps", "dofs", "time_s")
 
 @dataclass(frozen=True)
 class Setting:
-    """What a run of the library takes."""
+    """Options of a run of the library."""
 
     basis: str = "contact-adapted"
     f_cut: float = 40e3  # [Hz]
@@ -84,7 +85,7 @@ class Record:
     def add(self, name, kind, function, **about):
         """Measure a run if it is not there: `function` returns a history, or None, and what else is to be stored.
 
-        A run that the library refuses or that ends early says so in its status.
+        The status says if the library refuses a run, or if the run ends early.
         """
         if name in self.data["runs"]:
             return
@@ -145,7 +146,7 @@ class Record:
             self.add(str(setting), "library", run, **asdict(setting) | {"formulation": setting.contact})
 
     def library(self, bodies, setting):
-        """Run the library's bodies; history, and what it took."""
+        """Run the library's bodies; history, and times."""
         history = self.scene.simulate(bodies, setting)
         times, total_s = REPEAT
         for _ in range(min(times - 1, int(total_s / history.info["time_s"]))):
@@ -249,7 +250,7 @@ def lumped(models):
 
 
 def explicit_cost(mbs, duration):
-    """What a step of an assembled full FE model takes by the paper's explicit scheme, times the number of steps."""
+    """Time of a step of an assembled full FE model by the paper's explicit scheme, times the number of steps."""
     step = 0.9 * ep.stability_limit(mbs)
     result = ep.solve_dynamic(mbs, end_time=EXPLICIT_STEPS * step, step=step, sample_period=EXPLICIT_STEPS * step)
     steps = math.ceil(duration / step)

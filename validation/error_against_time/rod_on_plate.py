@@ -1,9 +1,9 @@
 """Error against run time: the paper's steel rod on its aluminium plate, the example's coarser mesh, over 1.5 ms.
 
-The mesh is coarse because bases whose patch has mass take steps of nanoseconds; that of the paper's size is in
-../rod_on_plate.py.
-Reference: the full FE model of the same mesh, HHT; its own error: what twice its step changes, and what a finer mesh
-changes in the force of reduced bodies. Quantity: see measure.py. No limits here: ../pareto.py judges.
+The mesh is coarse because bases whose patch has mass need steps of nanoseconds. ../rod_on_plate.py has the mesh of the
+paper's size.
+Reference: the full FE model of the same mesh, HHT. Its own error is what twice its step changes, and what a finer mesh
+changes in the force of reduced bodies. Quantity: see measure.py. There are no limits here: ../pareto.py has them.
 
     python -m validation.error_against_time.rod_on_plate [--again]
 """
@@ -19,7 +19,7 @@ from validation.error_against_time.two_bodies import TwoBodies
 
 
 def models(size=1.0, region=1.0):
-    """Rod and plate; `size` below one takes the paper-size mesh. `region` is of the rod's patch, the smaller one."""
+    """Rod and plate; a `size` below one gives the paper's mesh size. `region` is of the smaller patch, the rod's."""
     fems, partitions, _ = example.fe_models(quick=size == 1.0)
     if region != 1.0:
         reach = 1.7 * ep.hertz.contact_radius(example.PEAK_FORCE, example.RADIUS, math.inf, ep.STEEL, ep.ALUMINIUM)

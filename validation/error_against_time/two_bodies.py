@@ -1,4 +1,4 @@
-"""A body that falls onto another along z: by this library, by the full FE model, and by Exudyn's own means."""
+"""A body that falls onto another along z: by this library, by the full FE model, and by Exudyn's own methods."""
 
 import functools
 import math
@@ -25,7 +25,7 @@ class TwoBodies:
     ----------
     name : str
     build : callable
-        Size of elements over the scene's, and radius of the patches over the scene's -> ((FE model, partition), ...)
+        Element size and patch radius, both relative to the scene's -> ((FE model, partition), ...)
     speed, duration, step : float
         Approach [m/s], time [s], the reference's step [s].
     far_ends : two (3,) points
@@ -83,7 +83,7 @@ class TwoBodies:
         return measure.full_memory(self.models, self.step)
 
     def reduced(self, setting):
-        """Return both bodies as a setting wants them."""
+        """Return both bodies as a setting asks for them."""
         models = self.models if setting.region == 1.0 else self.build(region=setting.region)
         return [ep.reduce(*model, basis=setting.basis, f_cut=setting.f_cut) for model in models]
 
@@ -113,7 +113,7 @@ class TwoBodies:
         return result.history(contact, {name: (pair[i], x) for name, (i, x) in self.points.items()})
 
     def explicit(self):
-        """The full FE model, lumped, by the paper's explicit scheme: what a step takes, times the number of steps."""
+        """The full FE model, lumped, by the paper's explicit scheme: time of a step times the number of steps."""
         mbs, *_ = self.assemble(measure.lumped(self.models), _Lagrange)
         return None, measure.explicit_cost(mbs, self.duration)
 

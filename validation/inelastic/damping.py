@@ -1,9 +1,10 @@
 """Damping of a free steel bar: decay of its first longitudinal mode, and the half-power width of its resonance.
 
-Reference: the free decay exp(-zeta omega t) of one mode, and the width 2 zeta omega between the frequencies at which a
-harmonic force makes half the power of the peak, from the closed response of one mode. Quantities: the relative error of
-the decay rate, of the frequency and of the width, each from runs in Exudyn, in both frames and by both integrators; the
-decay also for Rayleigh damping with the same ratio at that mode. Limit: 1e-3 each.
+Reference: the free decay exp(-zeta omega t) of one mode. Also the width 2 zeta omega between the two frequencies at
+which a harmonic force causes half the power of the peak, from the closed response of one mode.
+Quantity: the relative error of the decay rate, of the frequency and of the width, each from runs in Exudyn, in both
+frames and by both integrators. The decay is also computed for Rayleigh damping with the same ratio at this mode.
+Limit: 1e-3 each.
 
     python -m validation.inelastic.damping
 """
@@ -75,7 +76,7 @@ def decay(body, number, frame, method, damping):
 
 
 def width(body, number, frame, method, damping):
-    """Half-power width [1/s] by the velocity's power at three frequencies, and the run time [s]."""
+    """Half-power width [1/s] from the power of the velocity at three frequencies, and the run time [s]."""
     omega, time_s = body.basis.omega[number], 0.0
     frequencies, powers = omega * (1 + RATIO * np.array(OFF_RESONANCE)), []
     for drive in frequencies:

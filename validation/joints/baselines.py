@@ -1,4 +1,4 @@
-"""The crank slider around its first impact by Exudyn's own means."""
+"""The crank slider around its first impact by Exudyn's own methods."""
 
 import math
 import time
@@ -41,7 +41,7 @@ def hertz_run(link_body, angle, window, step):
 
 
 def histories(mbs, sensor, column, drive, dofs, window, step):
-    """Run the model; force, and torque less what it is at the start."""
+    """Run the model; force, and torque minus its value at the start."""
     mbs.Assemble()
     t, force, time_s = exudyn_own.solve(mbs, sensor, window, step)
     torque = -mbs.GetSensorStoredData(drive)[:, 1]
@@ -73,7 +73,7 @@ def cms_link(modes):
 
 
 def add_cms_link(mbs, fem, start):
-    """In place of `crank_slider.add_link`."""
+    """Replaces `crank_slider.add_link`."""
     body = mbs.CreateFFRFReducedOrderObject(
         "link",
         fem,

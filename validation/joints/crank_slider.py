@@ -1,15 +1,19 @@
-"""Crank slider: contact force and torque around the first impact against full FE blocks, and the whole turn.
+"""Crank slider: contact force and torque around the first impact, against full FE blocks, and the whole turn.
 
 Reference: both blocks as full FE models in the same mechanism, over a window from 20 us before the first impact. The
-mechanism's motion as rigid bodies is prescribed; what the impact adds to it is linear: both FE models, the link's modes
-and the spring-damper, joined by their pins and slides, in the configuration at the impact (the link turns by 4 mrad in
-the window). Time integration is that of `exudyn_partition.reference`; halving its step shows its own error.
+mechanism's motion as rigid bodies is prescribed. What the impact adds to it is linear: both FE models, the link's modes
+and the spring-damper, joined by their pins and slides, in the configuration at the impact. The link turns by 4 mrad in
+the window. Time integration is that of `exudyn_partition.reference`; half the step shows its own error.
 Quantity: peak, impulse and relative L2 error of the contact force, relative L2 error of the torque that the impact
-adds, beside run times; convergence in step, truncation and link modes (with twenty as the paper has, the link is not
-converged; the reference has the same); the link as Exudyn's own floating frame body with as many modes; the paper's
-scheme, on a mesh of as many nodes as the paper's impact regions have; Exudyn's own means: (a) floating frame bodies
-with Hurty-Craig-Bampton modes and penalty contact (GeneralContact), its stiffness scanned, (b) rigid blocks with Hertz'
-force. The whole turn: run time, energy balance. Explicit against implicit steps.
+adds, and run times. The runs are:
+- convergence in step, truncation and link modes. With twenty modes, as in the paper, the link is not converged; the
+  reference has the same modes;
+- the link as Exudyn's own floating frame body with as many modes;
+- the paper's scheme, on a mesh of as many nodes as the paper's impact regions have;
+- Exudyn's own methods: (a) floating frame bodies with Hurty-Craig-Bampton modes and penalty contact (GeneralContact),
+  whose stiffness is scanned, (b) rigid blocks with Hertz' force;
+- the whole turn: run time, energy balance;
+- explicit against implicit steps.
 Limits: peak and impulse 1 %, force 3 %, torque 2 % for the recommended setting; energy 0.5 % of the drive's work; the
 integrators within 1 %; baseline (a) at least 20 times slower at no smaller force error.
 
@@ -56,7 +60,7 @@ F_CUT, STEP = 100e3, 2e-6  # recommended
 
 
 def partition_run(bodies, step, scheme="contact-adapted", method="implicit", angle=ANGLE, end_time=WINDOW):
-    """Histories of a run; the torque is what the impact adds, the run without it subtracted."""
+    """Histories of a run; the torque is what the impact adds, that is minus the torque of a run without it."""
     found, results = [], []
     for contact_angle in (CONTACT_ANGLE, math.pi):  # the second never touches in the window
         model = example.mechanism(bodies[0], bodies[1:], scheme, angle, contact_angle)

@@ -1,15 +1,16 @@
-"""Models of Exudyn's tutorials on reduced bodies, with their own bodies and converted to ours, idiom by idiom.
+"""Models of Exudyn's tutorials, with their own bodies and converted to reduced bodies of ours, idiom by idiom.
 
-Scenes, in code of our own: "arm", a bar of soft plastic with two bores that hangs on a generic joint and falls under
-gravity, as in CMSexampleCourse.py; "chain", two bars on spherical joints, as in NGsolveCreateFFRFreducedOrder.py.
+Scenes, in code of our own: "arm" is a bar of soft plastic with two bores. It hangs on a generic joint and falls under
+gravity, as in CMSexampleCourse.py. "chain" is two bars on spherical joints, as in NGsolveCreateFFRFreducedOrder.py.
 Reference: Exudyn's ObjectFFRFreducedOrder with Hurty-Craig-Bampton modes of the same mesh.
-Idioms of the arm: markers on FE nodes with an offset or markers of interfaces; gravity as a LoadMassProportional on a
-MarkerBodyMass or as an option; sensors of FE nodes or of node markers; the body's keys or methods.
-Quantities: displacement of the tip, relative L2 over the run; reaction of the joint likewise, after the sudden start,
-which shakes modes that the step does not resolve.
-Limits: 1e-3 for the tip; 1e-2 for the reaction at an interface's marker. That of a marker of nodes with an offset is
-told, without a limit: Exudyn turns the offset with the body's frame, not with the bore. Exudyn's own modes hold
-this bore in the frame, ours hold none, so that bending turns the bore about the mean of its nodes, off the axis.
+Idioms of the arm: markers on FE nodes with an offset, or markers of interfaces; gravity as a LoadMassProportional on a
+MarkerBodyMass, or as an option; sensors of FE nodes, or of node markers; the body's keys, or its methods.
+Quantity: displacement of the tip, relative L2 over the run. The same of the reaction of the joint, after the sudden
+start, which excites modes that the step does not resolve.
+Limits: 1e-3 for the tip; 1e-2 for the reaction at an interface's marker. The reaction at a marker of nodes with an
+offset is reported without a limit, because Exudyn turns the offset with the frame of the body, not with the bore.
+Exudyn's own modes hold this bore in the frame. Ours do not. So bending turns the bore about the mean of its nodes,
+which is off the axis.
 
     python -m validation.joints.exudyn_examples [--quick]
 """

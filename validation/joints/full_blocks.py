@@ -1,4 +1,4 @@
-"""The crank slider around its first impact with full FE blocks: an own integration of what the impact adds."""
+"""The crank slider around its first impact with full FE blocks: a separate time integration of what the impact adds."""
 
 import math
 import time

@@ -1,14 +1,14 @@
-"""A link on joints, by interface markers: frequencies, a pendulum, forces near zero rotation, and what a step costs.
+"""A link on joints, by interface markers: frequencies, a pendulum, forces near zero rotation, and the time of a step.
 
-Reference: the full FE model with tied interface (frequencies); Exudyn's ObjectFFRFreducedOrder with all its terms on
-the same modes (pendulum released under 20 to 2000 times gravity, over 7 % to 75 % of its period); the same link in an
-inertial frame (force in a joint that holds it still, but for its vibration under gravity).
+Reference: the full FE model with tied interface (frequencies). Exudyn's ObjectFFRFreducedOrder with all its terms on
+the same modes (pendulum released under 20 to 2000 times gravity, over 7 % to 75 % of its period). The same link in an
+inertial frame (force in a joint that holds it still, except for its vibration under gravity).
 Quantity: largest relative error of the first four frequencies above that of swinging; relative L2 errors of the tip's
 displacement and of its deflection in the axes of the hinge; relative L2 error of the joint's force; run time of a step.
 Limits: 0.1 % for frequencies at the higher f_cut, tip displacement and force.
 
-Deflections differ, by the square of the load: outer forces act on the inertia of the undeformed body, so that phases
-of vibration drift apart.
+Deflections differ by the square of the load. The reason: outer forces act on the inertia of the undeformed body, so the
+phases of vibration drift apart.
 
     python -m validation.joints.markers
 """

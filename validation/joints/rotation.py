@@ -1,10 +1,10 @@
-"""A plank that spins freely, 100 turns in explicit steps, and against Exudyn's own floating frame.
+"""A plank that spins freely: 100 turns in explicit steps, and a comparison with Exudyn's own floating frame.
 
-Reference: conservation (a steel plank of three unequal moments of inertia, 300 rad/s about no principal axis);
-ObjectFFRFreducedOrder with all its terms on the same modes, both by Runge-Kutta's method of order four.
+Reference: conservation, for a steel plank of three unequal moments of inertia at 300 rad/s about an axis that is no
+principal axis. ObjectFFRFreducedOrder with all its terms on the same modes, both by Runge-Kutta's method of order four.
 Quantity: change of angular momentum and energy, relative to their first values; relative L2 errors of angular velocity
 and of modal coordinates over a third of a turn; run time of a step.
-Limits: 1e-6 for conservation, 1e-4 for angular velocity, 1e-3 for modal coordinates, of every basis.
+Limits: 1e-6 for conservation, 1e-4 for angular velocity, 1e-3 for modal coordinates, for every basis.
 
     python -m validation.joints.rotation
 """

@@ -16,7 +16,7 @@ PRODUCTS = 30
 
 
 def explicit_stepping(fems, partitions):
-    """Step and time a step of the full FE model with lumped mass: the partition whose impact region is everything."""
+    """Step and its time, of the full FE model with lumped mass: a partition whose impact region is the whole body."""
     whole = [replace(p, nodes=np.arange(fem.n_nodes)) for fem, p in zip(fems, partitions, strict=True)]
     bodies = [ep.reduce(fem, p, basis="free", f_cut=40e3) for fem, p in zip(fems, whole, strict=True)]
     mbs = exu.SystemContainer().AddSystem()
@@ -36,7 +36,7 @@ def explicit_stepping(fems, partitions):
 
 
 def product_time(K):
-    """Time of a product K u alone: no explicit FE code with assembled matrices takes less a step."""
+    """Time of a product K u alone. No explicit FE code with assembled matrices needs less time for a step."""
     u, begin = np.random.default_rng(0).normal(size=K.shape[0]), time.perf_counter()
     for _ in range(PRODUCTS):
         K @ u

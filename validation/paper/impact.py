@@ -60,7 +60,7 @@ def table_2(rod, plate):
 
 
 def arrival(t, velocity):
-    """First time at which a velocity along the rod has changed by a tenth of what the first front brings."""
+    """First time at which a velocity along the rod has changed by a tenth of the first wave front."""
     change = abs(velocity[:, 2] - velocity[0, 2])
     return float(t[np.argmax(change > ARRIVED * change[t <= FRONT].max())])
 

@@ -1,9 +1,10 @@
 """Crank slider: Figs. 13 to 15, from one turn with the contact-adapted basis.
 
-The paper prints no numbers of these figures, only what they show; that is measured here. Lengths, sections and the
-place of block 4 are reconstructed, so that magnitudes cannot be compared. Its own scheme takes steps of nanoseconds:
-what it gives around the first impact is read from joints/crank_slider.json, which has full FE blocks as reference.
-After the blocks have parted, adaptive steps grow and damp what rings on: the decay there is not physical.
+The paper prints no numbers for these figures and only describes them; the descriptions are measured here. Lengths,
+sections and the place of block 4 are reconstructed, so magnitudes cannot be compared. The paper's own scheme needs
+steps of nanoseconds. Its results around the first impact are read from joints/crank_slider.json, whose reference has
+full FE blocks. After the blocks have parted, adaptive steps grow and damp the vibration: the decay there is not
+physical.
 """
 
 import json

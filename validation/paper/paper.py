@@ -1,15 +1,15 @@
-"""The paper, figure by figure: Tables 2 and 3, Figs. 6, 7, 9, 10, 11 and 13 to 15, each beside what it says.
+"""The paper, figure by figure: Tables 2 and 3, Figs. 6, 7, 9, 10, 11 and 13 to 15, each beside what the paper says.
 
-Reference: what Wang, Liu and Hong (2018) print, and where they set the partition method beside FE, the full FE model of
-the same mesh. Three parts: `impact`, rod on plate at the paper's settings (40 kHz, 0.596 m/s, 5 ms); `schemes`, the
-four truncations of Fig. 11 in the paper's basis and ours, on a coarser mesh; `mechanism`, the crank slider. Lengths,
-thickness and material constants are reconstructed, for Tables 1 and 4 are missing from our copy.
-Quantities and limits: stated in each part. A row says whether it agrees with the paper's statement. Disagreements that
-are understood say why and fail nothing; any other does.
+Reference: what Wang, Liu and Hong (2018) print. Where they compare the partition method with FE, also the full FE model
+of the same mesh. There are three parts. `impact` is rod on plate at the paper's settings (40 kHz, 0.596 m/s, 5 ms).
+`schemes` is the four truncations of Fig. 11 in the paper's basis and ours, on a coarser mesh. `mechanism` is the crank
+slider. Lengths, thickness and material constants are reconstructed, because Tables 1 and 4 are missing in our copy.
+Quantity and limits: in each part. A row says whether it agrees with the paper's statement. Disagreements that are
+understood say why, and are no failure. Any other disagreement is one.
 
     python -m validation.paper.paper [--quick] [--only PART ...] [--out FILE]
 
-`--only` measures some parts, and keeps what the file holds of the others; each is written as soon as it is done.
+`--only` measures some parts and keeps the other parts of the file. Each part is written as soon as it is done.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""Fig. 11: the paper's four partition schemes against the full FE model, and the contact-adapted basis beside them.
+"""Fig. 11: the paper's four partition schemes and the contact-adapted basis, against the full FE model.
 
-On the example's `--quick` mesh: its nodes are as near to each other in the impact region as the paper's (0.2 mm), and
-its regions of 1 mm radius have 227 nodes where the paper has 250. All runs have the paper's contact rows, node to
-segment. Errors are relative L2 over the run; that of the velocities is of their change.
+The mesh is that of the example's `--quick`. The distance of its nodes in the impact region is the paper's (0.2 mm). Its
+regions of 1 mm radius have 227 nodes where the paper has 250. All runs have the paper's contact rows, node to segment.
+Errors are relative L2 over the run; that of the velocities is of their change.
 """
 
 import warnings

@@ -1,4 +1,4 @@
-"""What the paper says beside what comes out here: rows of the report."""
+"""What the paper says, and what is measured here: rows of the report."""
 
 HEAD = ("what", "paper", "here", "deviation", "agrees", "why")
 
@@ -6,7 +6,7 @@ HEAD = ("what", "paper", "here", "deviation", "agrees", "why")
 def statement(what, paper, got, deviation=None, limit=None, *, agrees=None, known=False, why=""):
     """One row. It agrees if `deviation` is within `limit`, or as `agrees` says; with neither it is not judged.
 
-    `known` marks a disagreement that is understood, of which `why` tells: it fails nothing.
+    `known` marks a disagreement that is understood, and `why` explains it. It is no failure.
     """
     if limit is not None:
         agrees = abs(deviation) <= limit

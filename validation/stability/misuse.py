@@ -1,9 +1,11 @@
 """Wrong inputs over the whole public interface and the command line: each ends in a named error or a warning.
 
-Reference: every argument of every public function with values that are wrong for it, and arguments given for each other
-(`misuse_calls.py`); scenes set up wrongly and command lines (`misuse_scenes.py`). The same calls with right values
-alone show that nothing else is refused. Quantity: how each ends. Limit: raw errors of the inside, wrong values taken
-silently, hangs and crashes: none, but for those that `KNOWN` explains; right values that end in an error: none.
+Reference: every argument of every public function gets values that are wrong for it, and arguments are exchanged with
+each other (`misuse_calls.py`). Scenes are set up wrongly, and command lines are wrong (`misuse_scenes.py`). The same
+calls with right values alone show that nothing else is refused.
+Quantity: how each call ends.
+Limit: raw errors from inside, wrong values that are accepted silently, hangs and crashes: none, except those that
+`KNOWN` explains. Right values that end in an error: none.
 
     python -m validation.stability.misuse [--only PART OF A NAME] [--out FILE] [--limit SECONDS]
 """

@@ -1,7 +1,7 @@
-"""What `misuse.py` calls: every public function with its arguments, whole scenes set up wrongly, command lines.
+"""The calls of `misuse.py`: every public function with its arguments, scenes set up wrongly, command lines.
 
-`CALLS` has all that `public()` finds in the package; what stands in `NOT_CALLED` needs no check, and says why. Each
-entry has the kinds of its arguments, of `misuse_values`, with a right value where the kind has none of its own.
+`CALLS` has everything that `public()` finds in the package, except `NOT_CALLED`, which says why these need no check.
+Each entry has the kinds of its arguments, see `misuse_values`. It has a right value if the kind has none of its own.
 """
 
 import inspect

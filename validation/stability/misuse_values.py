@@ -1,6 +1,6 @@
-"""What `misuse.py` tries: a small scene, and for each kind of argument a right value and many wrong ones.
+"""The values of `misuse.py`: a small scene, and for each kind of argument a right value and many wrong ones.
 
-A wrong value is wrong wherever its kind is asked for, so that a call that takes it without a word is a fault.
+A wrong value is wrong wherever its kind is asked for. So a call that accepts it silently is a fault.
 """
 
 import contextlib
