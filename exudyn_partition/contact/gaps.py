@@ -1,4 +1,4 @@
-"""Gap rows of a patch in motion, and the generalised forces of forces on the rows.
+"""Gap rows of a patch in motion, and the generalised forces that forces on the rows make.
 
 `Gaps.jacobian` is G_C of the paper (eq. 25-27).
 
@@ -94,7 +94,7 @@ class Side:
 
 
 class Gaps:
-    """Gap rows of a patch: the present rows, and what forces on them do. Subclasses say what the gaps lead to.
+    """Present gap rows of a patch, and the effects of forces on them. Subclasses say what the gaps lead to.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Gaps:
     moving : bool
         Whether rows follow the motion. If not, their gaps are linear in the coordinates.
     held : object
-        An object that is another one each time that rows are frozen.
+        An object; each time that rows are frozen, it is a new one.
     row_nodes : (nr,) int array
         Node of the slave's patch for each present row. While rows move, only those that can touch soon are present.
     area : (nr,) array
@@ -146,10 +146,10 @@ class Gaps:
     H: Rows
     _all: ContactPoints  # of the slave
     mean: Array | None  # (nr, p): rows by points; None if each row is one point
-    _row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and shares
+    _row_points: tuple[Array, Array, Array]  # `mean` as triplets: rows, points and weights
     _flexibility: Array | None = None  # of all present rows
     _flexible_at: Array
-    shares: Sequence[tuple[Array, Array]]  # of each side: nodes of the points, and their signed weights in the gap
+    shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _normal: Array
     _normal_of: Array | None = None  # the normals whose mean is `_normal`
@@ -278,7 +278,7 @@ class Gaps:
         raise NotImplementedError
 
     def nodal_forces(self, lam: Array) -> list[Array]:
-        """Forces on the patches' nodes, (np, 3) of each side [N], of forces on the present rows, (nr,) [N]."""
+        """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
         at_points = lam if self.mean is None else lam @ self.mean
         active = np.flatnonzero(at_points)
         forces = at_points[active, None] * self.normals[active]
@@ -304,7 +304,7 @@ class Gaps:
         return lam @ self.normal
 
     def moment(self, lam: Array, point: Array) -> Array:
-        """Moment on the slave, (3,) [N m], of forces on the present rows, (nr,) [N], about a point in space, (3,)."""
+        """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
         at_points = lam if self.mean is None else lam @ self.mean
         (nodes, weights), x = self.shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
@@ -345,7 +345,7 @@ class Gaps:
         return F
 
     def side_rows(self, side: int) -> Rows:
-        """Present rows on the flexibility of one of the sides' patches, (nr, d np)."""
+        """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         nodes, weights = self.shares[side]
         own, n = self.sides[side], len(self.sides[side].surface.points)
         if own.normal_only:

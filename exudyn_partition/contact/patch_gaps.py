@@ -7,9 +7,9 @@ points are searched with a tree. When the sliding stops, pairs are frozen again.
 need not know it beforehand.
 
 Between searches only rows that can close are followed. To choose them, all points are projected, and the rows with
-small gaps are taken. The choice is repeated when another row could close: its gap is estimated from the rigid motion of
-the patches since the choice, less twice the error of this estimate for the rows that are followed. While the patches
-are more than one facet apart, there are no rows.
+small gaps are taken. The choice is repeated when another row could close. The gap of such a row is estimated from the
+rigid motion of the patches since the choice, less twice the error that this estimate has for followed rows. While the
+patches are more than one facet apart, there are no rows.
 """
 
 from __future__ import annotations
@@ -115,13 +115,13 @@ class PatchGaps(Gaps):
         return self._here / self.size
 
     def _take(self, points: ContactPoints, at_edge: Array) -> None:
-        """Make these the present rows."""
+        """Set the present rows."""
         self._points, self.mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
         self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
         self._flexibility = None
 
     def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
-        """Make these what the present points face: nodes and weights, (p, k), and normals, (p, 3)."""
+        """Set what the present points face: nodes and weights, (p, k), and normals, (p, 3), of the master."""
         self.shares = (self._points.nodes, self._points.weights), (nodes, -weights)
         self.normals = normals
 

@@ -108,8 +108,8 @@ def CreatePartitionBody(
     Raises
     ------
     InputError
-        If `mbs` is no model, an argument is out of range, the model has an item of that name, or the body cannot have a
-        floating frame, because it has no inertia about some axis.
+        If `mbs` is no model, an argument is out of range, or the model has an item of that name. Also if the frame is
+        floating and the body has no inertia about some axis.
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):

@@ -91,8 +91,8 @@ def write_paraview(
     Raises
     ------
     InputError
-        If an argument has a wrong type, a field is unknown, a time is not within the run, there is no body, or an FE
-        model is missing or belongs to another body.
+        If an argument has a wrong type, a field is unknown, a time is not within the run, or there is no body. Also if
+        an FE model is missing or belongs to another body.
     OutputError
         If the disk is full or protected; old files are kept.
     """

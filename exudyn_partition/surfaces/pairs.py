@@ -21,7 +21,7 @@ class MovingPairs:
 
     Newton's method starts from the last closest point plus its last motion: in steady motion one step is enough. A
     point that leaves its facet is projected on the neighbour; if it is not there either, all facets are searched.
-    Points that look past the edge of the patch are left alone.
+    Points past the edge of the patch are not searched.
 
     Parameters
     ----------

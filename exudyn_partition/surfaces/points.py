@@ -1,7 +1,7 @@
 """Contact points of a slave's patch, which must not enter the master, and the rows that they make.
 
-Node-to-segment (paper, section 3) takes the nodes of the patch, and a row for each. On quadratic facets that is poor: a
-uniform pressure has no share at the vertices, so forces vary strongly from node to node.
+Node-to-segment (paper, section 3) has a row for each node of the patch. On quadratic facets that is poor: a uniform
+pressure has no share at the vertices, so forces vary strongly from node to node.
 
 Integrated rows take a weighted mean of the gap for each node; the weight is a hat function. The Kuhn-Tucker conditions
 hold for each mean. Multipliers are then piecewise linear, displacements linear or quadratic, and integrals are those

@@ -13,7 +13,7 @@ from ..support.checks import read_only
 from .points import ContactPoints, contact_points
 from .surface import Projection, Surface, closest_points
 
-EDGE_TOLERANCE = 0.02  # of a facet's size: a point that looks past the patch's edge by less is still paired
+EDGE_TOLERANCE = 0.02  # of a facet's size: a point that projects past the patch's edge by less is paired
 _FACING = 0.9  # points meet if the cosine between line of contact and master's inward normal is above
 _TOUCHING = 1e-3  # of a facet's size: patches are brought as close as this before pairing
 _APPROACHES = 10  # most projections to get there
@@ -172,7 +172,7 @@ def rows_of(
 ) -> ContactRows:
     """Rows of the points that are paired (a mask), by their projection on the master."""
     kept, size = points.restricted(paired), master.facet_size
-    # Rows are also at the edge beside points that look past the rim of the master's patch, where its surface
+    # Rows are also at the edge beside points that project past the rim of the master's patch, where its surface
     # continues, and beside points on the patch that face it too obliquely.
     past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
     lost = ~paired & (past_rim | (projection.offset <= EDGE_TOLERANCE * size))

@@ -111,7 +111,7 @@ class Projection:
         Signed distance along the normal, positive outside [m].
     offset : (k,) array
         Distance of the point from the line along that normal through the closest point [m]. It is zero if the closest
-        point lies inside the surface, and above zero if the point looks past the edge.
+        point lies inside the surface, and above zero if the point projects past the edge.
     """
 
     facet: Array

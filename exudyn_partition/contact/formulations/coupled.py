@@ -30,8 +30,8 @@ class CoupledContacts:
     ----------
     laws : list of ComplianceContact
     links : list of (int, int, int, int, (d np, d np) array)
-        Number of a law and its side, number of the other law and its side, and the body's flexibility between the two
-        patches [m/N].
+        Numbers of a law and its side, of the other law and its side, and the body's flexibility between the patches
+        [m/N].
     """
 
     def __init__(self, laws: Sequence[ComplianceContact], links: list[tuple[int, int, int, int, Array]]) -> None:

@@ -98,7 +98,7 @@ class Law(Protocol):
 
     @property
     def node_areas(self) -> Array:
-        """Area of the row of each of the slave's patch nodes, (np,) [m2]; zero where there is none."""
+        """Area of the row of each node of the slave's patch, (np,) [m2]; zero for a node without a row."""
 
     @property
     def node_pressures(self) -> sp.csr_matrix:

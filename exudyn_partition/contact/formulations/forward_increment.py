@@ -52,7 +52,7 @@ class ForwardIncrement:
         states : list of three (n,) arrays
             For each contact: coordinates of its bodies, their velocities, and their accelerations without contact.
         step : float
-            [s]
+            Length of the step [s].
         """
         h = self.predict(states, step)
         if h.min(initial=np.inf) >= 0.0:

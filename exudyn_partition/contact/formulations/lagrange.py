@@ -79,7 +79,7 @@ class LagrangeContact(ContactLaw):
         q, q_t, q_tt : (n,) arrays
             Coordinates of slave and master, their velocities, and their accelerations without contact.
         step : float
-            [s]
+            Length of the step [s].
         """
         self._check_last_step(q)
         gap = self.gaps.at(self.gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt))

@@ -134,7 +134,7 @@ class ContactLaw:
 
     @property
     def node_areas(self) -> Array:
-        """Area of the row of each of the slave's patch nodes, (np,) [m2]; zero where there is none."""
+        """Area of the row of each node of the slave's patch, (np,) [m2]; zero for a node without a row."""
         return self.gaps.node_areas
 
     @property
@@ -170,12 +170,12 @@ class ElasticContact(ContactLaw):
     h: Array
 
     def force(self, q: Array) -> Array:
-        """Generalised contact force, (n,), on the coordinates of slave and master, q (n,)."""
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
         self.answer(self.gaps.at(q))
         return self.generalised()
 
     def generalised(self) -> Array:
-        """Generalised forces, (n,), of the present forces on the rows."""
+        """Generalised forces, (n,), from the present forces on the rows."""
         return self.gaps.generalised(self.lam) if self.index.size else self._zero
 
     def evaluate(self, motion: Motion) -> Array:

@@ -1,4 +1,4 @@
-"""Contact by a penalty: an elastic layer on the slave's patch, for comparison and for bodies of other kinds."""
+"""Contact by a penalty: an elastic layer on the slave's patch, for comparison, and for bodies with any basis."""
 
 from __future__ import annotations
 

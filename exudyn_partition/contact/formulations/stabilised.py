@@ -26,8 +26,8 @@ _STEPS_KEPT = 8  # number of step sizes whose flexibility is kept, for adaptive 
 class StabilisedContact(ContactLaw):
     """Multipliers of patches with mass, for generalized-alpha with step s.
 
-    With the gaps h predicted for two steps ahead, at q + 2 s q_t, the forces solve lambda >= 0, w >= 0,
-    lambda'w = 0 with
+    The gaps h are predicted for two steps ahead, at q + 2 s q_t. The forces solve lambda >= 0, w >= 0, lambda'w = 0
+    with
 
         w = h + F (lambda - lambda*),    F = 0.4 G (4 M / s^2 + K)^-1 G'.
 
@@ -82,7 +82,7 @@ class StabilisedContact(ContactLaw):
         q, q_t : (n,) arrays
             Coordinates of slave and master at the end of the step, and their velocities.
         step : float
-            [s]; zero while the solver computes initial accelerations, to which contact does not contribute.
+            Length of the step [s]; zero while the solver computes initial accelerations. Contact does not act on these.
 
         Raises
         ------
