@@ -3,8 +3,8 @@
 Scene: two equal steel spheres of 10 mm radius meet at 0.5 m/s (cases.md). All use the same quadratic tetrahedra.
 CalculiX (`ccx`, Debian's calculix-ccx) has surface-to-surface contact by penalty and implicit HHT steps. Its contact
 force is what it prints for the pair (CF). Its stiffness matrix equals ours to round-off. Its mass matrix does not,
-because it is integrated at four points in an element (tests/test_calculix.py). Only modes of the length of an element
-show this.
+because it is integrated at four points in an element (tests/validation/test_calculix.py). Only modes of the
+length of an element show this.
 Reference: this library's full FE model (HHT, exact complementarity), with its own error from half the step. The table
 also has Hertz' peak and duration.
 Quantity: relative L2 error of the contact force, peak, impulse, duration; run times. CalculiX' penalty stiffness, its

@@ -35,7 +35,7 @@ import exudyn_partition as ep
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 HOUR, QUICK_LIMIT = 3600.0, 180.0  # time limits of a case [s]
-SKIPPED = "skipped:"  # how the last line begins of a script that lacks what it needs, and ends without error
+SKIPPED = "skipped:"  # start of the last line of a script that ends without error because something it needs is missing
 ANSWERS = {True: "yes", False: "NO", None: "skipped"}
 
 
@@ -348,7 +348,7 @@ def sweep(function, tasks, executor, retries=1):
                 try:
                     left[executor.submit(function, *tasks[name])] = name, again - 1
                     continue
-                except RuntimeError as broken:  # the executor takes no more
+                except RuntimeError as broken:  # the executor accepts no more calls
                     error = broken
             yield name, future.result() if error is None else error
 

@@ -76,7 +76,7 @@ def main():
     plate = occ.Box(occ.Pnt(-SIDE / 2, -SIDE / 2, -THICKNESS), occ.Pnt(SIDE / 2, SIDE / 2, 0))
     their_times, our_times = {}, {}
     for _ in range(2):
-        # FEMinterface makes the mesh it is given quadratic, and cannot take it twice.
+        # FEMinterface makes its mesh quadratic, so it cannot use the same mesh twice.
         mesh = ngsolve.Mesh(occ.OCCGeometry(plate).GenerateMesh(maxh=MAXH))
         theirs, times = feminterface(mesh, ep.ALUMINIUM)
         their_times = {key: min(time, their_times.get(key, time)) for key, time in times.items()}

@@ -41,7 +41,7 @@ from rich.table import Table
 
 RESULTS = Path(__file__).with_suffix(".json")
 F_CUT, END_TIME, RUNS = 40e3, 1e-3, 10
-WHOLE, COMPARED, STEP = 5e-3, 0.3e-3, 1e-6  # the paper's duration, what is run of the full FE model, and its step [s]
+WHOLE, COMPARED, STEP = 5e-3, 0.3e-3, 1e-6  # the paper's duration, the part that the full FE model runs, its step [s]
 MAXH = {"small": 18e-3, "medium": 8e-3, "large": 3.7e-3}  # [m]
 CASES = [*MAXH, "bases", "full"]
 LIMITS = {

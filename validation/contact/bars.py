@@ -106,7 +106,7 @@ def run(case, bodies, rows, solver):
     t, force = result.t, contact.force(result)
     closed = np.flatnonzero(force)
     start, duration = t[closed[0]], t[closed[-1]] - t[closed[0]]
-    # Weighted by Hann's window, so that no part of a period of the ripple counts.
+    # Weighted by Hann's window, so that an incomplete period of the ripple has no effect.
     x = (t - case["start"] - case["duration"] / 2) / (case["duration"] / 4)
     weight = np.where(abs(x) < 1, 1 + np.cos(np.pi * x), 0.0)
     plateau = weight @ force / weight.sum()
@@ -139,7 +139,7 @@ def run(case, bodies, rows, solver):
 
 def evaluate(case):
     found, highest = [], case["f_cuts"][-1]
-    # All modes of a band take long; one f_cut shows that the bases agree.
+    # To compute all modes of a band takes long. One f_cut shows that the bases agree.
     for basis, f_cut in [*(("contact-adapted", f) for f in case["f_cuts"]), ("residual", case["f_cuts"][1])]:
         begin = time.perf_counter()
         bodies = [ep.reduce(*model, basis=basis, f_cut=f_cut) for model in case["models"]]

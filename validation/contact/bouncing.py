@@ -32,7 +32,7 @@ from exudyn_partition.contact.formulations.compliance import ComplianceContact
 RESULTS = Path(__file__).with_suffix(".json")
 RADIUS, GAP, SPEED = 5e-3, 2e-6, 0.5
 IMPACTS = 10_000
-PERIOD = 36e-6  # between impacts: what a contact and the flight across the gap last, rounded up [s]
+PERIOD = 36e-6  # between impacts: duration of a contact and of the flight across the gap, rounded up [s]
 LIMITS = {"energy": 1e-3, "memory_MB": 5.0, "impacts": IMPACTS}
 
 

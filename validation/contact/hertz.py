@@ -38,7 +38,7 @@ from validation.contact import scenes
 from validation.contact.elastic_sphere import ElasticSphere
 
 RADIUS, F_CUT, STEP = 0.010, 200e3, 0.1e-6
-# Element size asked for, over Hertz' contact radius (edges come out some 1.4 times as long): random placements.
+# Requested element size over Hertz' contact radius (edges become about 1.4 times as long): random placements.
 LEVELS = {0.64: 3, 0.45: 3, 0.32: 3, 0.24: 2}
 CASES = {"plane, 0.5 m/s": (0.5, False), "plane, 0.1 m/s": (0.1, False), "two spheres, 0.5 m/s": (0.5, True)}
 QUANTITIES = ("peak", "approach", "duration")
@@ -112,7 +112,7 @@ def summary(runs):
         every = np.array([run["error"]["sphere"][q] for run in runs])
         error = [every[[run["level"] == x for run in runs]] for x in levels]
         rms = [math.sqrt(np.mean(e**2)) for e in error]
-        # Intercept of the mean errors of the finer meshes over h^2: where they go to, beside the reference.
+        # Intercept of the mean errors of the finer meshes over h^2: their limit, relative to the reference.
         finer = levels[1:]
         limit = np.polyfit(np.square(finer), [e.mean() for e in error[1:]], 1)[1]
         result[q] = {

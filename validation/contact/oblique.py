@@ -7,9 +7,9 @@ on two meshes. Both bodies have floating frames, so the pairs follow the rotatio
 Limits: momentum and angular momentum 1e-9 at the smallest step, energy 1e-4, with integrated rows on the finer mesh.
 
 The deviation of angular momentum has the order of the integrator and does not come from the contact: forces and moments
-on both bodies cancel to round-off (tests/test_gaps.py). The deviation of energy has the order of the rows. When the
-point of a pair slides along a facet, the residual flexibility of the pair changes, and frictionless rows have no force
-for this. The deviation falls with the mesh size.
+on both bodies cancel to round-off (tests/contact/test_patch_gaps.py). The deviation of energy has the order of the
+rows. When the point of a pair slides along a facet, the residual flexibility of the pair changes, and frictionless rows
+have no force for this. The deviation falls with the mesh size.
 
     python -m validation.contact.oblique
 """

@@ -63,7 +63,7 @@ def pressed(fems, bodies, options):
     load = np.concatenate(
         [body.interface_rows("end").T[:, 2] * (FORCE if body is bodies[1] else -FORCE) for body in sides]
     )
-    # From where they overlap a little, that the contact finds its rows.
+    # The blocks start with a small overlap, so that the contact finds its rows.
     n, depth = sides[0].n_dofs, 0.1 * FORCE * HEIGHT / (MATERIAL.E * SIDE**2)
     q = np.zeros(len(load))
     q[:n] = sides[0].rigid @ np.r_[0, 0, -depth if sides[0] is bodies[0] else depth, 0, 0, 0]

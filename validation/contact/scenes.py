@@ -1,4 +1,4 @@
-"""What the scripts here share: spheres, quasi-static states, and what is written in the end."""
+"""Functions that the scripts here share: spheres, quasi-static states, and the output."""
 
 import json
 import os
@@ -21,7 +21,7 @@ def sphere(radius, material, contact_radius, h, *, up=True, rng=None, spare=0.0,
 
     `contact_radius` is the largest that the contact will have, `h` the size of elements there, `maxh` that elsewhere
     over the radius. The patch is larger than the contact, by `spare` [m] more than a slave needs. With `rng` the mesh
-    is placed and turned at random, for meshes can be lucky.
+    is placed and turned at random, because one mesh can be good by chance.
     """
     sign = 1 if up else -1
     shape = occ.Sphere(occ.Pnt(0, 0, sign * radius), radius)
@@ -38,14 +38,14 @@ def sphere(radius, material, contact_radius, h, *, up=True, rng=None, spare=0.0,
 
 
 def equilibrium(law, q, free, load=0.0, tolerance=1e-12):
-    """Coordinates at rest under a contact law and loads, those that are not `free` held; Newton on the active set."""
+    """Coordinates at rest under a contact law and loads, by Newton on the active set. Those not in `free` are held."""
     omega = np.concatenate([side.kinematics.body.basis.omega for side in law.gaps.sides])
     q, free = q.copy(), np.flatnonzero(free)
     for _ in range(60):
         residual = (law.force(q) + load - omega**2 * q)[free]
         tangent = (law.tangent() + np.diag(omega**2))[np.ix_(free, free)]
         scale = 1 / np.sqrt(np.maximum(np.diag(tangent), 1e-12 * np.diag(tangent).max()))
-        # Motions along the surfaces meet no stiffness.
+        # Motions along the surfaces have no stiffness.
         step = scale * scipy.linalg.lstsq(scale[:, None] * tangent * scale, scale * residual, cond=1e-13)[0]
         q[free] += step
         if abs(step).max() <= tolerance * abs(q).max():

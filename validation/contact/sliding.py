@@ -26,7 +26,7 @@ RADIUS, APPROACH, F_CUT = 0.010, 4e-6, 200e3
 WAY, STATES, SUBSTEPS = 0.5e-3, 101, 100
 ALONG = np.array([1.0, 0.3, 0.0]) / np.hypot(1.0, 0.3)
 A = (RADIUS * APPROACH) ** 0.5  # Hertz' contact radius
-LEVELS = (0.9, 0.65, 0.45)  # element size asked for over A; edges come out some 1.4 times as long
+LEVELS = (0.9, 0.65, 0.45)  # requested element size over A; edges become about 1.4 times as long
 DEFAULT = 0.65
 WAYS = {
     "node-to-segment": {"rows": "node-to-segment"},
@@ -81,7 +81,7 @@ def drag(bodies, options):
     run_s = time.perf_counter() - begin
     trend = np.polyval(np.polyfit(x, force, 2), x)
     ripple = (force - trend) / force.mean()
-    # The same way again up to the largest change, for what is found may depend on how one came; then in small steps.
+    # The same path again up to the largest change, because the state may depend on the path; then small steps.
     i = abs(np.diff(ripple)).argmax()
     again = Drag(bodies, options)
     for place in x[: i + 1]:

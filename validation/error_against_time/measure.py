@@ -26,9 +26,9 @@ from exudyn_partition.algebra.factorisation import Factorisation
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "out" / "error_against_time"
-REPEAT = 20, 1.0  # on-line runs that often, or for that long [s]: the least time counts
+REPEAT = 20, 1.0  # number of on-line runs, or their total time [s]: the shortest time counts
 WITH_MASS = ("free", "craig-bampton")  # bases whose patch has mass
-EXPLICIT_STEPS = 200  # of the full FE model, to tell what a step takes
+EXPLICIT_STEPS = 200  # of the full FE model, to measure the time of a step
 NUMBERS = ("step_s", "steps", "dofs", "time_s")
 
 

@@ -41,7 +41,7 @@ class TwoBodies:
     step: float
     far_ends: tuple
     radii: tuple
-    before_s: float = field(default=0.0, init=False)  # of reductions that no run does [s]
+    before_s: float = field(default=0.0, init=False)  # of reductions that are not part of a run [s]
 
     def __post_init__(self):
         self.models = self.build()

@@ -148,7 +148,7 @@ def window_runs(parts, report):
         add(f"contact-adapted, {f_cut / 1e3:.0f} kHz", run, offline["contact-adapted", f_cut])
     run = partition_run([links[10e3], *recommended[1:]], STEP)
     add("contact-adapted, link to 10 kHz", run, offline["contact-adapted", F_CUT])
-    fem, cms_s = cms_link(modes=14)  # and six static ones at each pin, less six rigid ones
+    fem, cms_s = cms_link(modes=14)  # and six static ones at each pin, minus six rigid ones
     with mock.patch.object(example, "add_link", add_cms_link):
         run = partition_run([fem, *recommended[1:]], STEP)
     add("contact-adapted, link as Exudyn's CMS", run, offline["contact-adapted", F_CUT] - link_s + cms_s)

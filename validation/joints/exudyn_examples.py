@@ -55,7 +55,7 @@ def models(maxh):
     fem = ep.fe_model(mesh, PLASTIC)
     ends = ep.Partition.interface(fem, "left", "left") | ep.Partition.interface(fem, "right", "right")
     body = ep.reduce(fem, ends, f_cut=F_CUT)
-    own = FEMinterface()  # after ours, for it changes the mesh
+    own = FEMinterface()  # after ours, because it changes the mesh
     names = ["left", "right"]
     own.ImportMeshFromNGsolve(mesh, PLASTIC.rho, PLASTIC.E, PLASTIC.nu, meshOrder=2, boundaryNamesList=names)
     nodes, weights = own.GetBoundaryNodeSetsAsLists()

@@ -38,12 +38,12 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
     ends = [np.kron(np.eye(2), A) @ link_body.interface_rows(name) for name in ("crank pin", "slider pin")]
     back3, back4 = interface_rows(fem3, part3, "back"), interface_rows(fem4, part4, "back")
 
-    # Joints, all of the motion that the impact adds.
+    # Joints, all on the motion that the impact adds.
     n_link = link_body.n_dofs
     nothing = sp.csr_matrix((5, fem3.n_dofs))
     joints_a = sp.vstack(
         [
-            sp.hstack([nothing, ends[0][:5]]),  # the crank's pin goes as it is driven
+            sp.hstack([nothing, ends[0][:5]]),  # the crank's pin has the prescribed motion
             sp.hstack([back3[:2], -ends[1][:2]]),  # the slider's pin
             sp.hstack([back3[1:], sp.csr_matrix((5, n_link))]),  # the slide
         ],
@@ -95,7 +95,7 @@ def full_blocks(parts, link_body, angle, window, step, rows_kind, slave_is_3, al
         b.correct(np.r_[lam, joint[1], damper])
         damper = -DAMPING * float((spring @ b.v)[0])
         force[n] = lam.sum()
-        torque[n] = pin[0] * joint[0][1] - pin[1] * joint[0][0]  # what the drive gives the link by the pin
+        torque[n] = pin[0] * joint[0][1] - pin[1] * joint[0][0]  # torque of the drive on the link through the pin
     mean = lambda x: np.r_[(x[:-1] + x[1:]) / 2, x[-1]]  # noqa: E731 multipliers are of the step that ends at t
     return {
         "t": t,

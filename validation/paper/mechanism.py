@@ -36,7 +36,7 @@ STORED = ROOT / "validation" / "joints" / "crank_slider.json"
 F_CUT, LINK_F_CUT, STEP = 100e3, 5e3, 2e-6
 GRID, SMOOTH = 5e-6, 1e-3  # [s]: even samples, and the span whose mean is taken off for high frequencies
 BEFORE, AFTER = 5e-3, 5e-3  # [s] beside the first contact
-PEAK, ACTIVATED = 3.0, 5.0  # at least: a large peak over all before; high frequencies after over before
+PEAK, ACTIVATED = 3.0, 5.0  # at least: a large peak over everything before; high frequencies after over those before
 COUNTS = {3: 15, 4: 12}  # modes below 100 kHz, paper
 LIMITS = {"impulse": 0.01, "modes": 0.15, "energy": 0.005, "time": 0.001}
 

@@ -1,4 +1,4 @@
-"""What the extreme cases are made of: small bodies, one impact, and what must hold after it."""
+"""Parts of the extreme cases: small bodies, one impact, and what must hold after it."""
 
 import functools
 import itertools
@@ -54,7 +54,7 @@ def block(material=ep.STEEL, size=0.03, *, h=0.3e-3, reach=1.4e-3, basis="contac
 
 @functools.cache
 def ball_in_units(length, mass, time):
-    """`ball()` with the same mesh in other units: what a metre, a kilogram and a second are in them."""
+    """`ball()` with the same mesh in other units, given by a metre, a kilogram and a second in these units."""
     fem, part = ball_model()
     E = fem.material.E * mass / length / time**2
     material = ep.Material(E=E, nu=fem.material.nu, rho=fem.material.rho * mass / length**3)
@@ -93,7 +93,7 @@ def tetrahedra(points, hexahedra):
 
 
 def read(points, kind, cells, material, order=None):
-    """FE model of a mesh, by way of a file."""
+    """FE model of a mesh that is written to a file and read again."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.vtu"
         meshio.Mesh(points, [(kind, cells)]).write(file)
@@ -112,7 +112,7 @@ def bar_model(z, material, *, side=2.0, across=2, kind="tetra", order=2, end=0.0
 
 @dataclass(frozen=True)
 class Run:
-    """What an impact leaves: result, bodies, contacts, and the momentum that counts as one."""
+    """Outcome of an impact: result, bodies, contacts, and the momentum that others are relative to."""
 
     result: ep.Result
     bodies: list
@@ -141,8 +141,8 @@ def strike(method, slave, master=PLANE, *, speed=1.0, gap=0.0, place=(0, 0, 0), 
            other=None, add=None, **options):  # fmt: skip
     """A body at `gap` above the plane or body at z = 0 comes down at `speed`.
 
-    `contact`, `body` and `other` are options of the contact and of the two bodies; `add(mbs, items, contact)` adds what
-    else belongs to the model.
+    `contact`, `body` and `other` are options of the contact and of the two bodies; `add(mbs, items, contact)` adds the
+    rest of the model.
     """
     mbs = exu.SystemContainer().AddSystem()
     above = np.add(place, (0, 0, gap))
@@ -176,8 +176,8 @@ def finite(run):
 def complementarity(run):
     """Largest violation of lambda >= 0, w >= 0 and lambda'w = 0 by the stored forces, for w = h + F lambda.
 
-    Of lambda over its largest, of w over the deepest h, at some times in contact. Gaps and flexibility are evaluated
-    anew at the stored coordinates; nothing of the solver's active set is used.
+    Values of lambda are relative to its largest, values of w to the deepest h, at some times in contact. Gaps and
+    flexibility are computed again at the stored coordinates, without the solver's active set.
     """
     worst = 0.0
     for contact in run.contacts:

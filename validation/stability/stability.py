@@ -1,8 +1,9 @@
-"""Stiff and extreme cases, each with both integrators where it makes sense: right, or stopped by a named error.
+"""Stiff and extreme cases, each with both integrators where this makes sense: right, or stopped by a named error.
 
-Reference: what `cases/` says of each case, from analytic answers, rigid bodies and conservation. Quantity: energy,
-momentum, complementarity (forces and gaps evaluated anew from stored coordinates), and the reference's own. Limit: in
-the table; no result that is not finite, no warning that is not stated, no silent wrong answer.
+Reference: for each case in `cases/`, from analytic answers, rigid bodies and conservation.
+Quantity: energy, momentum, complementarity (forces and gaps are computed again from stored coordinates), and the
+quantity of the reference.
+Limit: in the table. All results are finite, all warnings are stated, and no answer is silently wrong.
 
     python -m validation.stability.stability [--quick] [--only PART OF A NAME] [--out FILE]
 """
@@ -27,7 +28,7 @@ from validation.stability.worker import Worker
 
 
 def evaluate(case, method):
-    """One line of the table: what was found, and whether it is what must be."""
+    """One line of the table: what was found, and whether it is what must hold."""
     begin, found, failure, raised = time.perf_counter(), {}, "", ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PartitionWarning)
@@ -86,7 +87,9 @@ def share(value, limit):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="cases whose name holds this; the JSON is not written then")
-    parser.add_argument("--quick", action="store_true", help="the fast cases, those of tests/test_stability.py")
+    parser.add_argument(
+        "--quick", action="store_true", help="the fast cases, those of tests/validation/test_stability.py"
+    )
     parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".json"), help="file of the results")
     parser.add_argument("--limit", type=float, default=300.0, help="seconds a case")
     options = parser.parse_args()

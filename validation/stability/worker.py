@@ -1,4 +1,4 @@
-"""A process of its own for cases that may crash or hang: only that one is lost, the next gets a new process."""
+"""A separate process for cases that may crash or hang. Only that case is lost; the next case gets a new process."""
 
 import multiprocessing
 
@@ -6,8 +6,8 @@ import multiprocessing
 class Worker:
     """Calls a function of a module in another process.
 
-    What the function keeps between calls is kept in the process. It is spawned, for threads of the FE code do not
-    survive a fork.
+    What the function keeps between calls stays in the process. The process is spawned, because threads of the FE code
+    do not survive a fork.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Regions of a facet and of the whole body, no modes and all that the mesh resolves."""
+"""Impact regions of one facet and of the whole body; no modes, and all modes that the mesh resolves."""
 
 import math
 
@@ -49,7 +49,7 @@ def whole_body_adapted(method):
 
 
 def bar_of_modes(length, n, *, speed, gap, end, step=1e-3):
-    """Speed of the centre of mass after a bar of `UNIT` and side 2 met a wall: n axial modes, a static rest."""
+    """Speed of the centre of mass after a bar of `UNIT` and side 2 met a wall: n axial modes, the others static."""
     mass, omega = 4.0 * length, np.r_[0.0, np.arange(1, n + 1) * math.pi / length]
     shapes = np.r_[1.0, np.full(n, math.sqrt(2))] / math.sqrt(mass)  # of the end that meets it
     rest = length / 12 - ((shapes / omega.clip(1e-300)) ** 2)[1:].sum()  # flexibility of a free bar: l / 3 E A
@@ -64,7 +64,7 @@ def bar_of_modes(length, n, *, speed, gap, end, step=1e-3):
 @case("all modes the mesh resolves", "speed after of a bar with so many axial modes 1 %; warns that a flat end rings",
       warns=("ModelLimitWarning",))  # fmt: skip
 def all_modes(method):
-    """Two axial modes: the bar keeps a fifth of its energy as vibration, where an exact one keeps none."""
+    """Two axial modes: the bar keeps a fifth of its energy as vibration, while an exact bar keeps none."""
     fem, part = bar_model(tuple(np.linspace(0, 4, 9)), UNIT)
     body = ep.reduce(fem, part, basis="residual", f_cut=fem.resolved_frequency)
     impact = {"speed": 0.1, "gap": 0.05}

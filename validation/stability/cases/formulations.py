@@ -94,7 +94,7 @@ def slides_off(method):
 
 
 def ball_on_sheet(method, thickness, width, maxh):
-    """Elements as long as the sheet's bending waves up to f_cut let them be."""
+    """Elements are as long as the sheet's bending waves up to f_cut allow."""
     shape = occ.Box(occ.Pnt(-0.05, -width / 2, -thickness), occ.Pnt(0.05, width / 2, 0))
     fine = ep.Refine((0, 0, 0), 1.2e-3, 0.3e-3)
     fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=maxh, refine=[fine], grading=0.7)

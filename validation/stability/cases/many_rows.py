@@ -90,7 +90,7 @@ def cradle(method, n=11, speed=1.0):
 
 
 def hertz_chain(mass, n, speed, end):
-    """Speeds of point masses in a row at a time, by springs of Hertz's law; the last one comes in."""
+    """Speeds of point masses in a row at a time, by springs of Hertz's law; the last one moves towards the row."""
     E = ep.STEEL.plane_strain_modulus / 2
     k = 4 / 3 * E * math.sqrt(RADIUS / 2)
 

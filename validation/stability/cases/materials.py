@@ -22,7 +22,7 @@ from validation.stability.scenes import (
 
 
 def soft(factor):
-    """Steel softened by a factor, and as light as a foam: waves slower than in any solid would warn."""
+    """Steel softened by a factor, and as light as a foam, because waves slower than in any solid would warn."""
     return ep.Material(E=210e9 * factor, nu=0.3, rho=2000.0)
 
 

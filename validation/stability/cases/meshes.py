@@ -20,7 +20,7 @@ from validation.stability.scenes import (
 
 
 def bar_hits_wall(method, z, limit=0.03, **model):
-    """Saint-Venant: 0.4 N for twice the length over the wave speed, the velocity turned around."""
+    """Saint-Venant: 0.4 N for twice the length over the wave speed, the velocity is reversed."""
     fem, part = bar_model(tuple(z), UNIT, **model)
     body = ep.reduce(fem, part, f_cut=min(0.45, fem.resolved_frequency))
     run = strike(method, body, speed=0.1, gap=0.05, end_time=26.0, step=0.02)

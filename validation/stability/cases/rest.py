@@ -39,7 +39,7 @@ def slow_overlap(method):
 
 @case("resting under gravity", "mean force is the weight 1 %, never negative")
 def resting(method):
-    """A block put down at zero gap sinks and rises about its rest for ever, explicit; an implicit run comes to rest."""
+    """A block is put down at zero gap. Explicit: it vibrates about its rest for ever. Implicit: it comes to rest."""
     fem, part = bar_model(tuple(np.linspace(0, 0.02, 5)), ep.STEEL, side=0.02)
     body = ep.reduce(fem, part, f_cut=150e3)
     damped = {"spectral_radius": 0.5, "step": 2e-6} if method == "implicit" else {}
@@ -89,7 +89,7 @@ def stiff_spring(method):
 @case("spring beyond the explicit limit", "stops and says so", methods=("explicit",),
       warns=("ContactPatchWarning", "ModelLimitWarning", "StoppedRunWarning"))  # fmt: skip
 def too_stiff_spring(method):
-    """The stability limit knows nothing of other items: the run must not look finished."""
+    """The stability limit does not include other items: the run must not look finished."""
 
     def spring(mbs, bodies, contact):
         marker = bodies[0].CreateNodeMarker(mbs, (0, 0, 2 * RADIUS))

@@ -28,7 +28,7 @@ def spinning(method, omega, frame="floating", **options):
 
 @case("spinning at 1e4 rad/s, floating frame", "angular momentum 1e-4, energy 1e-3, three turns", quick=True)
 def spin(method):
-    """Strain by centrifugal forces is not in the rigid inertia, so that energy beats with it."""
+    """Strain by centrifugal forces is not in the rigid inertia, so the energy varies with it."""
     omega = 1e4 * np.array([0.6, 0.1, 0.79])
     body, item, result = spinning(method, omega, end_time=2e-3, step=0.2e-6, sample_period=2e-6)
     L, energy = item.angular_momentum(result, body.centre_of_mass), item.energy(result)

@@ -21,7 +21,7 @@ def plain(method):
 
 
 def slow(method, speed):
-    """One node touches: a mass on a linear spring, of which the FE model's static answer is the stiffness."""
+    """One node touches: a mass on a linear spring, whose stiffness is that of the FE model's static answer."""
     fem, part = ball_model()
     contact = run_nodes(fem, part)
     stiffness = 1 / free_flexibility(fem, contact)

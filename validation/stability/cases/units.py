@@ -42,7 +42,7 @@ def nanometres(method):
 
 @case("ball of 1 um", "the force of the large one, scaled, 1e-6", quick=True)
 def micro(method):
-    """Linear elasticity has no length: at the same speed times scale by the size, forces by its square, here 1e-8."""
+    """Linear elasticity has no length scale: at the same speed, times scale with the size, forces with its square."""
     return in_units(method, 1e-4, 1e-12, 1e-4)
 
 
