@@ -13,7 +13,7 @@ from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, consecutive
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
-from .contact_run import ContactRun, SolverMotion
+from .contact_run import ContactRun
 from .model_run import Runs
 from .partition_contact import PartitionContact
 
@@ -32,7 +32,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         begin = time.perf_counter()
         model = runs.advanced(mbs, t, contact)
         run = model.of(contact)
-        f = _evaluate(mbs, t, runs, run)
+        f = run.evaluate(mbs, t)
         if floating and run.law.index.size:
             f, now = f.copy(), run.of(mbs.systemData.GetODE2Coordinates(copy=False))
             for own, kinematics in floating:
@@ -44,23 +44,13 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         run = runs.advanced(mbs, t, contact).of(contact)
-        _evaluate(mbs, t, runs, run)
+        run.evaluate(mbs, t)
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
         H = dense(run.law.gaps.jacobian(run.law.index))
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * (H.T @ _between(run, run) @ H)))
 
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
-
-
-def _evaluate(mbs: MainSystem, t: float, runs: Runs, run: ContactRun) -> Array:
-    """Generalised force of a contact, (n,), in the model's present state."""
-    if run.together is not None:
-        return runs.now(mbs).force_together(mbs, run)
-    motion = SolverMotion(mbs, run)
-    if run.law.remembers:
-        run.follow(motion.start, t)
-    return run.law.evaluate(motion)
 
 
 def add_links(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:
@@ -91,7 +81,7 @@ def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> 
     ) -> MatrixContainer:
         model = runs.advanced(mbs, t, contacts[0])
         first, last = model.of(contacts[0]), model.of(contacts[-1])
-        _evaluate(mbs, t, runs, first)
+        first.evaluate(mbs, t)
         K = np.zeros((len(q), len(q)))
         if first.law.index.size and last.law.index.size:
             place = {dof: k for k, dof in enumerate(_dofs(mbs, nodes))}

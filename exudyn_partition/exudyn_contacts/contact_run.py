@@ -1,4 +1,4 @@
-"""State of a contact in one run, and what it keeps of it; the next run has another."""
+"""State of a contact in one run, and what it keeps for the results. The next run makes another one."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ class ContactRun:
         Area of the row of each of the slave's patch nodes [m2].
     edge : (float, (3,) array) or None
         When and where the contact reached the edge of its patch first [s, m].
-    together, place : Together, int
-        What finds the forces together with those of other contacts, if there are some, and which this one is there.
+    together : Together or None
+        What finds the forces of this contact and of others on the same bodies.
     joined : bool
-        Whether its multipliers are found together with those of joints, around the model's own user functions.
+        Whether the multipliers are found together with those of joints.
     """
 
     def __init__(self, name: str, law: Law, slices: Sequence[slice], t: float) -> None:
         self.name, self.law, self.slices = name, law, [*slices]
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self.together: Together | None = None
-        self.place = 0
         self.joined = False
         self.areas = law.node_areas
+        self._members: list[ContactRun] = [self]
         self.samples: list[tuple[float, Array, Array]] = []
         self.edge: tuple[float, Array] | None = None
         self._impulse = np.zeros(4)
@@ -59,8 +59,23 @@ class ContactRun:
         """Coordinates of slave and master, (n,), of the model's."""
         return np.concatenate([coordinates[s] for s in self.slices])
 
+    def join(self, together: Together, members: list[ContactRun]) -> None:
+        """Find the forces together with those of other contacts; `members` are all, this one included."""
+        self.together, self._members = together, members
+
+    def evaluate(self, mbs: MainSystem, t: float) -> Array:
+        """Generalised contact force, (n,), in the model's present state at time t [s]."""
+        if self.together is not None:
+            data = mbs.systemData.GetODE2Coordinates(copy=False)
+            forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
+            return forces[self._members.index(self)]
+        motion = SolverMotion(mbs, self)
+        if self.law.remembers:
+            self.follow(motion.start, t)
+        return self.law.evaluate(motion)
+
     def follow(self, start: float, t: float) -> None:
-        """Tell a law that remembers which step is at work: from `start` to t [s]."""
+        """Tell a law that depends on the path which step is computed, from `start` to t [s]."""
         if start != self._start:
             self.law.commit(start)
         elif t != self._at:
@@ -81,7 +96,7 @@ class ContactRun:
             self._check_step(t)
             law.check(self.of(q))
         if closed.size:
-            if closed is not self._closed:  # the active set is kept from step to step
+            if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, law.row_nodes[closed]
                 if self.edge is None and (reached := law.edge_reached()) is not None:
                     self.edge = t, reached
@@ -105,9 +120,10 @@ class ContactRun:
 
 
 class SolverMotion:
-    """What a law may ask of Exudyn's solver at work, see `formulation.Motion`.
+    """What a law may ask of Exudyn's solver, see `formulation.Motion`.
 
-    It lives for one evaluation: what is kept for longer may not hold the model, which holds its user functions.
+    It lives for one evaluation. An object that lives longer must not hold the model: the model holds its user
+    functions, and these would hold the model, so that neither is ever freed.
     """
 
     __slots__ = ("_mbs", "_run")
@@ -117,7 +133,7 @@ class SolverMotion:
 
     @property
     def q(self) -> Array:
-        """See `formulation.Motion`; what a user function receives is a list, and costs more to convert."""
+        """See `formulation.Motion`. The list that a user function receives would cost more to convert."""
         return self._run.of(self._mbs.systemData.GetODE2Coordinates(copy=False))
 
     @property

@@ -1,4 +1,4 @@
-"""The run of a model: the state of all its contacts, made anew for each run, and noticed where a run begins."""
+"""The run of a model: the state of all its contacts. Each run has its own; module `contact_run` has that of one."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class ModelRun:
         The model's.
     t : float
         When the run begins [s].
-    method : {"explicit", "implicit", "static"}
+    method : {"explicit", "implicit"}
     joints : Joints, optional
-        Of the model, that explicit steps close together with the contacts.
+        Joints of the model, if explicit steps close them together with the contacts.
     keep : bool
-        Whether the ends of steps are kept, beside Exudyn's sensors.
+        Whether the record keeps the ends of steps. It need not if Exudyn's sensors do.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ class ModelRun:
             members = [self._runs[id(contact)] for contact in group]
             if group[0].together is not None:
                 together = group[0].together.for_run([member.law for member in members])
-                for place, member in enumerate(members):
-                    member.together, member.place = together, place
+                for member in members:
+                    member.join(together, members)
             if joints is None and members[0].law.ahead:
                 self._steppers.append(MultiplierStep(members))
         if joints is not None:
@@ -106,9 +106,10 @@ class ModelRun:
         return found
 
     def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:
-        """Apply multipliers ahead of the explicit step that ends at t: of contacts alone, or those joined with joints.
+        """Apply multipliers ahead of the explicit step that ends at t.
 
-        Each is applied once a step, however often it is asked for.
+        With `joined`, these are the multipliers of joints and contacts together; without, those of contacts alone.
+        A second call for the same step does nothing.
         """
         begin = time.perf_counter()
         for stepper in self._steppers:
@@ -117,33 +118,22 @@ class ModelRun:
         self.contact_s += time.perf_counter() - begin
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
-        """Make velocities obey the joints at the end of a step."""
+        """Correct velocities for the joints at the end of a step."""
         for stepper in self._steppers:
             stepper.after_step(mbs, t)
 
     def forget_joints(self) -> None:
-        """End what is done around steps: joints know the model, which results must not hold."""
+        """Let go of the joints after the run: they hold the model, and results must not."""
         self._steppers = [stepper for stepper in self._steppers if stepper.joints is None]
-
-    def force_together(self, mbs: MainSystem, run: ContactRun) -> Array:
-        """Generalised force of a contact, (n,), found together with those of the contacts that it is coupled with."""
-        together, data = run.together, mbs.systemData.GetODE2Coordinates(copy=False)
-        assert together is not None
-        return together.forces_at(data, lambda: [other.of(data) for other in self._coupled_with(run)])[run.place]
-
-    def _coupled_with(self, run: ContactRun) -> list[ContactRun]:
-        """Contacts that are found together with one, itself included, in the order of their places."""
-        members = [other for other in self._runs.values() if other.together is run.together]
-        return sorted(members, key=lambda member: member.place)
 
 
 class Runs:
-    """Where the user functions of a model find the run at work, and the last one after it.
+    """The present run of a model, or the last one after it. User functions find their state here.
 
     Attributes
     ----------
     joints : Joints or None
-        What the next runs close together with the contacts.
+        Joints that the next runs close together with the contacts.
     """
 
     def __init__(self) -> None:
@@ -154,28 +144,28 @@ class Runs:
         self._latest = -math.inf
 
     def now(self, mbs: MainSystem, contact: ContactResults | None = None) -> ModelRun:
-        """The run at work; one that begins now if there was none, or if it does not know the contact."""
+        """The present run. If there is none, or if it does not know the contact, a run begins."""
         run = self._now
         if run is None or (contact is not None and not run.knows(contact)):
             run = self.begin(mbs, float(mbs.systemData.GetTime()))
         return run
 
     def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ModelRun:
-        """The run at work, once the end of the last step is kept; to be asked before contacts are evaluated at t."""
+        """The present run. Its record keeps the end of the last step first, before contacts are evaluated at t."""
         run = self.now(mbs, contact)
         if run.record.on:
             run.record.advance(mbs, t)
         return run
 
     def see(self, mbs: MainSystem, t: float) -> ModelRun:
-        """Notice a new run: its sensors are read at its start, before anything else is."""
+        """The run that reads its sensors at time t. At the start of a run, sensors come first: then a run begins."""
         if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
             self.begin(mbs, t)
         self._latest = t
         return self.now(mbs)
 
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:
-        """Begin a run at time t [s]; its method is that of the solver at work, if it is not given."""
+        """Begin a run at time t [s]. Without a method, it is that of Exudyn's solver."""
         self._solver, self._latest = mbs.sys.get("dynamicSolver"), t
         keep = not self._left_to_sensors and not sensors_keep_all(mbs)
         method = method or ("implicit" if runs_implicit(mbs) else "explicit")
@@ -185,24 +175,24 @@ class Runs:
         return self._now
 
     def at_work(self, contact: ContactResults) -> ContactRun:
-        """State of a contact that has been evaluated before, in the run at work."""
+        """State of a contact in the present run."""
         assert self._now is not None
         return self._now.of(contact)
 
     def before_step(self, mbs: MainSystem, t: float) -> None:
-        """Apply multipliers of contacts ahead of the explicit step that ends at t; `solve_dynamic` does with joints."""
+        """Apply multipliers of contacts ahead of the step that ends at t. With joints, `solve_dynamic` does it."""
         run = self.now(mbs)
         if run.record.on:
             run.record.advance(mbs, t)
         run.before_step(mbs, t, joined=False)
 
     def last(self, mbs: MainSystem) -> ModelRun | None:
-        """The last run; None if that was without contacts, after a Reset."""
+        """The last run; None if the model had no contacts in it."""
         return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
 
     @contextlib.contextmanager
     def sensors_alone(self) -> Iterator[None]:
-        """Keep nothing beside Exudyn's sensors, whose period the user chose."""
+        """Keep no steps in the record: Exudyn's sensors have the period that the user chose."""
         self._left_to_sensors = True
         try:
             yield
@@ -211,7 +201,7 @@ class Runs:
 
     @contextlib.contextmanager
     def closing(self, joints: Joints) -> Iterator[None]:
-        """Close joints together with the contacts, in the runs that begin meanwhile."""
+        """Close joints together with the contacts, in runs that begin within this context."""
         self.joints = joints
         try:
             yield

@@ -1,7 +1,7 @@
-"""What contacts keep of a run by themselves, whatever period Exudyn's sensors have.
+"""What contacts keep of a run themselves, whatever the period of Exudyn's sensors is.
 
-`mbs.SolveDynamic` writes sensors every hundredth of a second unless told otherwise: an impact is over in less. Contacts
-are asked for forces in every step, so that they can take the state that the step before ended in.
+By default `mbs.SolveDynamic` writes sensors every hundredth of a second. An impact is shorter. The solver asks contacts
+for forces in every step, and they then keep the state in which the step before ended.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ class Solver:
     ----------
     method : {"explicit", "implicit", "static"}
     step : float
-        Longest step [s]; of the static solver, of its load steps' time.
+        Longest step [s]; of the static solver, that of its time.
     steps : int
         Steps taken.
     equal : bool
-        Whether all steps are as long, but for those that failed and were repeated shorter.
+        Whether all steps have one length, apart from steps that failed and were repeated.
     verlet : bool
-        Whether it is VelocityVerlet.
+        Whether the solver is VelocityVerlet.
     finished : bool
         Whether the run came to its end.
     time : float
-        Where it is [s].
+        Time that the run has reached [s].
     rejected_steps, jacobians, newton_iterations : int
         Steps that were taken again, and the work of Newton's method.
     """
@@ -57,7 +57,7 @@ class Solver:
 
     @classmethod
     def last(cls, mbs: MainSystem) -> Solver | None:
-        """Of the last run, None where `storeSolver=False` kept nothing of it."""
+        """Of the last run; None if `storeSolver=False` kept no solver."""
         solvers = [mbs.sys[key] for key in ("dynamicSolver", "staticSolver") if key in mbs.sys]
         here = [solver for solver in solvers if solver.it.currentTime == mbs.systemData.GetTime()]
         if not here:
@@ -81,9 +81,9 @@ class Solver:
 class RunRecord:
     """Times, coordinates and contact forces at the ends of the steps of a run.
 
-    The state that a step ended in is the start of the next, and the forces are those that contacts were asked for last:
-    explicit solvers ask once a step, Newton's method with the last residual. It is taken when a contact is first asked
-    in the next step. The last step of a run is always in Exudyn's sensors.
+    The state at the end of a step is that at the start of the next. The forces are those of the last evaluation:
+    explicit solvers evaluate once a step, and Newton's method ends with one. So the record is made when the next step
+    first asks a contact. Exudyn's sensors always have the last step of a run.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ class RunRecord:
     t : float
         When the run begins [s].
     on : bool
-        Whether steps are kept: not where Exudyn's sensors keep each of them.
+        Whether steps are kept. They are not if Exudyn's sensors keep each of them.
 
     Attributes
     ----------
     overflowed : bool
-        Whether the run had too many steps; then none is kept.
+        Whether the run had too many steps for the memory. Then none is kept.
     """
 
     def __init__(self, recorded: Callable[[float, Array], dict[int, list[float]]], t: float, on: bool) -> None:
@@ -113,9 +113,9 @@ class RunRecord:
         self._values: dict[int, list[list[float]]] = {}
 
     def advance(self, mbs: MainSystem, t: float) -> None:
-        """Take the state that the last step ended in, before contacts are evaluated at time t; to be asked while `on`.
+        """Keep the state at the end of the last step. Call it, while `on`, before contacts are evaluated at time t.
 
-        A step that failed is repeated from the same start and leaves nothing.
+        A step that failed is repeated from the same start, and is not kept.
         """
         if t == self._asked_at:
             return
@@ -144,7 +144,7 @@ class RunRecord:
         return np.array(self._times)
 
     def sensors(self, mbs: MainSystem) -> dict[int, Array]:
-        """What the sensors of partition bodies and contacts would have stored at `times`, (n, k), by their numbers."""
+        """Values of the sensors of partition bodies and contacts at `times`, (n, k), by the sensors' numbers."""
         kept = {number: np.array(values) for number, values in self._values.items()}
         q, q_t = (np.array(coordinates) for coordinates in zip(*self._coordinates, strict=True))
         for item in registered(mbs).bodies.values():
@@ -159,7 +159,7 @@ def sensors_keep_all(mbs: MainSystem) -> bool:
     settings = mbs.sys.get("simulationSettings")
     if settings is None or mbs.sys.get("dynamicSolver") is None:
         return False
-    if mbs.sys["dynamicSolver"].it.automaticStepSize:  # steps as short as it takes
+    if mbs.sys["dynamicSolver"].it.automaticStepSize:  # Exudyn chooses the steps
         return False
     integration = settings.timeIntegration
     step = (integration.endTime - integration.startTime) / max(integration.numberOfSteps, 1)

@@ -19,7 +19,7 @@ from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ..gaps import Gaps
 
-Method = Literal["explicit", "implicit", "static"]
+Method = Literal["explicit", "implicit"]
 
 
 class Motion(Protocol):
