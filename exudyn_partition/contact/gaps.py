@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from ..fe.model import node_dofs
 from ..frames.kinematics import Kinematics, Rows
 from ..reduction.body import ReducedBody
-from ..support.arrays import Array
+from ..support.arrays import Array, consecutive
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from ..surfaces.surface import Surface
@@ -234,10 +234,10 @@ class Gaps:
 
     def accelerations(self, rows: Rows) -> Rows:
         """Accelerations of the coordinates, (n, nr), by unit forces on rows, (nr, n); csr if the rows are csr."""
-        ends = np.cumsum([0] + [side.n for side in self.sides])
+        slices = consecutive([side.n for side in self.sides])
         parts = [
-            side.kinematics.accelerations(q, rows[:, a:b].T)
-            for side, q, a, b in zip(self.sides, self.split(self._q), ends[:-1], ends[1:], strict=True)
+            side.kinematics.accelerations(q, rows[:, own].T)
+            for side, q, own in zip(self.sides, self.split(self._q), slices, strict=True)
         ]
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 

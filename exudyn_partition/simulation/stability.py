@@ -11,7 +11,7 @@ import scipy.sparse.linalg
 
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..support.arrays import Array
+from ..support.arrays import Array, consecutive
 from ..support.foreign import MainSystem
 
 
@@ -39,8 +39,8 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
     if not bodies:
         return float("inf")
-    ends = np.cumsum([0] + [item.body.n_dofs for item in bodies])
-    place = {id(item): np.arange(a, b) for item, a, b in zip(bodies, ends[:-1], ends[1:], strict=True)}
+    slices = consecutive([item.body.n_dofs for item in bodies])
+    place = {id(item): np.r_[own] for item, own in zip(bodies, slices, strict=True)}
     K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
     if not contacts and not K.data.any():
         return math.inf  # bodies without elastic coordinates that touch nothing

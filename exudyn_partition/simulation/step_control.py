@@ -13,7 +13,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.floating import FloatingKinematics
 from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
-from ..support.arrays import Array
+from ..support.arrays import Array, consecutive
 from ..support.checks import validate_array, validate_type
 
 State = Callable[[PartitionBody], tuple[Array, Array, Array]]
@@ -121,11 +121,11 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
 
 def _mobility(contact: PartitionContact, row: Array) -> float:
     """Acceleration along a row, (n,), by a unit force on it, of the bodies' rigid motion [1/kg]."""
-    ends = np.cumsum([0] + [item.body.n_dofs for item, _ in contact.sides])
+    slices = consecutive([item.body.n_dofs for item, _ in contact.sides])
     total = 0.0
-    for (item, _), start in zip(contact.sides, ends[:-1], strict=True):
+    for (item, _), own in zip(contact.sides, slices, strict=True):
         body = item.body
-        of_rigid = row[start : start + body.n_dofs] @ (item.kinematics.from_basis @ body.rigid)
+        of_rigid = row[own] @ (item.kinematics.from_basis @ body.rigid)
         total += float(of_rigid @ np.linalg.solve(body.rigid.T @ (body.mass @ body.rigid), of_rigid))
     return total
 

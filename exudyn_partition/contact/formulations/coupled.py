@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
-from ...support.arrays import Array
+from ...support.arrays import Array, consecutive
 from ..gaps import dense
 from .compliance import ComplianceContact
 
@@ -85,9 +84,8 @@ class CoupledContacts:
 
     def _flexibility(self) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
-        ends = np.cumsum([0] + [len(law.index) for law in self.laws])
-        self._closed = [slice(a, b) for a, b in pairwise(ends)]
-        F = np.zeros((ends[-1],) * 2)
+        self._closed = consecutive([len(law.index) for law in self.laws])
+        F = np.zeros((self._closed[-1].stop,) * 2)
         for law, own in zip(self.laws, self._closed, strict=True):
             F[own, own] = law.active_flexibility()
         for j, k in self._links:

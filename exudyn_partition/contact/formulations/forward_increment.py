@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ...algebra.complementarity import Complementarity
-from ...support.arrays import Array
+from ...support.arrays import Array, consecutive
 from .lagrange import LagrangeContact
 
 
@@ -77,11 +77,11 @@ class ForwardIncrement:
         changed = [law.take_rows() for law in self.laws]
         if self._taken and not any(changed):
             return False
-        self._ends = np.cumsum([0] + [len(law.F) for law in self.laws])
+        self._slices = consecutive([len(law.F) for law in self.laws])
         self._F = scipy.linalg.block_diag(*(law.F for law in self.laws))
         for i, j, own, others in self._links:
             block = self.laws[i].G[:, own] @ self.laws[j].push[others]
-            rows, columns = self._rows(i), self._rows(j)
+            rows, columns = self._slices[i], self._slices[j]
             self._F[rows, columns] = block.toarray() if sp.issparse(block) else block
             self._F[columns, rows] = self._F[rows, columns].T
         self._by_joints: Array | None = None
@@ -91,12 +91,9 @@ class ForwardIncrement:
         self.problem.replace(self._F, np.concatenate([law.guess for law in self.laws]))
         return True
 
-    def _rows(self, law: int) -> slice:
-        return slice(self._ends[law], self._ends[law + 1])
-
     def split(self, lam: Array) -> list[Array]:
         """Split lam, (nr,), into the parts of the contacts."""
-        return [lam[self._rows(i)] for i in range(len(self.laws))]
+        return [lam[self._slices[i]] for i in range(len(self.laws))]
 
     def solve(self, h: Array, by_joints: Array | None = None) -> Array:
         """Return lambda, (nr,), for h, (nr,).
@@ -114,7 +111,7 @@ class ForwardIncrement:
         """Use lam, (nr,), in the coming step; return the accelerations that it causes, (n,) for each contact."""
         if self.problem.index is not self._index:
             self._index = self.problem.index
-            self._closed = [np.flatnonzero(self.problem.active[self._rows(i)]) for i in range(len(self.laws))]
+            self._closed = [np.flatnonzero(self.problem.active[self._slices[i]]) for i in range(len(self.laws))]
         scale = self._step**2 * (self._F.diagonal() * lam).max()
         parts = zip(self.laws, self.split(lam), self._closed, self.split(self._gaps), strict=True)
         for law, on_rows, closed, gaps in parts:
