@@ -61,7 +61,7 @@ class ModelRun:
             id(contact): ContactRun(contact.name, contact.law.for_run(method), contact.slices(mbs), t)
             for contact in contacts
         }
-        self.record = RunRecord(self._recorded, t, keep)
+        self.record = RunRecord(t, keep)
         self._steppers: list[MultiplierStep] = []
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
@@ -94,6 +94,11 @@ class ModelRun:
     def knows(self, contact: ContactResults) -> bool:
         """Whether the contact was in the model when the run began."""
         return id(contact) in self._runs
+
+    def keep_last_step(self, mbs: MainSystem, t: float) -> None:
+        """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
+        if self.record.on:
+            self.record.advance(mbs, t, self._recorded)
 
     def _recorded(self, t: float, q: Array) -> dict[int, list[float]]:
         """Values of the contacts' sensors at t, by their numbers, with the model's coordinates q there."""
@@ -153,8 +158,7 @@ class Runs:
     def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ModelRun:
         """The present run. Its record keeps the end of the last step first, before contacts are evaluated at t."""
         run = self.now(mbs, contact)
-        if run.record.on:
-            run.record.advance(mbs, t)
+        run.keep_last_step(mbs, t)
         return run
 
     def see(self, mbs: MainSystem, t: float) -> ModelRun:
@@ -182,8 +186,7 @@ class Runs:
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts ahead of the step that ends at t. With joints, `solve_dynamic` does it."""
         run = self.now(mbs)
-        if run.record.on:
-            run.record.advance(mbs, t)
+        run.keep_last_step(mbs, t)
         run.before_step(mbs, t, joined=False)
 
     def last(self, mbs: MainSystem) -> ModelRun | None:

@@ -18,6 +18,9 @@ from ..support.foreign import MainSystem
 from ..support.optional import require
 
 MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
+# Values of the contacts' sensors by their numbers, for a time and the model's coordinates then.
+Recorded = Callable[[float, Array], dict[int, list[float]]]
+
 _ROUND_OFF = 1e-9  # of a step, in comparisons of periods
 
 
@@ -87,8 +90,6 @@ class RunRecord:
 
     Parameters
     ----------
-    recorded : callable
-        Returns the values of the contacts' sensors by their numbers, for a time and the model's coordinates then.
     t : float
         When the run begins [s].
     on : bool
@@ -100,9 +101,8 @@ class RunRecord:
         Whether the run had too many steps for the memory. Then none is kept.
     """
 
-    def __init__(self, recorded: Callable[[float, Array], dict[int, list[float]]], t: float, on: bool) -> None:
+    def __init__(self, t: float, on: bool) -> None:
         self.on, self.overflowed = on, False
-        self._recorded = recorded
         self._began = self._asked_at = t
         self._start = -math.inf
         self._clear()
@@ -112,10 +112,18 @@ class RunRecord:
         self._coordinates: list[tuple[Array, Array]] = []
         self._values: dict[int, list[list[float]]] = {}
 
-    def advance(self, mbs: MainSystem, t: float) -> None:
+    def advance(self, mbs: MainSystem, t: float, recorded: Recorded) -> None:
         """Keep the state at the end of the last step. Call it, while `on`, before contacts are evaluated at time t.
 
         A step that failed is repeated from the same start, and is not kept.
+
+        Parameters
+        ----------
+        mbs : exudyn.MainSystem
+        t : float
+            [s]
+        recorded : callable
+            Returns the values of the contacts' sensors, by their numbers.
         """
         if t == self._asked_at:
             return
@@ -125,14 +133,14 @@ class RunRecord:
         start = start_of_step(mbs)
         if start > self._start:
             self._start = start
-            self._take(mbs, start)
+            self._take(mbs, start, recorded)
 
-    def _take(self, mbs: MainSystem, t: float) -> None:
+    def _take(self, mbs: MainSystem, t: float, recorded: Recorded) -> None:
         data, configuration = mbs.systemData, require("exudyn").ConfigurationType.StartOfStep
         both = data.GetODE2Coordinates(configuration), data.GetODE2Coordinates_t(configuration)
         self._times.append(t)
         self._coordinates.append(both)
-        for number, values in self._recorded(t, both[0]).items():
+        for number, values in recorded(t, both[0]).items():
             self._values.setdefault(number, []).append(values)
         if 2 * len(self._times) * len(both[0]) > MOST:
             self._clear()
