@@ -63,7 +63,7 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
     Let L be the length of a quadratic element and t the thickness of the wall. A bending wave needs at least 1.3
     elements in its length to be resolved, little more than two nodes. It needs four to be accurate, or two where
     several elements span the wall. Beyond L = 5 t the elements lock in shear, and a wave needs (L / 5 t)^2 times as
-    many. `tests/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and with a free plate.
+    many. `tests/fe/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and with a free plate.
     Linear elements lock at once. If they are longer than t, no wave is accurate; beyond L = 3 t they are refused.
 
     Parameters

@@ -42,7 +42,7 @@ def nanometres(method):
 
 @case("ball of 1 um", "the force of the large one, scaled, 1e-6", quick=True)
 def micro(method):
-    """Linear elasticity has no length scale: at the same speed, times scale with the size, forces with its square."""
+    """Linear elasticity has no length: at equal speed, times scale with the size, forces with its square, here 1e-8."""
     return in_units(method, 1e-4, 1e-12, 1e-4)
 
 
