@@ -1,7 +1,7 @@
 """The likeliest wrong calls: each message leads to the fix. Those tested beside what they call are not repeated here.
 
 Elsewhere: forgot Assemble, body used twice, unknown frame and formulation (test_solve), rotation in an inertial frame
-(test_solve), patches that do not face each other (test_contact), old body files (test_body_files), mesh files
+(test_solve), patches that do not face each other (test_rows), old body files (test_body_files), mesh files
 (test_mesh_files), a missing display (test_view).
 """
 
