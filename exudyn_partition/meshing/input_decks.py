@@ -155,7 +155,7 @@ def _check_nastran(path: Path, mesh: MeshioMesh, cards: list[list[str]]) -> None
 def _refuse_structure(path: Path, found: list[str], mark: str) -> None:
     if found:
         raise MeshError(
-            f"{path}: expected only solid elements, got {', '.join(mark + name for name in found)}, whose mass and "
+            f"{path}: expected solid elements alone, got {', '.join(mark + name for name in found)}, whose mass and "
             "stiffness would be missing. Delete them from the deck, and put them into the Exudyn model"
         )
 

@@ -135,7 +135,7 @@ def check_memory_of_mesh(
     if needed > available:
         raise MemoryLimitError(
             f"maxh: elements of {maxh:.4g} m in a body of {size:.4g} m would be about {n:.2g}"
-            f"{', refinement included,' if regions else ''} and take {_gb(needed)}; {_gb(available)} are free. "
+            f"{', refinement included,' if regions else ''} and take {_gb(needed)}, of {_gb(available)} that are free. "
             "Take a larger maxh, or larger h and smaller radius in refine; is the shape in millimetres? Then give "
             "scale=1e-3 of fe_model"
         )
@@ -151,7 +151,7 @@ def check_memory_of_model(n_nodes: int) -> None:
     needed, available = n_nodes * _A_NODE, available_memory()[0]
     if needed > available:
         raise MemoryLimitError(
-            f"mesh: the matrices of {n_nodes} nodes would take about {_gb(needed)}; {_gb(available)} are free. "
+            f"mesh: the matrices of {n_nodes} nodes would take about {_gb(needed)}, of {_gb(available)} that are free. "
             "Take larger elements far from the contact"
         )
 
