@@ -1,17 +1,15 @@
 """Two checkouts of the library side by side: time of a step, time of a reduction, and whether results are the same.
 
-Reference: the old checkout, on the same machine in the same minutes. Both run in processes of their own, in turns.
-Quantity: CPU time of a step in six scenes and of the reduction of two bodies, new over old, and the largest difference
-of contact force and coordinates, relative to the largest of each. A run is cut into hundredths; each counts by its
-quickest repetition, so that what else the machine does is left out.
+Reference: the old checkout, on the same machine in the same minutes. Each runs in a process of its own; the two take
+turns. Quantity: CPU time of a step in six scenes and of the reduction of two bodies, new over old, and the largest
+difference of contact force and coordinates, relative to the largest of each. A run is cut into hundredths; each counts
+by its quickest repetition, so that what else the machine does is left out.
 Limits: times at most 3 % longer, results to 1e-9.
 
-    python validation/benchmarks/versions.py /path/to/old /path/to/new [--rounds 6]
+    python -m validation.benchmarks.versions /path/to/old /path/to/new [--rounds 2] [--turns 5]
 """
 
 import argparse
-import contextlib
-import io
 import json
 import os
 import subprocess
@@ -25,36 +23,50 @@ import numpy as np
 
 RESULTS = Path(__file__).with_suffix(".json")
 LIMITS = {"ratio": 1.03, "difference": 1e-9}
-RADIUS = 5e-3
-REPETITIONS = 5  # of a run in a process
+RADIUS, F_CUT = 5e-3, 300e3
 IMPLICIT = {"method": "implicit", "step": 0.25e-6}
 
 
-def bodies():
-    """Reduced bodies by basis, each a ball and a block, one more ball with two patches, and the time of reductions."""
-    from netgen.occ import Box, Pnt, Sphere
+class Workshop:
+    """Models and reduced bodies of a checkout; each call does one thing and tells its CPU time."""
 
-    import exudyn_partition as ep
+    def __init__(self):
+        from netgen.occ import Box, Pnt, Sphere
 
-    def reduced(fem, part, **options):
+        import exudyn_partition as ep
+
+        tip = ep.Refine((0, 0, 0), 0.8e-3, 0.35e-3)
+        ball = ep.fe_model(Sphere(Pnt(0, 0, RADIUS), RADIUS), ep.STEEL, maxh=2.5e-3, refine=[tip])
+        shape = Box(Pnt(-6e-3, -6e-3, -6e-3), Pnt(6e-3, 6e-3, 0))
+        block = ep.fe_model(shape, ep.ALUMINIUM, maxh=3.5e-3, refine=[tip])
+        low, target = ep.Partition.ball(ball, (0, 0, 0), 0.8e-3), ep.Partition.ball(block, (0, 0, 0), 0.9e-3)
+        high = ep.Partition.ball(ball, (0, 0, 2 * RADIUS), 1.5e-3)
+        self.parts = {"ball": (ball, low), "block": (block, target)}
+        self.bodies = {
+            basis: [ep.reduce(*part, basis=basis, f_cut=F_CUT) for part in self.parts.values()]
+            for basis in ("contact-adapted", "craig-bampton")
+        }
+        both = ep.reduce(ball, low | high, f_cut=F_CUT)
+        self.bodies["two patches"] = [both, self.bodies["contact-adapted"][1]]
+
+    def reduction(self, name):
+        """Seconds of a reduction, (1,)."""
+        import exudyn_partition as ep
+
         begin = time.process_time()
-        body = ep.reduce(fem, part, cache=False, **options)
-        return body, time.process_time() - begin
+        ep.reduce(*self.parts[name], f_cut=F_CUT)
+        return {"parts": [time.process_time() - begin]}, {}
 
-    tip = ep.Refine((0, 0, 0), 1e-3, 0.25e-3)
-    ball = ep.fe_model(Sphere(Pnt(0, 0, RADIUS), RADIUS), ep.STEEL, maxh=1.5e-3, refine=[tip])
-    shape = Box(Pnt(-6e-3, -6e-3, -6e-3), Pnt(6e-3, 6e-3, 0))
-    block = ep.fe_model(shape, ep.ALUMINIUM, maxh=3e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.3e-3)])
-    low, target = ep.Partition.ball(ball, (0, 0, 0), 0.8e-3), ep.Partition.ball(block, (0, 0, 0), 0.9e-3)
-    high = ep.Partition.ball(ball, (0, 0, 2 * RADIUS), 0.8e-3)
-    found, times = {}, {}
-    for basis in ("contact-adapted", "craig-bampton"):
-        pair = [reduced(ball, low, basis=basis, f_cut=400e3), reduced(block, target, basis=basis, f_cut=200e3)]
-        found[basis] = [body for body, _ in pair]
-        if basis == "contact-adapted":
-            times = {f"reduce, {name}": [used] for name, (_, used) in zip(("ball", "block"), pair, strict=True)}
-    found["two patches"] = [reduced(ball, low | high, f_cut=400e3)[0], found["contact-adapted"][1]]
-    return found, times
+    def run(self, name):
+        """Seconds of each hundredth of a run, (n,), its steps, and the results."""
+        import exudyn_partition as ep
+
+        basis, options, run = SCENES[name]
+        mbs, told = scene(self.bodies[basis], **options)
+        marks = []
+        result = ep.solve_dynamic(mbs, **run, progress=lambda share: marks.append(time.process_time()))
+        parts = np.diff(marks[:-1])  # the last mark is of the end, after the solver's
+        return {"parts": parts.tolist(), "steps": result.steps, "step_s": result.step}, told(result)
 
 
 def scene(pair, *, frame="inertial", velocity=(0.0, 0.0, -1.0), formulation="compliance", anvil=False):
@@ -82,78 +94,68 @@ def scene(pair, *, frame="inertial", velocity=(0.0, 0.0, -1.0), formulation="com
 
 
 SCENES = {
-    "frozen pairs": ("contact-adapted", {}, {"end_time": 120e-6}),
-    "moving pairs": ("contact-adapted", {"velocity": (30.0, 0.0, -1.0)}, {"end_time": 40e-6}),
-    "floating frame": ("contact-adapted", {"frame": "floating", "velocity": (5.0, 0.0, -1.0)}, {"end_time": 40e-6}),
-    "multipliers, explicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 30e-6}),
-    "multipliers, implicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 60e-6, **IMPLICIT}),
-    "coupled contacts": ("two patches", {"anvil": True}, {"end_time": 120e-6}),
+    "frozen pairs": ("contact-adapted", {}, {"end_time": 100e-6}),
+    "moving pairs": ("contact-adapted", {"velocity": (30.0, 0.0, -1.0)}, {"end_time": 20e-6}),
+    "floating frame": ("contact-adapted", {"frame": "floating", "velocity": (5.0, 0.0, -1.0)}, {"end_time": 20e-6}),
+    "multipliers, explicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 15e-6}),
+    "multipliers, implicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 30e-6, **IMPLICIT}),
+    "coupled contacts": ("two patches", {"anvil": True}, {"end_time": 100e-6}),
 }
 
 
-def measured(pair, options, run):
-    """CPU time of each hundredth of a run, (repetitions, n) [s], steps, and results."""
-    import exudyn_partition as ep
-
-    parts = []
-    for _ in range(REPETITIONS):
-        mbs, told = scene(pair, **options)
-        marks = []
-        result = ep.solve_dynamic(mbs, **run, progress=lambda share, marks=marks: marks.append(time.process_time()))
-        parts.append(np.diff(marks[:-1]))  # the last is of the end, after the solver's
-    return {"parts": np.array(parts).tolist(), "steps": result.steps, "step_s": result.step}, told(result)
-
-
-def child(folder):
-    """Measure the checkout on PYTHONPATH; times to a JSON file, results to an archive."""
+def serve(folder):
+    """Do what the lines of standard input name, one after the other, with the checkout on PYTHONPATH."""
     import exudyn_partition as ep
 
     warnings.simplefilter("ignore")
-    with contextlib.redirect_stdout(io.StringIO()):
-        found, times = bodies()
-        again, more = bodies()
-        del again
-        reductions = {name: times[name] + more[name] for name in times}
-        runs, arrays = {}, {}
-        for name, (basis, options, run) in SCENES.items():
-            runs[name], results = measured(found[basis], options, run)
-            arrays |= {f"{name}/{key}": value for key, value in results.items()}
-    np.savez(folder / "results.npz", **arrays)
-    data = {"package": str(Path(ep.__file__).parents[1]), "reductions": reductions, "runs": runs}
-    (folder / "times.json").write_text(json.dumps(data))
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what Exudyn and NGSolve print
+    workshop = Workshop()
+    answers.write(str(Path(ep.__file__).parents[1]) + "\n")
+    for line in sys.stdin:
+        name = line.strip()
+        data, results = workshop.run(name) if name in SCENES else workshop.reduction(name)
+        np.savez(folder / f"{name}.npz", **results)
+        answers.write(json.dumps(data) + "\n")
 
 
-def measure(checkout, folder):
-    """Run this script in a process that imports the library of a checkout."""
-    environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
-    subprocess.run(
-        [sys.executable, __file__, "--child", str(folder)], env=environment, cwd=folder, check=True,
-        stdout=subprocess.DEVNULL,
-    )  # fmt: skip
-    data = json.loads((folder / "times.json").read_text())
-    if Path(data["package"]) != checkout:
-        raise SystemExit(f"expected the library in {checkout}, got that in {data['package']}")
-    return data
+class Checkout:
+    """A process that imports the library of a checkout, and does what it is asked for."""
+
+    def __init__(self, path, folder):
+        folder.mkdir()
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [sys.executable, __file__, "--serve", str(folder)], cwd=folder, text=True, bufsize=1,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": str(path), "OMP_NUM_THREADS": "1"},
+        )  # fmt: skip
+        found = self.process.stdout.readline().strip()
+        if found != str(path):
+            raise SystemExit(f"expected the library in {path}, got that in {found or 'nothing'}")
+
+    def ask(self, name):
+        """What a reduction or run tells of its time."""
+        self.process.stdin.write(name + "\n")
+        return json.loads(self.process.stdout.readline())
+
+    def results(self, name):
+        """Results of the last run of this name."""
+        return np.load(self.folder / f"{name}.npz")
+
+    def close(self):
+        """End the process."""
+        self.process.stdin.close()
+        self.process.wait()
 
 
-def quickest(rounds):
-    """Seconds of a reduction or a step, by name, each hundredth of a run by its quickest repetition."""
-    found = {name: min(min(r["reductions"][name]) for r in rounds) for name in rounds[0]["reductions"]}
-    for name, run in rounds[0]["runs"].items():
-        parts = np.concatenate([r["runs"][name]["parts"] for r in rounds])
-        found[name] = float(parts.min(axis=0).sum()) / run["steps"]
-    return found
-
-
-def differences(old, new):
+def difference(old, new):
     """Largest difference of any result of a scene, relative to the largest of it; infinite if they do not match."""
-    found = {}
+    worst = 0.0
     for key in old.files:
         a, b = old[key], new[key]
-        share = np.inf if a.shape != b.shape else float(abs(a - b).max() / max(abs(a).max(), 1e-300))
-        name = key.partition("/")[0]
-        found[name] = max(found.get(name, 0.0), share)
-    return found
+        worst = max(worst, np.inf if a.shape != b.shape else abs(a - b).max() / max(abs(a).max(), 1e-300))
+    return float(worst)
 
 
 def commit(checkout):
@@ -162,30 +164,35 @@ def commit(checkout):
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() or "no commit"
 
 
-def compare(checkouts, rounds):
+def compare(paths, rounds, turns):
     """Rows of the table, by name."""
-    measurements = {which: [] for which in checkouts}
-    with tempfile.TemporaryDirectory() as folder:
-        folders = {which: Path(folder) / which for which in checkouts}
-        for place in folders.values():
-            place.mkdir()
-        for k in range(rounds):
-            for which in (("old", "new"), ("new", "old"))[k % 2]:
-                measurements[which].append(measure(checkouts[which], folders[which]))
-            print(f"round {k + 1} of {rounds}", flush=True)
-        archives = [np.load(folders[which] / "results.npz") for which in ("old", "new")]
-        difference = differences(*archives)
-    times = {which: quickest(found) for which, found in measurements.items()}
+    names = ["ball", "block", *SCENES]
+    found, steps = {which: {name: [] for name in names} for which in paths}, {}
+    differences = dict.fromkeys(SCENES, 0.0)
+    for k in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            checkouts = {which: Checkout(path, Path(folder) / which) for which, path in paths.items()}
+            for name in names:
+                for turn in range(turns):
+                    for which in (("old", "new"), ("new", "old"))[turn % 2]:
+                        data = checkouts[which].ask(name)
+                        found[which][name].append(data["parts"])
+                        steps[name] = data.get("steps", 0)
+                if name in SCENES:
+                    now = difference(*(checkouts[which].results(name) for which in ("old", "new")))
+                    differences[name] = max(differences[name], now)
+            for checkout in checkouts.values():
+                checkout.close()
+        print(f"round {k + 1} of {rounds}", flush=True)
     rows = {}
-    for name, old_s in times["old"].items():
-        run = measurements["old"][0]["runs"].get(name, {})
-        rows[name] = {
-            "old_s": old_s,
-            "new_s": times["new"][name],
-            "ratio": times["new"][name] / old_s,
-            "difference": difference.get(name),
-            "steps": run.get("steps"),
-        }
+    for name in names:
+        old_s, new_s = (
+            float(np.min(found[which][name], axis=0).sum()) / max(steps[name], 1) for which in ("old", "new")
+        )
+        row = {"old_s": old_s, "new_s": new_s, "ratio": new_s / old_s, "steps": steps[name]}
+        if name in SCENES:
+            row["difference"] = differences[name]
+        rows[name if name in SCENES else f"reduce, {name}"] = row
     return rows
 
 
@@ -193,11 +200,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("old", type=Path, nargs="?")
     parser.add_argument("new", type=Path, nargs="?")
-    parser.add_argument("--rounds", type=int, default=6, help="processes of each checkout")
-    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--rounds", type=int, default=2, help="pairs of processes")
+    parser.add_argument("--turns", type=int, default=5, help="repetitions in each process")
+    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.child:
-        child(options.child)
+    if options.serve:
+        serve(options.serve)
         return
     if options.new is None:
         parser.error("two checkouts are needed")
@@ -205,17 +213,29 @@ def main():
     from rich.table import Table
 
     checkouts = {"old": options.old.resolve(), "new": options.new.resolve()}
-    rows = compare(checkouts, options.rounds)
+    rows = compare(checkouts, options.rounds, options.turns)
     table = Table("what", "steps", "old", "new", "new over old", "difference of results")
     for name, row in rows.items():
         unit, factor = ("us", 1e6) if row["steps"] else ("ms", 1e3)
-        said = "" if row["difference"] is None else f"{row['difference']:.1e}"
+        said = f"{row['difference']:.1e}" if "difference" in row else ""
         times = (f"{factor * row[key]:.4g} {unit}" for key in ("old_s", "new_s"))
         table.add_row(name, str(row["steps"] or ""), *times, f"{row['ratio']:.3f}", said)
     Console(width=120).print(table)
-    failed = [f"{name}: {key} {row[key]:.3g}" for name, row in rows.items() for key in LIMITS if (row[key] or 0) > LIMITS[key]]
+    failed = [
+        f"{name}: {key} {row[key]:.3g}"
+        for name, row in rows.items()
+        for key, limit in LIMITS.items()
+        if row.get(key, 0.0) > limit
+    ]
     commits = {which: commit(path) for which, path in checkouts.items()}
-    data = {"commits": commits, "rounds": options.rounds, "rows": rows, "limits": LIMITS, "beyond_limits": failed}
+    data = {
+        "commits": commits,
+        "rounds": options.rounds,
+        "turns": options.turns,
+        "rows": rows,
+        "limits": LIMITS,
+        "beyond_limits": failed,
+    }
     RESULTS.write_text(json.dumps(data, indent=1) + "\n")
     sys.exit(f"beyond the stated limits: {'; '.join(failed)}" if failed else 0)
 
