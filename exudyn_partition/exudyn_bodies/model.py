@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -10,7 +11,7 @@ from ..errors import InputError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_text
-from ..support.foreign import ItemIndex, MainSystem, NodeIndex, SensorIndex
+from ..support.foreign import Exudyn, ItemIndex, MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
@@ -125,7 +126,12 @@ def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
 
 def start_of_step(mbs: MainSystem) -> float:
     """Time at the start of the present step [s]."""
-    return float(mbs.systemData.GetTime(require("exudyn").ConfigurationType.StartOfStep))
+    return float(mbs.systemData.GetTime(_start_configuration()))
+
+
+@functools.cache  # it is asked for in every step
+def _start_configuration() -> Exudyn:
+    return require("exudyn").ConfigurationType.StartOfStep
 
 
 def runs_implicit(mbs: MainSystem) -> bool:

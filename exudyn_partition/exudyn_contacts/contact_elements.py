@@ -30,21 +30,20 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
         begin = time.perf_counter()
-        model = runs.advanced(mbs, t, contact)
-        run = model.of(contact)
-        f = run.evaluate(mbs, t)
+        run = runs.advanced(mbs, t, contact)
+        f = run.evaluate(mbs, t, q)
         if floating and run.law.index.size:
-            f, now = f.copy(), run.of(mbs.systemData.GetODE2Coordinates(copy=False))
+            f, now = f.copy(), np.asarray(q)
             for own, kinematics in floating:
                 f[own] = kinematics.on_constant_mass(now[own], f[own])
-        model.contact_s += time.perf_counter() - begin
+        run.time_s += time.perf_counter() - begin
         return f
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
-        run = runs.advanced(mbs, t, contact).of(contact)
-        run.evaluate(mbs, t)
+        run = runs.advanced(mbs, t, contact)
+        run.evaluate(mbs, t, q)
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
         H = dense(run.law.gaps.jacobian(run.law.index))
@@ -79,8 +78,7 @@ def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
-        model = runs.advanced(mbs, t, contacts[0])
-        first, last = model.of(contacts[0]), model.of(contacts[-1])
+        first, last = runs.advanced(mbs, t, contacts[0]), runs.at_work(contacts[-1])
         first.evaluate(mbs, t)
         K = np.zeros((len(q), len(q)))
         if first.law.index.size and last.law.index.size:

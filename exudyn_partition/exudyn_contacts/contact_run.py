@@ -10,7 +10,9 @@ from ..contact.formulations.formulation import Law, Together
 from ..errors import RunError
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
-from ..support.foreign import MainSystem
+from ..support.foreign import Coordinates, MainSystem
+
+_FEW = 200  # coordinates that are converted from Exudyn's list faster than they are gathered from the model's
 
 
 class ContactRun:
@@ -37,6 +39,8 @@ class ContactRun:
         When and where the contact reached the edge of its patch first [s, m].
     together : Together or None
         What finds the forces of this contact and of others on the same bodies.
+    time_s : float
+        Time in the contact's force so far [s].
     joined : bool
         Whether the multipliers are found together with those of joints.
     """
@@ -46,6 +50,7 @@ class ContactRun:
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self.together: Together | None = None
         self.joined = False
+        self.time_s = 0.0
         self.areas = law.node_areas
         self._members: list[ContactRun] = [self]
         self.samples: list[tuple[float, Array, Array]] = []
@@ -63,16 +68,23 @@ class ContactRun:
         """Find the forces together with those of other contacts; `members` are all, this one included."""
         self.together, self._members = together, members
 
-    def evaluate(self, mbs: MainSystem, t: float) -> Array:
-        """Generalised contact force, (n,), in the model's present state at time t [s]."""
+    def evaluate(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> Array:
+        """Generalised contact force, (n,), in the model's present state at time t [s].
+
+        `q` are the contact's coordinates, if Exudyn has handed them to a user function.
+        """
         if self.together is not None:
             data = mbs.systemData.GetODE2Coordinates(copy=False)
             forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
             return forces[self._members.index(self)]
+        law = self.law
+        if law.elastic:
+            few = q is not None and len(q) <= _FEW
+            return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
         motion = SolverMotion(mbs, self)
-        if self.law.remembers:
+        if law.remembers:
             self.follow(motion.start, t)
-        return self.law.evaluate(motion)
+        return law.evaluate(motion)
 
     def follow(self, start: float, t: float) -> None:
         """Tell a law that depends on the path which step is computed, from `start` to t [s]."""
@@ -133,7 +145,7 @@ class SolverMotion:
 
     @property
     def q(self) -> Array:
-        """See `formulation.Motion`. The list that a user function receives would cost more to convert."""
+        """See `formulation.Motion`."""
         return self._run.of(self._mbs.systemData.GetODE2Coordinates(copy=False))
 
     @property

@@ -43,8 +43,8 @@ class ModelRun:
     Attributes
     ----------
     record : RunRecord
-    contact_s : float
-        Time in contacts so far [s].
+    idle : bool
+        Whether there is nothing to do ahead of steps.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class ModelRun:
         joints: Joints | None,
         keep: bool,
     ) -> None:
-        self._contacts, self.contact_s = [*contacts], 0.0
+        self._contacts, self._stepping_s = [*contacts], 0.0
         self._runs = {
             id(contact): ContactRun(contact.name, contact.law.for_run(method), contact.slices(mbs), t)
             for contact in contacts
@@ -76,6 +76,12 @@ class ModelRun:
             for run in ahead:
                 run.joined = True
             self._steppers.append(MultiplierStep(ahead, joints))
+        self.idle = not self._steppers
+
+    @property
+    def contact_s(self) -> float:
+        """Time in contacts so far [s]."""
+        return self._stepping_s + sum(run.time_s for run in self._runs.values())
 
     @property
     def active_set_iterations(self) -> int:
@@ -91,9 +97,9 @@ class ModelRun:
         """State of a contact."""
         return self._runs[id(contact)]
 
-    def knows(self, contact: ContactResults) -> bool:
-        """Whether the contact was in the model when the run began."""
-        return id(contact) in self._runs
+    def find(self, contact: ContactResults) -> ContactRun | None:
+        """State of a contact; None if it was not in the model when the run began."""
+        return self._runs.get(id(contact))
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
@@ -120,7 +126,7 @@ class ModelRun:
         for stepper in self._steppers:
             if (stepper.joints is not None) == joined:
                 stepper.before_step(mbs, t)
-        self.contact_s += time.perf_counter() - begin
+        self._stepping_s += time.perf_counter() - begin
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Correct velocities for the joints at the end of a step."""
@@ -148,17 +154,22 @@ class Runs:
         self._solver: MainSolver = None
         self._latest = -math.inf
 
-    def now(self, mbs: MainSystem, contact: ContactResults | None = None) -> ModelRun:
-        """The present run. If there is none, or if it does not know the contact, a run begins."""
-        run = self._now
-        if run is None or (contact is not None and not run.knows(contact)):
-            run = self.begin(mbs, float(mbs.systemData.GetTime()))
-        return run
+    def now(self, mbs: MainSystem) -> ModelRun:
+        """The present run. If there is none, a run begins."""
+        return self._now or self.begin(mbs, float(mbs.systemData.GetTime()))
 
-    def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ModelRun:
-        """The present run. Its record keeps the end of the last step first, before contacts are evaluated at t."""
-        run = self.now(mbs, contact)
-        run.keep_last_step(mbs, t)
+    def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ContactRun:
+        """State of a contact that is to be evaluated at t. First, the run's record keeps the end of the last step.
+
+        A run begins if there is none, or if it does not know the contact.
+        """
+        model = self._now
+        run = None if model is None else model.find(contact)
+        if model is None or run is None:
+            model = self.begin(mbs, float(mbs.systemData.GetTime()))
+            run = model.of(contact)
+        if model.record.on:
+            model.keep_last_step(mbs, t)
         return run
 
     def see(self, mbs: MainSystem, t: float) -> ModelRun:

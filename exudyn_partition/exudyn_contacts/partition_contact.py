@@ -65,7 +65,7 @@ class PartitionContact(ContactResults):
         runs = runs_of(mbs)
 
         def moment(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-            return [*map(float, runs.now(mbs, self).of(self).law.moment(place))]
+            return [*map(float, runs.now(mbs).of(self).law.moment(place))]
 
         items = require("exudyn.itemInterface")
         self["sMoment"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=moment, storeInternal=True))

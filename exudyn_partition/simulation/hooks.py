@@ -91,9 +91,12 @@ def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, pr
         start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
         if start > end_time - 1e-6 * step:
             return False
-        runs.now(mbs).before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts
+        run = runs.now(mbs)
+        if not run.idle:
+            run.before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts
         go_on = own_function is None or own_function(mbs, t)
-        runs.now(mbs).before_step(mbs, t, joined=True)  # joints, which the function may have moved
+        if not run.idle:
+            run.before_step(mbs, t, joined=True)  # joints, which the function may have moved
         watch.steps += start != previous  # not those that are taken again, shorter
         last_start = start
         return go_on and not stop  # Exudyn still takes this step, so that all that belongs to one was done above

@@ -55,7 +55,7 @@ class Drag:
         mbs = exu.SystemContainer().AddSystem()
         tip, block = (ep.CreatePartitionBody(mbs, body) for body in bodies)
         contact = ep.CreatePartitionContact(mbs, tip, block, **{"passes": "given", **options})
-        self.law, self.body, self.n_rows = contact.law.for_run("static"), bodies[0], contact.n_rows
+        self.law, self.body, self.n_rows = contact.law.for_run("explicit"), bodies[0], contact.n_rows
         self.elastic = np.concatenate([body.basis.omega > 0 for body in bodies])
         self.q, self.at_edge = np.zeros(len(self.elastic)), False
         self.q[: self.body.n_dofs] += self._rigid(-WAY / 2, APPROACH)

@@ -107,8 +107,11 @@ class Law(Protocol):
     def for_run(self, method: Method) -> Law:
         """Return the state at the start of a run with this method; the law itself does not change."""
 
+    def force(self, q: Array) -> Array:
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master; of elastic laws only."""
+
     def evaluate(self, motion: Motion) -> Array:
-        """Generalised contact force, (n,), on the coordinates of slave and master."""
+        """Generalised contact force, (n,), of laws that are not elastic."""
 
     def tangent_matrix(self, by_q: float, by_q_t: float) -> Rows:
         """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of the force F, with the rows held."""

@@ -68,6 +68,10 @@ class ContactLaw:
         """See `Law`."""
         return self.gaps.searches
 
+    def force(self, q: Array) -> Array:
+        """See `Law`."""
+        raise NotImplementedError(f"{type(self).__name__} is no elastic law")
+
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`; the force element applies no force."""
         return self._zero
@@ -177,10 +181,6 @@ class ElasticContact(ContactLaw):
     def generalised(self) -> Array:
         """Generalised forces, (n,), from the present forces on the rows."""
         return self.gaps.generalised(self.lam) if self.index.size else self._zero
-
-    def evaluate(self, motion: Motion) -> Array:
-        """See `Law`."""
-        return self.force(motion.q)
 
     def press(self, gap: Array) -> tuple[float, int]:
         """See `Law`."""

@@ -72,9 +72,9 @@ class StabilisedContact(ContactLaw):
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
-        return self.force(motion.q, motion.q_t, motion.step)
+        return self.push(motion.q, motion.q_t, motion.step)
 
-    def force(self, q: Array, q_t: Array, step: float) -> Array:
+    def push(self, q: Array, q_t: Array, step: float) -> Array:
         """Generalised contact force, (n,).
 
         Parameters
