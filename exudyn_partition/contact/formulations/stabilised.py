@@ -72,9 +72,9 @@ class StabilisedContact(ContactLaw):
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
-        return self.push(motion.q, motion.q_t, motion.step)
+        return self.respond(motion.q, motion.q_t, motion.step)
 
-    def push(self, q: Array, q_t: Array, step: float) -> Array:
+    def respond(self, q: Array, q_t: Array, step: float) -> Array:
         """Generalised contact force, (n,).
 
         Parameters

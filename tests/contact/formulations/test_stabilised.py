@@ -216,13 +216,13 @@ def test_tangent_against_finite_differences(law, nodal):
     q_t, step = 1e4 * q, 1e-7
     for start in (0.0, 1.0, 2.0):
         law.commit(start)
-        force = law.push(q * (1 + 0.1 * start), q_t, step)
+        force = law.respond(q * (1 + 0.1 * start), q_t, step)
     assert law.index.size > 3
     tangents = [law.tangent_matrix(1.0, 0.0), law.tangent_matrix(0.0, 1.0)]
     direction = np.random.default_rng(0).standard_normal(len(q))
     for tangent, moved in zip(tangents, ((1, 0), (0, 1)), strict=True):
         size = 1e-12 / (step if moved[1] else 1)
-        change = law.push(q * 1.2 + size * moved[0] * direction, q_t + size * moved[1] * direction, step) - force
+        change = law.respond(q * 1.2 + size * moved[0] * direction, q_t + size * moved[1] * direction, step) - force
         assert relative(-tangent @ (size * direction), change) < 1e-5
 
 
@@ -267,7 +267,7 @@ def test_redundant_rows_have_a_unique_total_force():
     """As test_contact's of explicit steps."""
     gaps = flat_rows()
     law = StabilisedContact(gaps)
-    force = law.push(np.zeros(2), np.array([-0.3, 0.0]), 1e-3)
+    force = law.respond(np.zeros(2), np.array([-0.3, 0.0]), 1e-3)
     # 0.1 step^2 / m of the row's mobility gives way to 2 step v.
     assert force[0] == pytest.approx(2 * 0.3 / 1e-3 * 2.0 / 0.1, rel=1e-8)
     assert law.tangent_matrix(1.0, 0.0).toarray()[0, 0] == pytest.approx(2.0 / 0.1 / 1e-6, rel=1e-8)
@@ -279,7 +279,7 @@ def test_steady_forces_bend_nothing():
     for t, height in enumerate((-1e-6, 1e-6, 0.0, 0.0)):  # the second takes back that steady changes are expected
         if t:
             law.commit(float(t))
-        forces.append(law.force(np.array([height, 0.0]), np.zeros(2), 1e-3)[0])
+        forces.append(law.respond(np.array([height, 0.0]), np.zeros(2), 1e-3)[0])
     assert forces[0] > 0
     np.testing.assert_allclose(forces, forces[0], rtol=1e-6)
 
