@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,6 +18,7 @@ import numpy as np
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.model import FEModel
 from ..meshing.mesh_files import write_vtu
 from ..reduction.recovery import nodal_stress, von_mises
@@ -27,9 +27,6 @@ from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_items, validate_result
 from ..support.files import filling
 from ..support.progress import Progress, shown
-
-if TYPE_CHECKING:
-    from ..exudyn_contacts.run_result import RunResult as Result
 
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
 Load = tuple[PartitionContact, list[Array]]  # a contact, and its forces on the nodes of each side's patch, (n, np, 3)

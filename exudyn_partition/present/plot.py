@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES, facet_corners
 from ..prediction.spectrum import amplitude_spectrum
 from ..reduction.body import ReducedBody
@@ -37,9 +37,6 @@ from .plot_input import (
     plain,
     validate_bodies,
 )
-
-if TYPE_CHECKING:
-    from ..exudyn_contacts.run_result import RunResult as Result
 
 _REFERENCE_STYLE = {"color": "0.6", "linewidth": 3.0}
 _RUN_STYLE = {"color": "C3", "linewidth": 1.0}

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
 from ..results.compare import Comparison
 from ..results.history import History
 from ..support.checks import validate_choice, validate_items, validate_result, validate_type, validate_vector
 from ..support.foreign import Axes
 from ..support.optional import require
-
-if TYPE_CHECKING:
-    from ..exudyn_contacts.run_result import RunResult as Result
 
 _SIZE = (6.0, 3.4)  # inches: one and a half columns of a page
 _LONGEST_LABEL = 50  # characters

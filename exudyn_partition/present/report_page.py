@@ -13,12 +13,12 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
 from ..results.compare import versions
 from ..support.arrays import Array
 from ..support.checks import validate_text
@@ -27,9 +27,6 @@ from ..support.foreign import Axes
 from ..support.optional import require
 from . import plot, view
 from .plot_input import plain
-
-if TYPE_CHECKING:
-    from ..exudyn_contacts.run_result import RunResult as Result
 
 _VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list

@@ -14,7 +14,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,6 +22,7 @@ from ..errors import InputError, RunError
 from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import partition_items
+from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
 from ..support.arrays import Array
 from ..support.checks import (
@@ -37,9 +37,6 @@ from ..support.checks import (
 from ..support.foreign import ItemIndex, MainSystem, ObjectIndex, SystemContainer
 from ..support.optional import require
 from .output import BodyFields, Shown, contact_loads, shown_bodies
-
-if TYPE_CHECKING:
-    from ..exudyn_contacts.run_result import RunResult as Result
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields

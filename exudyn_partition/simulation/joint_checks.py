@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,9 +18,7 @@ from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
-
-if TYPE_CHECKING:
-    from .result import Result
+from .result import Result
 
 _APART = 0.05  # of the smallest body: how far a joint may be open at the start
 _VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest

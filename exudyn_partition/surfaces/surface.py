@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..fe.facets import area_vectors, facet_corners
+from ..fe.patches import Patch
 from ..fe.shapes import SECOND_DERIVATIVES, corners_of, shape_functions
 from ..support.arrays import Array
-
-if TYPE_CHECKING:
-    from ..fe.patches import Patch
 
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-10  # of a facet: the last step
