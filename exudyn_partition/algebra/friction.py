@@ -1,0 +1,317 @@
+"""Unilateral contact with Coulomb friction: the forces that answer given gaps and slips of contact rows."""
+
+from __future__ import annotations
+
+import copy
+import math
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ..errors import ComplementarityError
+from ..support.arrays import Array
+from .complementarity import Complementarity
+from .friction_sweeps import sweep
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+_TOLERANCE = 1e-10  # of the largest force
+_ROUNDING = 1e-12  # of the largest force or gap
+_NEAR = 1e-3  # of the largest force: a residual below it shows which rows open and close
+_NEWTON_STEPS = 30  # then sweeps begin
+_CHORD_STEPS = 10  # with the same factors
+_PROGRESS = 0.3  # a step that leaves a larger share of the residual asks for new factors
+_SWEEPS = (5, 10, 20, 40, 80, 160, 320)  # before each further attempt of Newton's method
+
+
+class FrictionProblem:
+    """Forces of contact rows with unilateral contact and Coulomb's friction.
+
+    Each row has a normal force and two tangential forces, and w = h + F lambda are its gap and its slip::
+
+        0 <= lambda_n,   w_n >= 0,   lambda_n w_n = 0
+        |lambda_t| <= mu lambda_n,   w_t = -kappa lambda_t,   kappa >= 0,   kappa (mu lambda_n - |lambda_t|) = 0
+
+    Newton's method solves the equations of Alart and Curnier, which the projections on these sets give. Closed rows
+    alone enter. The states, the forces and the factors of the Jacobian are kept between calls; as long as the factors
+    reduce the residual, Broyden's formula corrects them. Rows open or close when the forces of the others have nearly
+    settled. If Newton's method does not settle, sweeps over the rows, each of which is solved exactly, find another
+    start.
+
+    A solution exists for every positive definite F and every mu. It is unique only if mu is moderate; beyond that, the
+    result is the solution that the last state leads to.
+
+    Parameters
+    ----------
+    F : (3 nr, 3 nr) array
+        Symmetric positive definite flexibility of the rows [m/N]; each row has a normal, then two tangents. Rows may
+        be redundant if it is `regularised`.
+
+    Attributes
+    ----------
+    state : (nr,) int8 array
+        OPEN, STICK or SLIP, for each row.
+    lam : (nr, 3) array
+        Forces of the last answer [N].
+    index : (na,) int array
+        Closed rows.
+    iterations, factorisations, sweeps : int
+        How many Newton steps, factorisations and sweeps there were so far.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If F is not symmetric positive definite.
+
+    References
+    ----------
+    P. Alart, A. Curnier, A mixed formulation for frictional contact problems prone to Newton like solution methods,
+    Comput. Methods Appl. Mech. Eng. 92 (1991) 353. C.T. Kelley, Solving Nonlinear Equations with Newton's Method,
+    SIAM 2003, chapter 4.
+    """
+
+    def __init__(self, F: Array) -> None:
+        self.F = Complementarity(F).F  # which checks it
+        self._forget()
+
+    def fresh(self) -> FrictionProblem:
+        """Return the same problem without a memory; F is shared."""
+        result = copy.copy(self)
+        result._forget()
+        return result
+
+    def _forget(self) -> None:
+        self.iterations = self.factorisations = self.sweeps = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Open all rows."""
+        nr = len(self.F) // 3
+        self.replace(self.F, np.zeros(nr, dtype=np.int8), np.zeros((nr, 3)))
+
+    def replace(self, F: Array, state: Array, lam: Array) -> None:
+        """Go on with other rows.
+
+        Parameters
+        ----------
+        F : (3 nr, 3 nr) array
+            Their flexibility [m/N], which is not checked.
+        state : (nr,) array
+            Guess of their states.
+        lam : (nr, 3) array
+            Guess of their forces [N].
+        """
+        self.F = F
+        self._inverse = 1.0 / F.diagonal().reshape(-1, 3)  # scales slips and gaps to forces
+        self._inverse[:, 1:] = self._inverse[:, 1:].mean(axis=1, keepdims=True)
+        self.state, self.lam = np.array(state, dtype=np.int8), np.array(lam, dtype=float)
+        self._close(np.flatnonzero(self.state))
+
+    def _close(self, index: Array) -> None:
+        """Take these rows as the closed ones, (na,)."""
+        self.index = index
+        self._open = np.delete(np.arange(len(self.state)), index)
+        places = (3 * index[:, None] + np.arange(3)).ravel()
+        columns = self.F[:, places]
+        self._onto_open = columns[3 * self._open]
+        self._closed = _ClosedRows(columns[places], self._inverse[index].ravel())
+
+    def solve(self, h: Array, mu: Array) -> Array:
+        """Return the forces, (nr, 3) [N].
+
+        Parameters
+        ----------
+        h : (nr, 3) array
+            Gap of each row, and its tangential way since the last accepted step, without the forces [m].
+        mu : (nr,) array
+            Coefficient of friction of each row.
+
+        Raises
+        ------
+        ComplementarityError
+            If h is not finite, or no solution was found.
+        """
+        if not math.isfinite(h.sum()):
+            raise ComplementarityError("the gaps or slips are not finite: the run has become unstable")
+        if h[:, 0].min(initial=np.inf) >= 0.0:
+            if self.index.size:
+                self.reset()
+            return np.zeros_like(h)
+        if not self.index.size:
+            self._close(np.flatnonzero(h[:, 0] < 0.0))
+        settled = self._newton(h, mu)
+        if not settled:
+            lam = np.zeros_like(h)
+            for count in _SWEEPS:
+                for _ in range(count):
+                    lam = sweep(self.F, h, mu, lam)
+                self.sweeps += count
+                self.replace(self.F, lam[:, 0] > 0.0, lam)
+                if settled := self._newton(h, mu):
+                    break
+        if settled:
+            return self.lam
+        raise ComplementarityError(
+            f"the forces of {len(h)} contact rows with friction did not settle, neither in {_NEWTON_STEPS} Newton "
+            f"steps nor after {sum(_SWEEPS)} sweeps, with coefficients up to {mu.max():g}: rows are nearly redundant, "
+            "or friction is too high"
+        )
+
+    def _newton(self, h: Array, mu: Array) -> bool:
+        """Iterate from the last forces; return whether they settled."""
+        deepest = abs(h[:, 0]).max()
+        lam, size = self._load(h, mu)
+        for _ in range(_NEWTON_STEPS):
+            self.iterations += 1
+            closed = self._closed
+            if closed.stale:
+                closed.factorise(lam)
+                self.factorisations += 1
+            step = closed.step()
+            lam = lam + step
+            before, size = size, closed.residual(lam)
+            largest = abs(lam).max()
+            if size < _NEAR * largest or closed.steps == 1:
+                leaving = lam[::3] < -_ROUNDING * largest
+                entering = h[self._open, 0] + self._onto_open @ lam < -_ROUNDING * deepest
+                if leaving.any() or entering.any():
+                    self._keep(lam)
+                    self._exchange(leaving, entering)
+                    if not self.index.size:
+                        return True
+                    lam, size = self._load(h, mu)
+                    continue
+                next_step = abs(step).max() * size / before if before else 0.0
+                if size <= _ROUNDING * largest or next_step <= _TOLERANCE * largest:
+                    self._keep(closed.allowed(lam))
+                    return True
+            closed.stale = closed.steps > _CHORD_STEPS or (closed.steps > 1 and size > _PROGRESS * before)
+        return False
+
+    def _load(self, h: Array, mu: Array) -> tuple[Array, float]:
+        """Take the problem for the closed rows; return their forces, (3 na,), and the largest residual."""
+        self._closed.load(h[self.index], mu[self.index])
+        lam = self.lam[self.index].ravel()
+        return lam, self._closed.residual(lam)
+
+    def _exchange(self, leaving: Array, entering: Array) -> None:
+        """Open some of the closed rows, (na,) bool, and close some of the open ones."""
+        self.lam[self.index[leaving]] = 0.0
+        self.state[self.index[leaving]] = OPEN
+        self.state[self._open[entering]] = STICK
+        self._close(np.flatnonzero(self.state))
+
+    def _keep(self, lam: Array) -> None:
+        """Keep forces, (3 na,), and the states that they show."""
+        self.state, self.lam = np.zeros(len(self.state), dtype=np.int8), np.zeros(self.lam.shape)
+        self.state[self.index] = np.where(self._closed.slips, SLIP, STICK)
+        self.lam[self.index] = lam.reshape(-1, 3)
+
+    def derivative(self) -> Array:
+        """Derivative of the forces on the closed rows by -h at the last answer, (3 na, 3 na) [N/m].
+
+        It is unsymmetric where rows slip.
+        """
+        self._closed.factorise(self.lam[self.index].ravel())
+        return self._closed.stiffness()
+
+
+class _ClosedRows:
+    """The equations of Alart and Curnier for rows that are closed, and the factors of their Jacobian.
+
+    The trial force of a row is x = lambda_t - w_t / F_tt. The row slips if |x| is above mu lambda_n; then its
+    equations are turned to the direction d of x, and to the direction across. The share c = mu lambda_n / |x| says how
+    far it slips.
+
+    Attributes
+    ----------
+    stale : bool
+        Whether the Jacobian should be factorised again.
+    steps : int
+        Steps with the present factors, in this answer.
+    """
+
+    def __init__(self, F: Array, inverse: Array) -> None:
+        self._inverse = inverse
+        self._F = inverse[:, None] * F
+        self.stale = True
+
+    def load(self, h: Array, mu: Array) -> None:
+        """Take gaps and slips, (na, 3), and coefficients, (na,)."""
+        self._h, self._mu = self._inverse * h.ravel(), mu
+        self._moves: list[tuple[Array, float]] = []
+
+    @property
+    def steps(self) -> int:
+        return len(self._moves)
+
+    @property
+    def slips(self) -> Array:
+        """Which rows slip, (na,)."""
+        slips: Array = self._length > self._bound
+        return slips
+
+    def residual(self, lam: Array) -> float:
+        """Largest force that the law leaves unbalanced [N]."""
+        value = self._h + self._F @ lam
+        self._x1, self._x2 = x1, x2 = lam[1::3] - value[1::3], lam[2::3] - value[2::3]
+        self._length = length = np.sqrt(x1 * x1 + x2 * x2)
+        self._bound = bound = self._mu * np.maximum(lam[::3], 0.0)
+        share = np.minimum(1.0, bound / (length + 1e-300))
+        value[1::3] = lam[1::3] - share * x1
+        value[2::3] = lam[2::3] - share * x2
+        self._value = value
+        return float(abs(value).max())
+
+    def allowed(self, lam: Array) -> Array:
+        """Forces without the rounding by which they are beyond the law, (3 na,) [N]."""
+        lam = lam.reshape(-1, 3)
+        lam[:, 0] = np.maximum(lam[:, 0], 0.0)
+        length = np.sqrt(np.einsum("ij,ij->i", lam[:, 1:], lam[:, 1:]))
+        lam[:, 1:] *= np.minimum(1.0, self._bound / (length + 1e-300))[:, None]
+        return lam
+
+    def factorise(self, lam: Array) -> None:
+        """Factorise the Jacobian at the last residual."""
+        A = self._F.copy()
+        slips = self.slips if lam.any() else np.zeros(len(self._mu), dtype=bool)  # without a guess, rows stick
+        rows = np.flatnonzero(slips)
+        length = self._length[rows]
+        d1, d2, c = self._x1[rows] / length, self._x2[rows] / length, self._bound[rows] / length
+        along, across, k = 3 * rows + 1, 3 * rows + 2, np.arange(len(rows))
+        turned = (c * d1)[:, None] * A[across] - (c * d2)[:, None] * A[along]
+        turned[k, along] -= (1.0 - c) * d2
+        turned[k, across] += (1.0 - c) * d1
+        A[across] = turned
+        A[along] = 0.0
+        A[along, along], A[along, across], A[along, 3 * rows] = d1, d2, -self._mu[rows]
+        self._turn = along, across, d1, d2, c
+        self._factors: tuple[Array, Array] = lapack.dgetrf(A)[:2]
+        self._moves = []
+        self.stale = False
+
+    def step(self) -> Array:
+        """Newton step with the present factors, (3 na,) [N], corrected by the steps made with them (Broyden)."""
+        along, across, d1, d2, _ = self._turn
+        rhs = -self._value
+        if len(along):
+            t1, t2 = rhs[along], rhs[across]
+            rhs[along], rhs[across] = d1 * t1 + d2 * t2, d1 * t2 - d2 * t1
+        step: Array = lapack.dgetrs(*self._factors, rhs, overwrite_b=1)[0]
+        for (move, square), (following, _) in pairwise(self._moves):
+            step += following * (move @ step / square)
+        if self._moves:
+            move, square = self._moves[-1]
+            step /= 1.0 - move @ step / square
+        self._moves.append((step, float(step @ step)))
+        return step
+
+    def stiffness(self) -> Array:
+        """Derivative of the forces by -h with the present factors, (3 na, 3 na) [N/m]."""
+        along, across, d1, d2, c = self._turn
+        rhs = np.diag(self._inverse)
+        rhs[across, along], rhs[across, across] = -c * d2 * self._inverse[along], c * d1 * self._inverse[across]
+        rhs[along] = 0.0
+        stiffness: Array = lapack.dgetrs(*self._factors, rhs)[0]
+        return stiffness
