@@ -18,10 +18,10 @@ OPEN, STICK, SLIP = 0, 1, 2
 
 _TOLERANCE = 1e-10  # of the largest force
 _ROUNDING = 1e-12  # of the largest force or gap
-_NEAR = 1e-3  # of the largest force: a residual below it shows which rows open and close
-_NEWTON_STEPS = 30  # then sweeps begin
+NEWTON_STEPS = 30  # then sweeps begin
 _CHORD_STEPS = 10  # with the same factors
 _PROGRESS = 0.3  # a step that leaves a larger share of the residual asks for new factors
+_LEAST_STRIDE = 1e-3  # by which friction rises
 _SWEEPS = (5, 10, 20, 40, 80, 160, 320)  # before each further attempt of Newton's method
 
 
@@ -35,9 +35,9 @@ class FrictionProblem:
 
     Newton's method solves the equations of Alart and Curnier, which the projections on these sets give. Closed rows
     alone enter. The states, the forces and the factors of the Jacobian are kept between calls; as long as the factors
-    reduce the residual, Broyden's formula corrects them. Rows open or close when the forces of the others have nearly
-    settled. If Newton's method does not settle, sweeps over the rows, each of which is solved exactly, find another
-    start.
+    reduce the residual, Broyden's formula corrects them. Rows open or close when the forces of the others have
+    settled. If that does not end, friction rises from zero in steps. The last resort is Newton's method after sweeps
+    over the rows, each of which is solved exactly.
 
     A solution exists for every positive definite F and every mu. It is unique only if mu is moderate; beyond that, the
     result is the solution that the last state leads to.
@@ -140,52 +140,69 @@ class FrictionProblem:
             return np.zeros_like(h)
         if not self.index.size:
             self._close(np.flatnonzero(h[:, 0] < 0.0))
-        settled = self._newton(h, mu)
-        if not settled:
-            lam = np.zeros_like(h)
-            for count in _SWEEPS:
-                for _ in range(count):
-                    lam = sweep(self.F, h, mu, lam)
-                self.sweeps += count
-                self.replace(self.F, lam[:, 0] > 0.0, lam)
-                if settled := self._newton(h, mu):
-                    break
-        if settled:
+        if self._newton(h, mu) or self._continue(h, mu) or self._sweep(h, mu):
             return self.lam
         raise ComplementarityError(
-            f"the forces of {len(h)} contact rows with friction did not settle, neither in {_NEWTON_STEPS} Newton "
-            f"steps nor after {sum(_SWEEPS)} sweeps, with coefficients up to {mu.max():g}: rows are nearly redundant, "
-            "or friction is too high"
+            f"the forces of {len(h)} contact rows with friction did not settle: not in {NEWTON_STEPS} Newton steps, "
+            f"not while the coefficients rose from zero to {mu.max():g}, and not after {sum(_SWEEPS)} sweeps. Rows are "
+            "nearly redundant, or friction is too high"
         )
+
+    def _continue(self, h: Array, mu: Array) -> bool:
+        """Let friction rise from zero in steps, each of which begins at the last answer; return whether it settled."""
+        reached, stride = 0.0, 0.25
+        self._close(np.flatnonzero(h[:, 0] < 0.0))
+        self.lam = np.zeros_like(h)
+        settled = self._newton(h, 0.0 * mu)
+        while settled and reached < 1.0:
+            share, state, lam = min(1.0, reached + stride), self.state, self.lam
+            if self._newton(h, share * mu):
+                reached, stride = share, 2.0 * stride
+            else:
+                self.replace(self.F, state, lam)
+                stride /= 2.0
+                settled = stride > _LEAST_STRIDE
+        return settled
+
+    def _sweep(self, h: Array, mu: Array) -> bool:
+        """Begin Newton's method after sweeps over the rows; return whether it settled."""
+        lam = np.zeros_like(h)
+        for count in _SWEEPS:
+            for _ in range(count):
+                lam = sweep(self.F, h, mu, lam)
+            self.sweeps += count
+            self.replace(self.F, lam[:, 0] > 0.0, lam)
+            if self._newton(h, mu):
+                return True
+        return False
 
     def _newton(self, h: Array, mu: Array) -> bool:
         """Iterate from the last forces; return whether they settled."""
         deepest = abs(h[:, 0]).max()
         lam, size = self._load(h, mu)
-        for _ in range(_NEWTON_STEPS):
-            self.iterations += 1
-            closed = self._closed
-            if closed.stale:
-                closed.factorise(lam)
-                self.factorisations += 1
-            step = closed.step()
-            lam = lam + step
-            before, size = size, closed.residual(lam)
-            largest = abs(lam).max()
-            if size < _NEAR * largest or closed.steps == 1:
+        share = np.inf  # of the residual, by which the next step will move the largest force
+        for _ in range(NEWTON_STEPS + 1):
+            closed, largest = self._closed, abs(lam).max()
+            settled = size <= _ROUNDING * largest or share * size <= _TOLERANCE * largest
+            if settled or closed.steps == 1:
                 leaving = lam[::3] < -_ROUNDING * largest
                 entering = h[self._open, 0] + self._onto_open @ lam < -_ROUNDING * deepest
                 if leaving.any() or entering.any():
                     self._keep(lam)
-                    self._exchange(leaving, entering)
-                    if not self.index.size:
-                        return True
+                    self._exchange(leaving, entering, h)
                     lam, size = self._load(h, mu)
-                    continue
-                next_step = abs(step).max() * size / before if before else 0.0
-                if size <= _ROUNDING * largest or next_step <= _TOLERANCE * largest:
+                    share, closed, settled = np.inf, self._closed, False
+                if settled:
                     self._keep(closed.allowed(lam))
                     return True
+            if closed.stale:
+                closed.factorise(lam)
+                self.factorisations += 1
+            self.iterations += 1
+            step = closed.step()
+            lam = lam + step
+            before, size = size, closed.residual(lam)
+            share = abs(step).max() / before if before else 0.0
             closed.stale = closed.steps > _CHORD_STEPS or (closed.steps > 1 and size > _PROGRESS * before)
         return False
 
@@ -195,11 +212,13 @@ class FrictionProblem:
         lam = self.lam[self.index].ravel()
         return lam, self._closed.residual(lam)
 
-    def _exchange(self, leaving: Array, entering: Array) -> None:
-        """Open some of the closed rows, (na,) bool, and close some of the open ones."""
+    def _exchange(self, leaving: Array, entering: Array, h: Array) -> None:
+        """Open some of the closed rows, (na,) bool, and close some of the open ones; never open all."""
         self.lam[self.index[leaving]] = 0.0
         self.state[self.index[leaving]] = OPEN
         self.state[self._open[entering]] = STICK
+        if not self.state.any():
+            self.state[h[:, 0] < 0.0] = STICK
         self._close(np.flatnonzero(self.state))
 
     def _keep(self, lam: Array) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from exudyn_partition.algebra import friction
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
 from exudyn_partition.algebra.friction import OPEN, SLIP, STICK, FrictionProblem
 from exudyn_partition.algebra.friction_sweeps import one_row, sweep
@@ -61,6 +62,24 @@ def test_cold_starts_meet_the_law(matrix, mu):
             assert not lam[problem.state == OPEN].any()
             w = h + (F @ lam.ravel()).reshape(-1, 3)
             assert abs(w[problem.state == STICK]).max(initial=0) < 1e-8 * abs(h).max()
+
+
+@pytest.mark.parametrize("steps", [4, 1])
+def test_what_follows_when_newton_does_not_settle(monkeypatch, steps):
+    """With few steps at a time: friction that rises, then sweeps."""
+    rng = np.random.default_rng(10)
+    F, h, mu = patch(rng, 3), approach(rng, 9), np.full(9, 0.8)
+    expected = FrictionProblem(F).solve(h, mu)
+    monkeypatch.setattr(friction, "NEWTON_STEPS", steps)
+    problem = FrictionProblem(F)
+    np.testing.assert_allclose(problem.solve(h, mu), expected, atol=1e-8 * expected.max())
+    assert (problem.sweeps > 0) == (steps == 1)
+
+
+def test_what_does_not_settle_at_all_is_an_error(monkeypatch):
+    monkeypatch.setattr(friction, "NEWTON_STEPS", -1)
+    with pytest.raises(ComplementarityError, match="1 contact rows with friction did not settle.* to 0.5"):
+        FrictionProblem(np.eye(3)).solve(np.array([[-1.0, 2.0, 0.0]]), np.array([0.5]))
 
 
 def test_without_friction_it_is_complementarity():
@@ -150,7 +169,7 @@ def test_other_rows_go_on_from_their_guesses():
     other = FrictionProblem(np.eye(3))
     other.replace(F, state, lam)
     np.testing.assert_allclose(other.solve(h, mu), lam, atol=1e-9 * lam.max())
-    assert other.iterations == 1
+    assert not other.iterations
     fresh = problem.fresh()
     assert fresh.F is problem.F
     assert not fresh.index.size
@@ -173,9 +192,9 @@ def test_sweeps_find_what_newton_finds():
     rng = np.random.default_rng(8)
     F, h, mu = patch(rng, 3), approach(rng, 9), np.full(9, 0.6)
     lam = np.zeros((9, 3))
-    for _ in range(200):
+    for _ in range(60):
         lam = sweep(F, h, mu, lam)
-    np.testing.assert_allclose(lam, FrictionProblem(F).solve(h, mu), atol=1e-8 * lam.max())
+    np.testing.assert_allclose(lam, FrictionProblem(F).solve(h, mu), atol=1e-6 * lam.max())
 
 
 def test_one_row_is_solved_exactly():
