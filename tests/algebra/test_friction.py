@@ -78,7 +78,7 @@ def test_what_follows_when_newton_does_not_settle(monkeypatch, steps):
 
 def test_what_does_not_settle_at_all_is_an_error(monkeypatch):
     monkeypatch.setattr(friction, "NEWTON_STEPS", -1)
-    with pytest.raises(ComplementarityError, match="1 contact rows with friction did not settle.* to 0.5"):
+    with pytest.raises(ComplementarityError, match=r"1 contact rows .* to 0\.5, "):
         FrictionProblem(np.eye(3)).solve(np.array([[-1.0, 2.0, 0.0]]), np.array([0.5]))
 
 
