@@ -242,6 +242,8 @@ CASES = {
     "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),
     "ringing": Case("contact/ringing.py", ringing),
     "formulations": Case("contact/formulations.py", formulations),
+    "friction_half_space": Case("friction/half_space.py", limits(("maw", "force", "stick_radius", "loss")), quick=(),
+                                figures=("friction_half_space.png",)),
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),
     "rotation": Case("joints/rotation.py",

@@ -63,7 +63,9 @@ def figure(script, **options):
 
     out = ROOT / "out"
     out.mkdir(exist_ok=True)
-    return out / f"contact_{Path(script).stem}.png", plt.subplots(layout="constrained", **options)
+    return out / f"{Path(script).resolve().parent.name}_{Path(script).stem}.png", plt.subplots(
+        layout="constrained", **options
+    )
 
 
 def without_curves(value):
