@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING = np.empty(0)
-_SAME = 0.003  # of a facet's size, or change of normals: below it, rows keep their flexibility
+SAME = 0.003  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class Gaps:
     H: Rows
     _all: ContactPoints  # of the slave
     mean: Array | None  # (nr, p): rows by points; None if each row is one point
-    _row_points: tuple[Array, Array, Array]  # `mean` as triplets: rows, points and weights
+    row_points: tuple[Array, Array, Array]  # `mean` as triplets: rows, points and weights
     _flexibility: Array | None = None  # of all present rows
     _flexible_at: Array
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
@@ -257,6 +257,11 @@ class Gaps:
         H = self.jacobian(np.arange(len(gap)))
         return gap, H @ q_t, H @ q_tt
 
+    @property
+    def coordinates(self) -> list[Array]:
+        """Last coordinates of each side, (n_dofs,)."""
+        return self.split(self._q)
+
     def places_now(self) -> list[Array]:
         """Places of the nodes of the patches, (np, 3) for each side [m], at the last coordinates."""
         return self.places(self._q)
@@ -271,7 +276,7 @@ class Gaps:
             G = directed_matrix(nodes[points], weights[points], self.normals[points], len(side.surface.points))
             G = side.kinematics.on_coordinates(q, G)
             parts.append(G if self.mean is None else self.mean[index] @ G)
-        return _joined(parts)
+        return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some gaps by the velocities of the body that carries the surface, (na, 6)."""
@@ -281,7 +286,18 @@ class Gaps:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
         at_points = lam if self.mean is None else lam @ self.mean
         active = np.flatnonzero(at_points)
-        forces = at_points[active, None] * self.normals[active]
+        return self.on_nodes(active, at_points[active, None] * self.normals[active])
+
+    def on_nodes(self, active: Array, forces: Array) -> list[Array]:
+        """Forces on the nodes of the patches, (np, 3) for each side [N].
+
+        Parameters
+        ----------
+        active : (k,) int array
+            Some of the present points.
+        forces : (k, 3) array
+            Forces on the slave at these points, in axes of space [N].
+        """
         result = []
         for (nodes, weights), side in zip(self.shares, self.sides, strict=True):
             at, share, n = nodes.take(active, axis=0).ravel(), weights.take(active, axis=0), len(side.surface.points)
@@ -306,9 +322,13 @@ class Gaps:
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
         at_points = lam if self.mean is None else lam @ self.mean
+        return self.moment_of(at_points[:, None] * self.normals, point)
+
+    def moment_of(self, forces: Array, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""
         (nodes, weights), x = self.shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
-        value: Array = np.cross(arms, at_points[:, None] * self.normals).sum(axis=0)
+        value: Array = np.cross(arms, forces).sum(axis=0)
         return value
 
     def flexibility(self, index: Array) -> Array:
@@ -316,17 +336,17 @@ class Gaps:
 
         It changes slowly with the places of the points on their facets. So it is kept while the points move little.
         """
-        stance = self._stance()
-        if self._flexibility is None or abs(stance - self._flexible_at).max() > _SAME:
+        stance = self.stance()
+        if self._flexibility is None or abs(stance - self._flexible_at).max() > SAME:
             self._flexibility, self._flexible_at = self._all_flexibility(), stance
         return self._flexibility.take(index, axis=0).take(index, axis=1)
 
-    def _stance(self) -> Array:
+    def stance(self) -> Array:
         """Values that the flexibility of the rows depends on, scaled by the size of a facet or by one."""
         raise NotImplementedError
 
     def _all_flexibility(self) -> Array:
-        row, point, share = self._row_points
+        row, point, share = self.row_points
         n_rows = len(self.row_nodes)
         F = np.zeros((n_rows, n_rows))
         for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
@@ -362,6 +382,6 @@ def dense(matrix: Rows) -> Array:
     return value
 
 
-def _joined(parts: list[Rows]) -> Rows:
+def joined(parts: list[Rows]) -> Rows:
     """Blocks side by side, (nr, n); csr if all blocks are."""
     return sp.hstack(parts, format="csr") if all(map(sp.issparse, parts)) else np.hstack([*map(dense, parts)])

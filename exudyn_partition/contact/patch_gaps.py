@@ -111,12 +111,13 @@ class PatchGaps(Gaps):
             self._drift_start = self._drift @ q
             self.moving = False
 
-    def _stance(self) -> Array:
+    def stance(self) -> Array:
+        """See `Gaps.stance`."""
         return self._here / self.size
 
     def _take(self, points: ContactPoints, at_edge: Array) -> None:
         """Set the present rows."""
-        self._points, self.mean, self._row_points = points, points.dense_mean, sp.find(points.mean)
+        self._points, self.mean, self.row_points = points, points.dense_mean, sp.find(points.mean)
         self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
         self._flexibility = None
 

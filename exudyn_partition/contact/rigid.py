@@ -152,7 +152,7 @@ class RigidGaps(Gaps):
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
-        self.mean, self._row_points = self._all.dense_mean, sp.find(self._all.mean)
+        self.mean, self.row_points = self._all.dense_mean, sp.find(self._all.mean)
         self.shares = ((self._all.nodes, self._all.weights),)
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
         self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
@@ -210,7 +210,8 @@ class RigidGaps(Gaps):
         rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
         return rows[index] if self.mean is None else self.mean[index] @ rows
 
-    def _stance(self) -> Array:
+    def stance(self) -> Array:
+        """See `Gaps.stance`."""
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
 
     def _evaluate(self, nodes: Array) -> Array:

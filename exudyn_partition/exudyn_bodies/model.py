@@ -46,8 +46,8 @@ class ContactItem(Protocol):
         """Slave, and master if it is a partition body; each with the number of its patch."""
 
     @property
-    def elastic(self) -> bool:
-        """Whether its forces follow from the coordinates, and so are known at every node."""
+    def compliant(self) -> bool:
+        """Whether rows yield by a flexibility of the contact, so that forces are known at every node."""
 
     def force(self, result: Any) -> Array:
         """Sum of the normal forces, (n,) [N]."""

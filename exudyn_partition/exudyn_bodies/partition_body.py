@@ -346,7 +346,7 @@ class PartitionBody(dict[str, ItemIndex]):
         lacking = 0.0
         for contact in result.contacts:
             for item, number in contact.sides:
-                if item is self and self.body.basis.flexibility is not None and contact.elastic:
+                if item is self and self.body.basis.flexibility is not None and contact.compliant:
                     patch = self.body.partition.patches[number]
                     area = nodal_area(self.body.points, patch.facets)[patch.nodes]
                     load = np.kron(area / area.sum(), patch.direction if patch.axes == "xyz" else 1.0)
@@ -368,7 +368,7 @@ class PartitionBody(dict[str, ItemIndex]):
         if not isinstance(fem, StaticAnswer):
             validate_type("fem", fem, FEModel, "fe_model()")
         total = np.zeros((len(result.t), rows.shape[0]))
-        own = [c for c in result.contacts if c.elastic and any(item is self for item, _ in c.sides)]
+        own = [c for c in result.contacts if c.compliant and any(item is self for item, _ in c.sides)]
         if self.body.basis.flexibility is None or not own:
             return total
         answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, self.body)

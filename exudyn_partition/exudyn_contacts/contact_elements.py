@@ -46,7 +46,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         run.evaluate(mbs, t, q)
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
-        H = dense(run.law.gaps.jacobian(run.law.index))
+        H = dense(run.law.row_jacobian())
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * (H.T @ _between(run, run) @ H)))
 
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
@@ -58,7 +58,7 @@ def add_links(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:
     These objects have no force, which the contacts' own elements and loads have, and cost nothing in explicit runs.
     Without them Newton's method does not converge where nothing else holds a carrier, or bodies between two contacts.
     """
-    if not contact.elastic:
+    if not contact.law.compliant:
         return
     if contact.carrier is not None and contact.carrier.nodes:
         _add_link(mbs, [contact], runs)
@@ -90,7 +90,7 @@ def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> 
                 bodies = own[: first.law.gaps.n]
                 K[np.ix_(bodies, bodies)] = 0.0
             else:
-                K += K.T
+                K[np.ix_(others, own)] += H_last.T @ _between(last, first) @ H
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * K))
 
     _add_object(mbs, "", nodes, 0, jacobian)
@@ -108,10 +108,10 @@ def _closed_rows(
 ) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and the place of each of these, (m,)."""
     law, carrier = run.law, contact.carrier
-    H = dense(law.gaps.jacobian(law.index))
+    H = dense(law.row_jacobian())
     dofs = run.dofs.tolist()
     if carrier is not None and carrier.nodes:
-        H = np.hstack([H, law.gaps.carrier_rows(law.index) @ carrier.by_coordinates(mbs)])
+        H = np.hstack([H, law.row_carrier() @ carrier.by_coordinates(mbs)])
         dofs += _dofs(mbs, carrier.nodes)
     return H, np.array([place[dof] for dof in dofs])
 

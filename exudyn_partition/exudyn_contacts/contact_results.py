@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,13 +13,13 @@ import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Formulation, Law, Together
 from ..errors import InputError
-from ..exudyn_bodies.model import Samples, coordinate_slices
+from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import MainSystem
-from .contact_run import ContactRun
+from .friction_results import FrictionResults, RunSamples
 
 # Energies of contacts that are solved together, by the list of these, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
@@ -46,14 +46,7 @@ class SubImpact:
     peak: float
 
 
-class RunSamples(Samples, Protocol):
-    """What a contact reads of a run: samples of sensors, and what it kept itself."""
-
-    def kept(self, contact: ContactResults) -> ContactRun:
-        """What a contact kept of the run."""
-
-
-class ContactResults(dict[str, Any]):
+class ContactResults(FrictionResults):
     """A contact of a model, and its results; what changes in a run is in `contact_run.ContactRun`.
 
     Attributes
@@ -90,6 +83,11 @@ class ContactResults(dict[str, Any]):
     def elastic(self) -> bool:
         """Whether forces follow from the coordinates alone, so that they can be found again at every sample."""
         return self.law.elastic
+
+    @property
+    def compliant(self) -> bool:
+        """Whether closed rows yield by a flexibility or layer of the contact itself."""
+        return self.law.compliant
 
     @property
     def n_rows(self) -> int:
@@ -220,7 +218,7 @@ class ContactResults(dict[str, Any]):
     def _surface_gap(self, result: RunSamples) -> Callable[[int], float] | None:
         """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
         gaps = self.law.gaps
-        if not self.elastic or gaps.carried:
+        if not self.compliant or gaps.carried:
             return None
         q = np.hstack([item.coordinates(result) for item, _ in self.sides])
         return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
@@ -239,7 +237,8 @@ class ContactResults(dict[str, Any]):
     def energy(self, result: RunSamples) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
-        The contact is evaluated again at the stored coordinates, in their order.
+        The contact is evaluated again at the stored coordinates, in their order; with friction it is what the run
+        told.
 
         Raises
         ------
@@ -247,6 +246,8 @@ class ContactResults(dict[str, Any]):
             If the result is none, or of another model.
         """
         validate_result(result)
+        if self.friction is not None:
+            return self._friction_samples(result)[:, 6]
         if not self.elastic:
             return np.zeros(len(result.t))
         if self.together is None:
@@ -267,6 +268,8 @@ class ContactResults(dict[str, Any]):
         InputError
             If the forces are multipliers, or a body of another kind carries the rigid surface.
         """
+        if self.friction is not None:
+            return self._friction_on_nodes(result)
         if not self.elastic:
             raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
         forces = [laws[self._place_in_group].nodal_forces() for laws in self._again(result)]
@@ -305,7 +308,7 @@ class ContactResults(dict[str, Any]):
     def left_out(self) -> list[str]:
         """What the contact leaves out, in sentences."""
         unpaired = self.law.gaps.unpaired
-        said = ["tangential rows: the contact is frictionless"]
+        said = ["tangential rows: the contact is frictionless"] * (self.friction is None)
         if not self.law.gaps.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
         elif unpaired:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..algebra.friction import SLIP, STICK
 from ..contact.formulations.formulation import Law, Together
 from ..errors import RunError
 from ..exudyn_bodies.model import start_of_step
@@ -33,6 +34,8 @@ class ContactRun:
     ----------
     samples : list of (float, (na,) int array, (na,) array)
         Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N].
+    tangential : dict of float to ((na, 3) array, (na,) int8 array)
+        With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
     areas : (np,) array
         Area of the row of each of the slave's patch nodes [m2].
     edge : (float, (3,) array) or None
@@ -54,6 +57,7 @@ class ContactRun:
         self.areas = law.node_areas
         self._members: list[ContactRun] = [self]
         self.samples: list[tuple[float, Array, Array]] = []
+        self.tangential: dict[float, tuple[Array, Array]] = {}
         self.edge: tuple[float, Array] | None = None
         self._impulse = np.zeros(4)
         self._stepped_to = t
@@ -74,6 +78,9 @@ class ContactRun:
         `q` are the contact's coordinates, if Exudyn has handed them to a user function.
         """
         if self.together is not None:
+            for member in self._members:
+                if member.law.remembers:
+                    member.follow(start_of_step(mbs), t)
             data = mbs.systemData.GetODE2Coordinates(copy=False)
             forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
             return forces[self._members.index(self)]
@@ -116,10 +123,20 @@ class ContactRun:
             if self.samples and self.samples[-1][0] == t:  # asked for again
                 self.samples.pop()
             self.samples.append((t, self._closed_nodes, lam))
+            if law.friction is not None:
+                self.tangential[t] = law.traction[closed], law.state[closed]
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
         return values if law.elastic else values + self._impulse.tolist()
+
+    def friction_values(self) -> list[float]:
+        """Values of the sensor `sFriction`, see `PartitionContact`."""
+        law = self.law
+        if not law.index.size:
+            return [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), 0.0]
+        stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
+        return [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
 
     def _check_step(self, t: float) -> None:
         """Refuse a run in which multipliers were not applied."""

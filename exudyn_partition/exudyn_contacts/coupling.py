@@ -29,7 +29,7 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
     for other in others:
         for place, (item, patch) in enumerate(contact.sides):
             for other_place, (other_item, other_patch) in enumerate(other.sides):
-                if item is not other_item or contact.elastic != other.elastic:
+                if item is not other_item or contact.compliant != other.compliant:
                     continue
                 shared = SharedBody(
                     item.body,

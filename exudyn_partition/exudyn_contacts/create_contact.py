@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 
+from ..contact.coulomb import Coulomb, friction_of
 from ..contact.formulations.choices import TwoPasses, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps, Side
@@ -44,9 +45,10 @@ def CreatePartitionContact(
     masterPatch: int | str | None = None,
     masterBody: ObjectIndex | None = None,
     stiffness: float | None = None,
+    friction: float | Coulomb | None = None,
     name: str = "",
 ) -> PartitionContact:
-    """Add frictionless contact between the patches of two partition bodies, or of one and a rigid surface.
+    """Add contact between the patches of two partition bodies, or of one and a rigid surface.
 
     The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
     contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
@@ -77,6 +79,9 @@ def CreatePartitionContact(
     stiffness : float, optional
         Of the penalty's layer [N/m3]. Default: what makes it yield under uniform pressure as the residual flexibility
         does; where patches have mass, what adds a tenth to their highest squared frequency at most.
+    friction : float or Coulomb, optional
+        Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Residual flexibilities must be those of patches
+        with axes="xyz". Default: frictionless.
     name : str
 
     Returns
@@ -107,6 +112,9 @@ def CreatePartitionContact(
     rows = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
     if validate_choice("passes", passes, PASSES) == "two":
         chosen = TwoPasses(chosen)
+    coulomb = friction_of(friction)
+    if coulomb is not None:
+        chosen = chosen.with_friction(coulomb)
     if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
     if masterBody is not None:
@@ -151,8 +159,18 @@ def CreatePartitionContact(
     contact["sForce"] = mbs.AddSensor(
         items.SensorUserFunction(name=name, sensorUserFunction=sample, storeInternal=True)
     )
+    if coulomb is not None:
+        _add_friction_sensor(mbs, contact, runs)
     registered(mbs).contacts[int(contact["sForce"])] = contact
     return contact
+
+
+def _add_friction_sensor(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:
+    def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
+        return runs.now(mbs).of(contact).friction_values()
+
+    items = require("exudyn.itemInterface")
+    contact["sFriction"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=sample, storeInternal=True))
 
 
 def _check_digits(side: Side) -> None:

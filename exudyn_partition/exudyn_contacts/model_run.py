@@ -112,6 +112,8 @@ class ModelRun:
         for contact in self._contacts:
             run = self.of(contact)
             found[int(contact["sForce"])] = run.values(t, q)
+            if "sFriction" in contact:
+                found[int(contact["sFriction"])] = run.friction_values()
             if contact.moment_about is not None:
                 found[int(contact["sMoment"])] = run.law.moment(contact.moment_about).tolist()
         return found

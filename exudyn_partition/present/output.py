@@ -261,7 +261,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     contacts = validate_contacts(contacts)
     validate_result(result)
     try:
-        return [(contact, contact.nodal_forces(result)) for contact in contacts if contact.elastic]
+        return [(contact, contact.nodal_forces(result)) for contact in contacts if contact.compliant]
     except InputError as error:
         raise InputError(f"{error}; they are not needed without FE models, or with static_answer=False") from error
 

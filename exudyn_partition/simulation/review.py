@@ -147,7 +147,7 @@ def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
 def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
     """Implicit steps over a contact force that comes and goes within a few of them make energy, however stable."""
     every_step = len(result.t) > 1 and np.diff(result.t).min() < 1.5 * result.step
-    if result.method != "implicit" or not contact.elastic or not every_step:
+    if result.method != "implicit" or not contact.compliant or not every_step:
         return
     force, spans = contact.force(result), contact.closed_samples(result)
     impulses = [float(np.trapezoid(force[first : last + 1], result.t[first : last + 1])) for first, last in spans]
@@ -169,7 +169,7 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
     """A contact smaller than the facets around it is that of one row, whatever its true area."""
     force, closed = contact.force(result), contact.closed_rows(result)
     top = int(force.argmax())
-    if not contact.elastic or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
+    if not contact.compliant or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
         return
     if top == len(force) - 1 and result.method != "static":
         return  # a contact that still grows begins with one row
@@ -187,7 +187,7 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
 def _warn_of_ringing(contact: PartitionContact, result: Result) -> None:
     """Flat ends that meet at once excite the frequency above all modes that residual flexibility has (`bars.py`)."""
     every_step = len(result.t) > 1 and np.diff(result.t).max() < 1.5 * result.step
-    if not contact.elastic or not every_step:
+    if not contact.compliant or not every_step:
         return
     period = 1 / (_RINGS_AT * min(item.body.f_cut for item, _ in contact.sides))
     window = max(3, round(period / result.step))

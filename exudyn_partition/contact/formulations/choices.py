@@ -13,11 +13,13 @@ import scipy.sparse.linalg
 from ...errors import InputError, ModelLimitWarning
 from ...reduction.body import ReducedBody
 from ...support.checks import validate_choice, validate_positive
+from ..coulomb import Coulomb
 from ..gaps import Gaps
 from ..patch_gaps import PatchGaps
 from .compliance import ComplianceContact
-from .coupled import CoupledContacts
+from .coupled import Compliant, CoupledContacts
 from .formulation import Formulation, Law, SharedBody
+from .frictional_compliance import FrictionalCompliance
 from .lagrange import LagrangeContact
 from .law import ElasticContact
 from .penalty import PenaltyContact, bed_stiffness, inertial_stiffness
@@ -32,9 +34,22 @@ _STIFFEST = 1e6  # times the default penalty; explicit steps are then a thousand
 
 
 class Compliance(Formulation):
-    """Contact through the residual flexibility, see `compliance.ComplianceContact`."""
+    """Contact through the residual flexibility, see `compliance.ComplianceContact`.
+
+    Parameters
+    ----------
+    friction : Coulomb, optional
+        With it, see `frictional_compliance.FrictionalCompliance`.
+    """
 
     both_passes = True
+
+    def __init__(self, friction: Coulomb | None = None) -> None:
+        self.friction = friction
+
+    def with_friction(self, friction: Coulomb) -> Compliance:
+        """See `Formulation`."""
+        return Compliance(friction)
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """See `Formulation`."""
@@ -44,9 +59,9 @@ class Compliance(Formulation):
                 "take formulation='lagrange', or basis='contact-adapted' or 'residual'"
             )
 
-    def law(self, gaps: Gaps) -> ComplianceContact:
+    def law(self, gaps: Gaps) -> ComplianceContact | FrictionalCompliance:
         """See `Formulation`."""
-        return ComplianceContact(gaps)
+        return ComplianceContact(gaps) if self.friction is None else FrictionalCompliance(gaps, self.friction)
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
         """See `Formulation`."""
@@ -54,9 +69,9 @@ class Compliance(Formulation):
         coupling = _coupling(shared)
         if coupling <= _COUPLED:
             return False
-        if isinstance(law, ComplianceContact) and isinstance(other, ComplianceContact):
+        if isinstance(law, Compliant) and isinstance(other, Compliant):
             return True
-        if all(isinstance(one, ComplianceContact | TwoPass) for one in (law, other)):
+        if all(isinstance(one, Compliant | TwoPass) for one in (law, other)):
             warnings.warn(
                 f"body {shared.name!r}: the residual flexibility couples its patches {shared.patches[0]} and "
                 f"{shared.patches[1]} by {coupling:.1%}. Contacts with passes='two' neglect this: forces on one "
@@ -150,6 +165,10 @@ class TwoPasses(Formulation):
         if not self.half.both_passes or len(bodies) < 2:
             raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
         self.half.check(bodies)
+
+    def with_friction(self, friction: Coulomb) -> Formulation:
+        """See `Formulation`; two passes have none."""
+        raise InputError("passes: 'two' has no friction; leave passes out, or friction")
 
     def law(self, gaps: Gaps) -> TwoPass:
         """See `Formulation`."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...errors import ComplementarityError
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import BULGE
 from .law import ElasticContact
@@ -94,6 +95,29 @@ class ComplianceContact(ElasticContact):
         lam = np.zeros(len(h))
         lam[near] = self.problem.solve(h[near])
         self.close_rows(lam, near[self.problem.index])
+
+    @property
+    def forces(self) -> Array:
+        """`lam`; with friction, laws have forces in three directions here, see `FrictionalContact`."""
+        return self.lam
+
+    @property
+    def pushes(self) -> bool:
+        """Whether its forces move the rows of other contacts."""
+        return self.index.size > 0
+
+    @property
+    def since(self) -> float:
+        """Start of the step that forces depend on; no step matters here."""
+        return 0.0
+
+    def side_rows(self, side: int) -> Rows:
+        """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
+        return self.gaps.side_rows(side)
+
+    def directions(self, index: Array) -> Array:
+        """Numbers of the directions of some rows: one for each row."""
+        return index
 
     def tangent_of(self, H: Array) -> Array:
         """Stiffness H' F_AA^-1 H, (m, m), of the closed rows on any coordinates, H (na, m)."""

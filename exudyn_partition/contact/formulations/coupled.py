@@ -6,15 +6,20 @@ import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy.linalg
 
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array, consecutive
 from ..gaps import dense
 from .compliance import ComplianceContact
+from .frictional_compliance import FrictionalCompliance
+
+Compliant = ComplianceContact | FrictionalCompliance
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
+_SETTLED_WITH_FRICTION = 1e-9  # forces with friction are known to a tenth of it
 _UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
 
 
@@ -23,17 +28,18 @@ class CoupledContacts:
 
     The forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over lambda >= 0, with F of all
     rows. Block Gauss-Seidel converges to the minimum, because F is positive definite. It converges fast, because one
-    patch moves another only a little.
+    patch moves another only a little. With friction there is no potential, but the sweeps are the same: tangential
+    forces push too, and tangential places are pushed by what the forces have changed since the last accepted step.
 
     Parameters
     ----------
-    laws : list of ComplianceContact
+    laws : list of ComplianceContact or FrictionalCompliance
     links : list of (int, int, int, int, (d np, d np) array)
         Numbers of a law and its side, of the other law and its side, and the body's flexibility between the patches
         [m/N].
     """
 
-    def __init__(self, laws: Sequence[ComplianceContact], links: list[tuple[int, int, int, int, Array]]) -> None:
+    def __init__(self, laws: Sequence[Compliant], links: list[tuple[int, int, int, int, Array]]) -> None:
         self.laws = [*laws]
         self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
         for j, side, k, other_side, between in links:
@@ -43,11 +49,19 @@ class CoupledContacts:
         self._inverse: Array | None = None
         self._rows: dict[tuple[int, int], Rows] = {}
         self._kept: dict[tuple[int, int], tuple[object, object, Array]] = {}
+        self._frictional = any(law.friction is not None for law in laws)
+        self._begin()
 
-    def for_run(self, laws: Sequence[ComplianceContact]) -> CoupledContacts:
+    def _begin(self) -> None:
+        """Forget the forces of the last accepted step, which frictionless laws do not keep themselves."""
+        self._since: list[float] = []
+        self._last = [np.zeros(len(law.node_areas)) for law in self.laws]
+
+    def for_run(self, laws: Sequence[Compliant]) -> CoupledContacts:
         """Return the same object for the laws of a run; flexibilities between constant rows are shared."""
         result = copy.copy(self)
         result.laws, result._at, result._inverse, result._rows = [*laws], None, None, {}
+        result._begin()
         return result
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
@@ -67,31 +81,48 @@ class CoupledContacts:
         coordinates : callable
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
-        at = np.concatenate([state, *(law.gaps.carrier_pose for law in self.laws)])
+        since = [law.since for law in self.laws]
+        at = np.concatenate([state, since, *(law.gaps.carrier_pose for law in self.laws)])
+        if self._frictional and self._since != since:
+            self._since = since
+            for law, last in zip(self.laws, self._last, strict=True):
+                last[law.row_nodes] = law.lam
         if self._at is None or not np.array_equal(at, self._at):
             self._at, self._forces, self._inverse = at, self._find(coordinates()), None
         return self._forces
 
-    def stiffness(self, law: ComplianceContact, other: ComplianceContact) -> Array:
+    def stiffness(self, law: Compliant, other: Compliant) -> Array:
         """Change of forces on closed rows of `law` by gaps of closed rows of `other`, (na, nb) [N/m].
 
-        All other gaps are held.
+        All other gaps are held. With friction, rows have three directions each, as in `Law.row_stiffness`.
         """
         if self._inverse is None:
-            self._inverse = np.linalg.inv(self._flexibility())
+            self._closed = consecutive([len(law.directions(law.index)) for law in self.laws])
+            self._inverse = self._frictional_stiffness() if self._frictional else np.linalg.inv(self._flexibility())
         rows, columns = self._closed[self.laws.index(law)], self._closed[self.laws.index(other)]
         return self._inverse[rows, columns]
 
     def _flexibility(self) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
-        self._closed = consecutive([len(law.index) for law in self.laws])
-        F = np.zeros((self._closed[-1].stop,) * 2)
+        F = self._flexibility_between()
         for law, own in zip(self.laws, self._closed, strict=True):
+            assert isinstance(law, ComplianceContact)
             F[own, own] = law.active_flexibility()
-        for j, k in self._links:
-            between = self._between(j, k)[np.ix_(self.laws[j].index, self.laws[k].index)]
-            F[self._closed[j], self._closed[k]] += between
         return F
+
+    def _flexibility_between(self) -> Array:
+        """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero blocks for each contact's own."""
+        F = np.zeros((self._closed[-1].stop,) * 2)
+        for j, k in self._links:
+            own, others = (law.directions(law.index) for law in (self.laws[j], self.laws[k]))
+            F[self._closed[j], self._closed[k]] += self._between(j, k)[np.ix_(own, others)]
+        return F
+
+    def _frictional_stiffness(self) -> Array:
+        """Changes of all forces by gaps and tangential places: d lambda = -D (dh + F_between d lambda)."""
+        D = scipy.linalg.block_diag(*(law.row_stiffness() for law in self.laws))
+        value: Array = np.linalg.solve(np.eye(len(D)) + D @ self._flexibility_between(), D)
+        return value
 
     def _find(self, coordinates: Sequence[Array]) -> list[Array]:
         self._rows.clear()
@@ -104,16 +135,17 @@ class CoupledContacts:
 
     def _settle(self, gaps: list[Array]) -> None:
         pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
+        settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
             for j, law in enumerate(self.laws):
-                pushing = [k for k in self._neighbours[j] if self.laws[k].index.size]
+                pushing = [k for k in self._neighbours[j] if self.laws[k].pushes]
                 if pushing or pushed_ever[j]:
-                    before, pushed_ever[j] = law.lam, True
-                    law.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(len(law.lam))))
-                    change += abs(law.lam - before).sum()
+                    before, pushed_ever[j] = law.forces, True
+                    law.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
+                    change += abs(law.forces - before).sum()
                 size += law.lam.sum()
-            if change <= _SETTLED * size:
+            if change <= settled * size:
                 return
         if change > _UNSETTLED * size:
             raise ComplementarityError(
@@ -123,12 +155,22 @@ class CoupledContacts:
             )
 
     def _pushed(self, j: int, k: int) -> Array:
-        """What the forces of the k-th contact add to the gaps of the j-th, (nr,) [m]."""
-        lam = self.laws[k].lam
+        """What the forces of the k-th contact add to the places of the j-th, in the shape of its forces [m].
+
+        These are gaps, and with friction also tangential places since the last accepted step.
+        """
+        law, other = self.laws[j], self.laws[k]
+        pushed = self._moved(j, k, other.forces).reshape(law.forces.shape)
+        if law.friction is not None:
+            last = other.last_forces() if isinstance(other, FrictionalCompliance) else self._last[k][other.row_nodes]
+            pushed[:, 1:] -= self._moved(j, k, last).reshape(-1, 3)[:, 1:]
+        return pushed
+
+    def _moved(self, j: int, k: int, forces: Array) -> Array:
         if self._constant(j) is not None and self._constant(k) is not None:
-            return self._between(j, k) @ lam
+            return np.asarray(self._between(j, k) @ forces.ravel())
         value: Array = sum(
-            rows @ (flexibility @ (columns.T @ lam))
+            rows @ (flexibility @ (columns.T @ forces.ravel()))
             for side, other_side, flexibility in self._links[j, k]
             for rows, columns in [(self._side_rows(j, side), self._side_rows(k, other_side))]
         )
@@ -154,5 +196,5 @@ class CoupledContacts:
 
     def _side_rows(self, j: int, side: int) -> Rows:
         if (j, side) not in self._rows:
-            self._rows[j, side] = self.laws[j].gaps.side_rows(side)
+            self._rows[j, side] = self.laws[j].side_rows(side)
         return self._rows[j, side]

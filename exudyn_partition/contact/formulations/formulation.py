@@ -17,6 +17,7 @@ from ...errors import InputError
 from ...frames.kinematics import Rows
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
+from ..coulomb import Coulomb
 from ..gaps import Gaps
 
 Method = Literal["explicit", "implicit"]
@@ -50,10 +51,13 @@ class Law(Protocol):
     elastic : bool
         Whether forces follow from the coordinates alone and have a potential. Then they can be computed again after a
         run.
+    compliant : bool
+        Whether closed rows yield by a flexibility or layer of the contact itself. Then `press` tells by how much.
     ahead : bool
         Whether forces are applied ahead of each explicit step, by `forward_increment`, and not by a force element.
     remembers : bool
         Whether forces depend on those of earlier steps. Then `commit` and `rollback` matter.
+    friction : Coulomb or None
     lam : (nr,) array
         Forces on the present rows [N].
     index : (na,) int array
@@ -65,8 +69,10 @@ class Law(Protocol):
     """
 
     elastic: bool
+    compliant: bool
     ahead: bool
     remembers: bool
+    friction: Coulomb | None
 
     @property
     def gaps(self) -> Gaps:
@@ -117,7 +123,28 @@ class Law(Protocol):
         """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of the force F, with the rows held."""
 
     def row_stiffness(self) -> Array:
-        """Derivative of the forces on the closed rows by their gaps, (na, na) [N/m]; elastic laws only."""
+        """Derivative of the forces on the closed rows by their gaps, (na, na) [N/m]; compliant laws only.
+
+        With friction, of the forces along all three directions of the rows, (3 na, 3 na).
+        """
+
+    def row_jacobian(self) -> Rows:
+        """Derivative of the gaps of closed rows by the coordinates, (na, n); with friction of all directions."""
+
+    def row_carrier(self) -> Array:
+        """The same by the velocities of the body that carries a rigid surface, (na, 6); with friction (3 na, 6)."""
+
+    @property
+    def traction(self) -> Array:
+        """Tangential forces on the present rows in space, (nr, 3) [N]; zero without friction."""
+
+    @property
+    def state(self) -> Array:
+        """Whether each present row is open, sticks or slips, (nr,) int8, see `algebra.friction`."""
+
+    @property
+    def slip_path(self) -> Array:
+        """Path that the row of each node of the slave's patch has slipped so far, (np,) [m]."""
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps, rates and accelerations of an open contact, see `Gaps.closing`."""
@@ -141,7 +168,7 @@ class Law(Protocol):
         """Energy that the contact has dissipated since the start of the run [J]."""
 
     def press(self, gap: Array) -> tuple[float, int]:
-        """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m]; elastic laws only."""
+        """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m]; compliant laws."""
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
@@ -151,6 +178,18 @@ class Law(Protocol):
 
     def nodal_forces(self) -> list[Array]:
         """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
+
+    def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
+        """Forces on the nodes of the patches, as `nodal_forces`, of rows that were closed at coordinates q, (n,).
+
+        Parameters
+        ----------
+        q : (n,) array
+        nodes : (na,) int array
+            Nodes of the slave's patch that the rows belong to.
+        lam, traction : (na,), (na, 3) arrays
+            Normal forces on them, and tangential forces in space [N].
+        """
 
     def edge_reached(self) -> Array | None:
         """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""
@@ -220,6 +259,19 @@ class Formulation(Protocol):
 
     def law(self, gaps: Gaps) -> Law:
         """Return the law at the start."""
+
+    def with_friction(self, friction: Coulomb) -> Formulation:
+        """Return the same formulation with friction.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        raise InputError(
+            f"friction: formulation {type(self).__name__} has none; take formulation='compliance', 'lagrange' or "
+            "'penalty', or leave friction out"
+        )
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
         """Whether forces of each contact on a body change the gaps of the other, so that both are solved together.

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ...algebra.friction import OPEN, SLIP
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
+from ..coulomb import Coulomb
 from ..gaps import Gaps
 from .formulation import Law, Method, Motion
 
@@ -32,8 +34,10 @@ class ContactLaw:
     """
 
     elastic = False
+    compliant = False
     ahead = False
     remembers = False
+    friction: Coulomb | None = None
 
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps
@@ -110,8 +114,33 @@ class ContactLaw:
         """See `Law`."""
         raise NotImplementedError(f"{type(self).__name__} is no elastic law")
 
+    def row_jacobian(self) -> Rows:
+        """See `Law`."""
+        return self.gaps.jacobian(self.index)
+
+    def row_carrier(self) -> Array:
+        """See `Law`."""
+        return self.gaps.carrier_rows(self.index)
+
     def check(self, q: Array) -> None:
         """See `Law`."""
+
+    @property
+    def traction(self) -> Array:
+        """See `Law`."""
+        return np.zeros((len(self.lam), 3))
+
+    @property
+    def state(self) -> Array:
+        """See `Law`; closed rows slip freely."""
+        state = np.full(len(self.lam), OPEN, dtype=np.int8)
+        state[self.index] = SLIP
+        return state
+
+    @property
+    def slip_path(self) -> Array:
+        """See `Law`; it is not counted without friction."""
+        return np.zeros(len(self._closed_nodes))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps, rates and accelerations of an open contact, see `Gaps.closing`."""
@@ -154,6 +183,10 @@ class ContactLaw:
         """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
         return self.gaps.nodal_forces(self.lam)
 
+    def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
+        """See `Law`."""
+        raise NotImplementedError(f"{type(self).__name__} has no friction")
+
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""
         return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)
@@ -171,6 +204,7 @@ class ElasticContact(ContactLaw):
     """A law whose forces follow from the coordinates alone. It has a stiffness and a potential."""
 
     elastic = True
+    compliant = True
     h: Array
 
     def force(self, q: Array) -> Array:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
+from ..coulomb import Coulomb
 from .formulation import Method, Motion
 from .law import ElasticContact
 
@@ -23,8 +25,10 @@ class TwoPass:
     """
 
     elastic = True
+    compliant = True
     ahead = False
     remembers = False
+    friction: Coulomb | None = None
 
     def __init__(self, there: ElasticContact, back: ElasticContact) -> None:
         self.passes = (there, back)
@@ -137,6 +141,22 @@ class TwoPass:
         return 2.0 * sp.block_diag([law.node_pressures for law in self.passes], format="csr")
 
     @property
+    def traction(self) -> Array:
+        """See `Law`; zero, for there is no friction in two passes."""
+        return np.zeros((len(self.row_nodes), 3))
+
+    @property
+    def state(self) -> Array:
+        """See `Law`."""
+        value: Array = np.concatenate([law.state for law in self.passes])
+        return value
+
+    @property
+    def slip_path(self) -> Array:
+        """See `Law`."""
+        return np.concatenate([law.slip_path for law in self.passes])
+
+    @property
     def least_gap(self) -> float:
         """Smallest gap of both passes [m]."""
         return min(law.least_gap for law in self.passes)
@@ -150,6 +170,18 @@ class TwoPass:
         """Forces on the nodes of the patches, in axes of space, (np, 3) for each side of the first pass [N]."""
         there, back = (law.nodal_forces() for law in self.passes)
         return [0.5 * (one + other) for one, other in zip(there, back[::-1], strict=True)]
+
+    def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
+        """See `Law`."""
+        raise NotImplementedError("contact in two passes has no friction")
+
+    def row_jacobian(self) -> Rows:
+        """See `Law`; only carriers of rigid surfaces ask for it, and these contacts have one pass."""
+        raise NotImplementedError("contact in two passes has rows of two kinds")
+
+    def row_carrier(self) -> Array:
+        """See `Law`, and `row_jacobian`."""
+        raise NotImplementedError("contact in two passes has rows of two kinds")
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave of the first pass about a point in space, (3,) [N m]."""

@@ -11,7 +11,9 @@ class Runaway:
     """A law whose force grows with what another pushes: patches that move each other more than themselves."""
 
     carrier_pose = np.empty(0)
-    constant_rows = None
+    constant_rows = friction = None
+    pushes, since = True, 0.0
+    node_areas = np.ones(1)
 
     def __init__(self):
         self.gaps = self
@@ -19,6 +21,10 @@ class Runaway:
 
     def reset(self):
         self.lam, self.index = np.ones(1), np.zeros(1, dtype=int)
+
+    @property
+    def forces(self):
+        return self.lam
 
     def at(self, q):
         return q

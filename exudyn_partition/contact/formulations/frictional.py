@@ -1,0 +1,205 @@
+"""Base of contact laws with friction: forces along the tangents too, and the memory of where each row stuck last."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...algebra.friction import OPEN, SLIP
+from ...errors import ComplementarityError
+from ...frames.kinematics import Rows
+from ...support.arrays import Array
+from ..coulomb import Coulomb
+from ..gaps import Gaps
+from ..tangential import TangentialRows
+from .formulation import Motion
+from .law import ContactLaw
+
+if TYPE_CHECKING:
+    from typing import Self
+
+
+class FrictionalContact(ContactLaw):
+    """Forces on rows with friction.
+
+    What the law remembers belongs to the end of the last accepted step: the forces on the rows, which of them slipped
+    and how fast. It is kept by the slave's nodes, with tangential forces as vectors that turn with the master, so that
+    it lives on when rows change. The coefficient of a row in a step follows from its state and slip speed then.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    friction : Coulomb
+
+    Attributes
+    ----------
+    tangential : TangentialRows
+    forces : (nr, 3) array
+        Forces on the present rows along the normal and both tangents [N]; the first column is `lam`.
+    """
+
+    remembers = True
+    compliant = True
+
+    def __init__(self, gaps: Gaps, friction: Coulomb) -> None:
+        self.friction = self._law = friction
+        self.tangential = TangentialRows(gaps)
+        super().__init__(gaps)
+
+    def fresh(self) -> Self:
+        """Return the same law in its start state, for another run; constant data are shared."""
+        result = copy.copy(self)
+        result.gaps = self.gaps.fresh()
+        result.tangential = self.tangential.fresh(result.gaps)
+        result.reset()
+        return result
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        n = len(self._closed_nodes)
+        self.tangential.release()
+        self._last = np.zeros((n, 4))  # forces at the end of the last step: normal, and in the tangents' axes
+        self._slipped, self._speed = np.zeros(n, dtype=bool), np.zeros(n)
+        self._path = np.zeros(n)
+        self._dissipated, self._start, self._answered = 0.0, -math.inf, False
+
+    def open_rows(self) -> Array:
+        """Open all rows."""
+        n = len(self.gaps.row_nodes)
+        self.forces, self._state = np.zeros((n, 3)), np.full(n, OPEN, dtype=np.int8)
+        return super().open_rows()
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.respond(motion.q)
+
+    def respond(self, q: Array) -> Array:
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
+        self.answer(self.gaps.at(q))
+        return self.generalised()
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), from the present forces on the rows."""
+        return self.tangential.generalised(self.forces) if self.index.size else self._zero
+
+    def answer(self, gap: Array, pushed: Array | None = None) -> None:
+        """Find the forces on the present rows from their gaps, (nr,) [m], and from how far they have slid.
+
+        `pushed`, (nr, 3) [m], is what the forces of other contacts add to the gaps, and have added to the tangential
+        places since the last accepted step.
+        """
+        self._answered = True
+        if not self.tangential.held:
+            self.tangential.hold()
+        self.least_gap = gap.min(initial=np.inf) if pushed is None else (gap + pushed[:, 0]).min(initial=np.inf)
+        if math.isnan(self.least_gap):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if self.least_gap >= 0.0:
+            self.open_rows()
+            return
+        self._find(gap, np.zeros((len(gap), 3)) if pushed is None else pushed)
+
+    def _find(self, gap: Array, pushed: Array) -> None:
+        """Find `forces` and `state` of the present rows, some of which are closed."""
+        raise NotImplementedError
+
+    def _slips(self) -> Array:
+        """How far the present rows have slipped since the last accepted step, (nr, 2) [m]; of open rows, have moved."""
+        raise NotImplementedError
+
+    def last_forces(self) -> Array:
+        """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]."""
+        last = self._last[self.gaps.row_nodes]
+        return np.column_stack([last[:, 0], self.tangential.along(last[:, 1:] @ self.tangential.axes.T)])
+
+    def coefficients(self) -> Array:
+        """Coefficients of friction of the present rows in this step, (nr,)."""
+        nodes = self.gaps.row_nodes
+        return self._law.coefficient(self._slipped[nodes], self._speed[nodes])
+
+    def commit(self, start: float) -> None:
+        """Begin a step at time `start` [s]: remember the forces and states at the end of the step before."""
+        if self._answered and start > self._start:
+            self._remember(start - self._start)
+        self._start, self._answered = start, False
+
+    def _remember(self, step: float) -> None:
+        nodes = self.gaps.row_nodes
+        self._slipped[:], self._speed[:] = False, 0.0
+        if self.index.size:
+            self._dissipated += self._taken_in_step()
+            slip = self._slips()
+            length, slides = np.linalg.norm(slip, axis=1), self.state == SLIP
+            self._path[nodes[slides]] += length[slides]
+            self._slipped[nodes] = slides
+            self._speed[nodes] = np.where(slides, length / step, 0.0)
+        self._last[:] = 0.0
+        self._last[nodes, 0] = self.forces[:, 0]
+        self._last[nodes, 1:] = self.traction @ self.tangential.axes
+        self.tangential.hold()
+
+    def _taken_in_step(self) -> float:
+        """Energy that the slip since the last accepted step takes [J].
+
+        By the trapezoid: the force at the end of the step alone would take too much or too little.
+        """
+        return -0.5 * float(np.sum(self._slips() * (self.last_forces() + self.forces)[:, 1:]))
+
+    @property
+    def traction(self) -> Array:
+        """Tangential forces on the present rows in space, (nr, 3) [N]."""
+        return self.tangential.in_space(self.forces[:, 1:])
+
+    def row_jacobian(self) -> Rows:
+        """See `Law`; of gaps and tangential places."""
+        return self.tangential.jacobian(self.index)
+
+    def row_carrier(self) -> Array:
+        """See `Law`; of gaps and tangential places."""
+        return self.tangential.carrier_rows(self.index)
+
+    def dissipated(self) -> float:
+        """See `Law`."""
+        return self._dissipated + (self._taken_in_step() if self._answered and self.index.size else 0.0)
+
+    @property
+    def state(self) -> Array:
+        """See `Law`."""
+        return self._state
+
+    @property
+    def slip_path(self) -> Array:
+        """See `Law`; by the steps that were accepted."""
+        path: Array = self._path
+        return path
+
+    def resultant(self) -> Array:
+        """Force on the slave, (3,) [N]."""
+        value: Array = self.gaps.resultant(self.lam) + self.traction.sum(axis=0)
+        return value
+
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
+        return self.tangential.nodal_forces(self.forces)
+
+    def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
+        """See `Law`."""
+        self.gaps.at(q)
+        row_of = np.full(len(self._closed_nodes), -1)
+        row_of[self.gaps.row_nodes] = np.arange(len(self.gaps.row_nodes))
+        rows, present = row_of[nodes], row_of[nodes] >= 0
+        vectors = np.zeros((len(self.gaps.row_nodes), 3))
+        vectors[rows[present]] = traction[present]
+        forces = np.column_stack([np.zeros(len(vectors)), self.tangential.along(vectors)])
+        forces[rows[present], 0] = lam[present]
+        return self.tangential.nodal_forces(forces)
+
+    def moment(self, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m]."""
+        if not self.index.size:
+            return np.zeros(3)
+        return self.gaps.moment_of(self.tangential.at_points(self.forces), point)

@@ -1,0 +1,141 @@
+"""Contact through the residual flexibility with friction: an incremental problem of normal and tangential forces."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...algebra.complementarity import regularised
+from ...algebra.friction import FrictionProblem
+from ...frames.kinematics import Rows
+from ...support.arrays import Array
+from ..gaps import BULGE, dense
+from ..tangential import directions
+from .compliance import ComplianceContact
+from .frictional import FrictionalContact
+
+_MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps are taken, so that the problem seldom changes
+
+
+class FrictionalCompliance(FrictionalContact):
+    """Massless contact with Coulomb friction between two bodies whose rows have a residual flexibility.
+
+    h(q) are the gaps of the kept shapes, s(q) the ways that rows have slid along their tangents since the last accepted
+    step. With F of normals and tangents, and lambda* the forces at the end of that step, the forces lambda solve::
+
+        w_n = h + (F lambda)_n,    0 <= lambda_n,    0 <= w_n,    lambda_n w_n = 0,
+        w_t = s + (F (lambda - lambda*))_t,    |lambda_t| <= mu lambda_n,    w_t = 0 where |lambda_t| < mu lambda_n,
+
+    and where |lambda_t| = mu lambda_n, the slip w_t is opposite to lambda_t. There is no potential. The answer is
+    unique for moderate coefficients only; beyond, it is the one found from that of the step before.
+
+    References
+    ----------
+    P. Alart, A. Curnier, A mixed formulation for frictional contact problems prone to Newton like solution methods,
+    1991.
+    """
+
+    problem: FrictionProblem
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        self._iterations, self._taken = 0, False
+        self._near = np.empty(0, dtype=np.int64)
+        self._F = np.empty((0, 0))
+        self._guess = np.zeros(len(self._closed_nodes), dtype=np.int8)
+
+    @property
+    def iterations(self) -> int:
+        """See `Law`."""
+        return self.problem.iterations if self._taken else 0
+
+    def _find(self, gap: Array, pushed: Array) -> None:
+        last, nodes = self.last_forces(), self.gaps.row_nodes
+        near = self._take(gap + pushed[:, 0], last[:, 0] > 0)
+        carried = (self.problem.F @ last[near].ravel()).reshape(-1, 3)
+        h = pushed[near]
+        h[:, 0] += gap[near]
+        h[:, 1:] += self.tangential.way()[near] - carried[:, 1:]
+        self._h = h
+        found = self.problem.solve(h, self.coefficients()[near])
+        self.forces = np.zeros((len(gap), 3))
+        self.forces[near] = found
+        self._state = np.zeros(len(gap), dtype=np.int8)
+        self._state[near] = self.problem.state
+        self._guess[:] = 0
+        self._guess[nodes[near]] = self.problem.state
+        self.close_rows(self.forces[:, 0].copy(), near[self.problem.index])
+
+    def _take(self, gap: Array, closed: Array) -> Array:
+        """Set up the problem of rows that may close, and of those that were `closed`; return their numbers."""
+        F, needed = self.tangential.flexibility(), (gap < -BULGE * self.least_gap) | closed
+        if self._taken and F is self._F and not needed.sum() > needed[self._near].sum():
+            return self._near
+        near = np.flatnonzero(needed | (gap < -_MARGIN * self.least_gap))
+        some = directions(near)
+        own = regularised(F[np.ix_(some, some)])
+        if not self._taken:
+            self.problem, self._taken = FrictionProblem(own), True
+        else:
+            nodes = self.gaps.row_nodes[near]
+            self.problem.replace(own, self._guess[nodes], self.last_forces()[near])
+        self._F, self._near = F, near
+        return near
+
+    def _slips(self) -> Array:
+        """See `FrictionalContact`."""
+        slips = np.zeros((len(self.forces), 2))
+        if self.index.size:
+            near = self._near
+            slips[near] = (self._h + (self.problem.F @ self.forces[near].ravel()).reshape(-1, 3))[:, 1:]
+        return slips
+
+    def stored(self) -> float:
+        """See `Law`: 1/2 lambda' F lambda."""
+        if not self.index.size:
+            return 0.0
+        some, lam = directions(self.problem.index), self.forces[self.index].ravel()
+        return 0.5 * float(lam @ (self.problem.F[np.ix_(some, some)] @ lam))
+
+    @property
+    def pushes(self) -> bool:
+        """Whether its forces, or those at the end of the last accepted step, move the rows of other contacts."""
+        return self.index.size > 0 or bool(self._last.any())
+
+    @property
+    def since(self) -> float:
+        """Start of the step that forces depend on [s]."""
+        return self._start
+
+    def side_rows(self, side: int) -> Array:
+        """Directions of the present rows on the flexibility coordinates of one side's patch, (3 nr, d np)."""
+        return self.tangential.side_rows(side)
+
+    def directions(self, index: Array) -> Array:
+        """Numbers of the three directions of some rows, (3 na,)."""
+        return directions(index)
+
+    def tangent_of(self, H: Rows) -> Array:
+        """Stiffness of the closed rows on some coordinates, (m, m); H, (3 na, m), are derivatives of their places."""
+        H = dense(H)
+        return H.T @ (self.problem.derivative() @ H) if len(H) else np.zeros((H.shape[1],) * 2)
+
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """See `Law`; unsymmetric where rows slip."""
+        return sp.csr_matrix(by_q * self.tangent_of(self.tangential.jacobian(self.index)))
+
+    def row_stiffness(self) -> Array:
+        """See `Law`; in all three directions of the closed rows, (3 na, 3 na)."""
+        return self.problem.derivative() if self.index.size else np.zeros((0, 0))
+
+    def closed_stiffness(self) -> Array:
+        """Contact stiffness with all rows closed and stuck, (n, n): the largest that the element can have."""
+        everything = np.arange(len(self.gaps.row_nodes))
+        H = dense(self.tangential.jacobian(everything))
+        value: Array = H.T @ np.linalg.solve(regularised(self.tangential.flexibility()), H)
+        return value
+
+    def press(self, gap: Array) -> tuple[float, int]:
+        """See `Law`; without friction."""
+        return ComplianceContact(self.gaps).press(gap)

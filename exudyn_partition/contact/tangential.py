@@ -1,0 +1,272 @@
+"""Tangential directions of gap rows: how far the rows slide, and what forces along the tangents do.
+
+A row has its normal direction and two tangents, perpendicular to the row's mean normal. Its tangential place is the
+weighted mean of its points' places relative to the master, as its gap is the mean of their gaps. The directions of a
+row have the order normal, first tangent, second tangent; those of all rows are interleaved: 3 i + k.
+"""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import InputError
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+from .gaps import SAME, Gaps, dense, joined
+
+_STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
+
+
+class TangentialRows:
+    """The present rows of a contact with their tangents.
+
+    How far rows slide is counted from the places that `hold` took. The offset between slave and master turns with the
+    master, so that a common motion of both is no sliding. Forces on the master act at the slave's points.
+
+    Parameters
+    ----------
+    gaps : Gaps
+        The normals and pairs of its last evaluation are those of the rows.
+
+    Raises
+    ------
+    InputError
+        If a side's flexibility is that of normal forces alone.
+    """
+
+    def __init__(self, gaps: Gaps) -> None:
+        for side in gaps.sides:
+            if side.flexibility is not None and side.normal_only:
+                raise InputError(
+                    "friction: needs the residual flexibility of tangential forces, but the contact patch carries that "
+                    "of its normal alone; make it by Partition.ball(..., axes='xyz')"
+                )
+        self.gaps = gaps
+        self._axis = int(abs(gaps.approach).argmin())
+        self._tangents_of: Array | None = None
+        self._flexible_rows: object = None
+        self._flexible_at = np.zeros(1)
+        self._rows_held: object = None
+        self.release()
+
+    def fresh(self, gaps: Gaps) -> TangentialRows:
+        """Return the tangents of these rows for another run; `gaps` are the same in their start state."""
+        result = copy.copy(self)
+        result.gaps, result._tangents_of = gaps, None
+        result.release()
+        return result
+
+    def release(self) -> None:
+        """Forget the places that `hold` took: nothing has slid."""
+        self._from: Array | None = None
+        self._pose: Array | None = None
+
+    def hold(self) -> None:
+        """Count sliding from the present places."""
+        self._from, self._pose = np.concatenate(self.gaps.coordinates), self.gaps.carrier_pose
+
+    @property
+    def held(self) -> bool:
+        """Whether `hold` has taken places."""
+        return self._from is not None
+
+    @property
+    def axes(self) -> Array:
+        """Axes of the body whose motion the tangents follow, as columns, (3, 3): the master's, or else the slave's."""
+        q, side = self.gaps.coordinates[-1], self.gaps.sides[-1]
+        value: Array = side.kinematics.frame(q)[1]
+        return value
+
+    @property
+    def tangents(self) -> Array:
+        """Two tangents of each row, (nr, 2, 3)."""
+        normal = self.gaps.normal
+        if self._tangents_of is not normal:
+            normal_ = normal / np.linalg.norm(normal, axis=1)[:, None]
+            axes = self.axes
+            cosines = abs(normal_ @ axes).max(axis=0, initial=0.0)
+            if cosines[self._axis] > _STEEP:
+                self._axis, self._flexible_rows = int(cosines.argmin()), None
+            first = np.cross(axes[:, self._axis], normal_)
+            first /= np.linalg.norm(first, axis=1)[:, None]
+            self._tangents, self._tangents_of = np.stack([first, np.cross(normal_, first)], axis=1), normal
+        return self._tangents
+
+    def in_space(self, along: Array) -> Array:
+        """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""
+        vectors: Array = np.einsum("rk,rkd->rd", along, self.tangents)
+        return vectors
+
+    def along(self, vectors: Array) -> Array:
+        """Components along the tangents, (nr, 2), of vectors in space, (nr, 3)."""
+        along: Array = np.einsum("rd,rkd->rk", vectors, self.tangents)
+        return along
+
+    def way(self) -> Array:
+        """How far the rows have slid along their tangents since `hold`, (nr, 2) [m]."""
+        gaps = self.gaps
+        if self._from is None:
+            return np.zeros((len(gaps.row_nodes), 2))
+        if not gaps.moving:
+            moved = np.concatenate(gaps.coordinates) - self._from
+            return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
+        before = self._carried(self._offsets(gaps.places(self._from)))
+        return self.along(self._offsets(gaps.places_now()) - before)
+
+    def _offsets(self, places: list[Array]) -> Array:
+        """Mean place of each row's points, relative to the master if that is a patch, (nr, 3) [m]."""
+        gaps = self.gaps
+        parts = zip(gaps.shares, places, strict=True)
+        at_points = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in parts)
+        return np.asarray(at_points if gaps.mean is None else gaps.mean @ at_points)
+
+    def _carried(self, offsets: Array) -> Array:
+        """Where offsets, (nr, 3), from the time of `hold` would be now if they had moved with the master."""
+        gaps = self.gaps
+        assert self._from is not None
+        assert self._pose is not None
+        if len(gaps.sides) == 2:
+            before = gaps.sides[1].kinematics.frame(gaps.split(self._from)[1])[1]
+            return offsets @ before @ self.axes.T
+        if not gaps.carried:
+            return offsets
+        (place, axes), (place_now, axes_now) = (
+            (pose[:3], pose[3:].reshape(3, 3)) for pose in (self._pose, gaps.carrier_pose)
+        )
+        value: Array = place_now + (offsets - place) @ axes @ axes_now.T
+        return value
+
+    def jacobian(self, index: Array) -> Rows:
+        """Derivative of gaps and tangential places of some rows by the coordinates, (3 na, n), pairs held."""
+        if not self.gaps.moving:
+            return self._all_rows()[directions(index)]
+        return self._rows_on_coordinates(index)
+
+    def _all_rows(self) -> Rows:
+        """Jacobian of all rows while pairs are frozen, (3 nr, n)."""
+        if self._rows_held is not self.gaps.held:
+            self._rows = self._rows_on_coordinates(np.arange(len(self.gaps.row_nodes)))
+            self._rows_held = self.gaps.held
+        return self._rows
+
+    def _rows_on_coordinates(self, index: Array) -> Rows:
+        gaps, parts = self.gaps, []
+        for place, (side, q) in enumerate(zip(gaps.sides, gaps.coordinates, strict=True)):
+            weights = self._node_weights(place)[index]
+            G = _directed(weights, self.tangents[index])
+            parts.append(side.kinematics.on_coordinates(q, sp.csr_matrix(G)))
+        return _interleaved(gaps.jacobian(index), joined(parts))
+
+    def _node_weights(self, place: int) -> Array:
+        """Signed weights of the nodes of one side's patch in each row, (nr, np)."""
+        row, point, share = self.gaps.row_points
+        nodes, weights = self.gaps.shares[place]
+        n_rows, n = len(self.gaps.row_nodes), len(self.gaps.sides[place].surface.points)
+        cells = nodes[point] + n * row[:, None]
+        return np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * n).reshape(
+            n_rows, n
+        )
+
+    def side_rows(self, place: int) -> Array:
+        """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np)."""
+        side, q = self.gaps.sides[place], self.gaps.coordinates[place]
+        n_rows = len(self.gaps.row_nodes)
+        in_body = side.kinematics.in_frame(q, self.tangents.reshape(-1, 3)).reshape(n_rows, 2, 3)
+        G = _directed(self._node_weights(place), in_body)
+        return np.asarray(_interleaved(dense(self.gaps.side_rows(place)), G))
+
+    def flexibility(self) -> Array:
+        """Residual flexibility between the directions of all present rows, (3 nr, 3 nr) [m/N].
+
+        It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`).
+        """
+        stance, tangents = self.gaps.stance(), self.tangents
+        if self._flexible_rows is not self.gaps.row_nodes or abs(stance - self._flexible_at).max() > SAME:
+            n = 3 * len(tangents)
+            self._flexibility = np.zeros((n, n))
+            for place, side in enumerate(self.gaps.sides):
+                if side.flexibility is not None:
+                    rows = self.side_rows(place)
+                    used = np.flatnonzero(rows.any(axis=0))
+                    rows = rows[:, used]
+                    self._flexibility += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
+            self._flexible_rows, self._flexible_at = self.gaps.row_nodes, stance
+        return self._flexibility
+
+    def carrier_rows(self, index: Array) -> Array:
+        """Derivative of the rates of some rows by the velocities of the body that carries the surface, (3 na, 6)."""
+        gaps = self.gaps
+        if len(gaps.carrier_pose) == 0:
+            raise InputError("carrier_rows: nothing carries the surface")
+        arms = self._offsets(gaps.places_now())[index] - gaps.carrier_pose[:3]
+        along = self.tangents[index]
+        turning = np.cross(arms[:, None, :], along)
+        of_tangents = -np.concatenate([along, turning], axis=2).reshape(-1, 6)
+        return np.asarray(_interleaved(gaps.carrier_rows(index), of_tangents))
+
+    def at_points(self, lam: Array) -> Array:
+        """Forces on the slave at the present points, (p, 3) [N], of forces along the directions of rows, (nr, 3)."""
+        gaps = self.gaps
+        vectors = self.in_space(lam[:, 1:])
+        if gaps.mean is None:
+            return np.asarray(lam[:, :1] * gaps.normals + vectors)
+        return np.asarray((lam[:, 0] @ gaps.mean)[:, None] * gaps.normals + gaps.mean.T @ vectors)
+
+    def nodal_forces(self, lam: Array) -> list[Array]:
+        """Forces on the nodes of the patches, (np, 3) for each side [N], of forces along the rows, (nr, 3) [N]."""
+        forces = self.at_points(lam)
+        active = np.flatnonzero(forces.any(axis=1))
+        on_nodes = self.gaps.on_nodes(active, forces[active])
+        if len(on_nodes) == 2 and not self.gaps.sides[1].kinematics.linear:
+            on_nodes[1] += self._couple_on_master(active, forces[active])
+        return on_nodes
+
+    def _couple_on_master(self, active: Array, forces: Array) -> Array:
+        """Forces on the master's nodes, (np, 3) [N]: a couple, by which its forces act at the slave's points.
+
+        A tangential force on the slave and its opposite on the master are apart by the gap, so that alone they would
+        turn the pair. The couple acts on the patch as on a rigid body.
+        """
+        (nodes, weights), (master_nodes, master_weights) = self.gaps.shares
+        x, x_m = self.gaps.places_now()
+        apart = np.einsum("pk,pkd->pd", weights[active], x[nodes[active]])
+        apart += np.einsum("pk,pkd->pd", master_weights[active], x_m[master_nodes[active]])
+        arms = x_m - x_m.mean(axis=0)
+        inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
+        turn = np.linalg.solve(inertia, -np.cross(apart, forces).sum(axis=0))
+        value: Array = np.cross(turn, arms)
+        return value
+
+    def generalised(self, lam: Array) -> Array:
+        """Generalised forces, (n,), of forces along the directions of the present rows, (nr, 3) [N]."""
+        gaps = self.gaps
+        if not gaps.moving:
+            return np.asarray(self._all_rows().T @ lam.ravel())
+        parts = zip(gaps.sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
+        return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
+
+
+def directions(index: Array) -> Array:
+    """Numbers of all three directions of some rows, (3 na,)."""
+    value: Array = (3 * np.asarray(index)[:, None] + np.arange(3)).ravel()
+    return value
+
+
+def _directed(weights: Array, along: Array) -> Array:
+    """Rows on nodal displacements, (2 nr, 3 np), of weights of the nodes, (nr, np), along two vectors, (nr, 2, 3)."""
+    n_rows, n = weights.shape
+    return np.asarray((weights[:, None, :, None] * along[:, :, None, :]).reshape(2 * n_rows, 3 * n))
+
+
+def _interleaved(normal: Rows, tangential: Rows) -> Rows:
+    """Rows of normals, (nr, n), and of pairs of tangents, (2 nr, n), in the order of the directions, (3 nr, n)."""
+    n_rows = normal.shape[0]
+    order = np.arange(3 * n_rows).reshape(n_rows, 3)
+    place = np.empty(3 * n_rows, dtype=np.int64)
+    place[order[:, 0]], place[order[:, 1:].ravel()] = np.arange(n_rows), n_rows + np.arange(2 * n_rows)
+    if sp.issparse(normal) and sp.issparse(tangential):
+        return sp.vstack([normal, tangential], format="csr")[place]
+    return np.vstack([dense(normal), dense(tangential)])[place]

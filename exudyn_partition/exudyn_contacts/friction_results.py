@@ -1,0 +1,133 @@
+"""What a contact with friction tells of a run: tangential forces, stick and slip, slip paths and energy taken."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..algebra.friction import OPEN
+from ..contact.coulomb import Coulomb
+from ..contact.formulations.formulation import Law
+from ..errors import InputError
+from ..exudyn_bodies.model import Samples
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..support.arrays import Array
+from ..support.checks import validate_result
+from .contact_run import ContactRun
+
+
+class RunSamples(Samples, Protocol):
+    """What a contact reads of a run: samples of sensors, and what it kept itself."""
+
+    def kept(self, contact: Any) -> ContactRun:
+        """What a contact kept of the run."""
+
+
+class FrictionResults(dict[str, Any]):
+    """Results of a contact that exist with friction; without, they are an InputError."""
+
+    name: str
+    law: Law
+    sides: tuple[tuple[PartitionBody, int], ...]
+
+    @property
+    def friction(self) -> Coulomb | None:
+        """Coulomb's law of the contact; None without friction."""
+        return self.law.friction
+
+    def tangential_force(self, result: RunSamples) -> Array:
+        """Sum of the tangential forces on the slave in space, (n, 3) [N].
+
+        Raises
+        ------
+        InputError
+            If the contact is frictionless, or the result is none or of another model.
+        """
+        return self._friction_samples(result)[:, :3]
+
+    def stuck_rows(self, result: RunSamples) -> Array:
+        """Number of rows that stick, (n,); the other closed rows slip.
+
+        Raises
+        ------
+        InputError
+            See `tangential_force`.
+        """
+        return self._friction_samples(result)[:, 3].astype(int)
+
+    def dissipated(self, result: RunSamples) -> Array:
+        """Energy that friction has taken since the start of the run, (n,) [J].
+
+        Raises
+        ------
+        InputError
+            See `tangential_force`.
+        """
+        return self._friction_samples(result)[:, 5]
+
+    def row_states(self, result: RunSamples) -> Array:
+        """Whether the row of each of the slave's patch nodes is open, 0, sticks, 1, or slips, 2, (n, np) int8.
+
+        Raises
+        ------
+        InputError
+            If the contact is frictionless, or the result was read from a file, which holds no forces of rows.
+        """
+        states = np.full((len(result.t), self._patch_size(result)), OPEN, dtype=np.int8)
+        for i, nodes, _, _, state in self._kept_samples(result):
+            states[i, nodes] = state
+        return states
+
+    def row_tractions(self, result: RunSamples) -> Array:
+        """Tangential force on the slave at the row of each of its patch nodes in space, (n, np, 3) [N].
+
+        Raises
+        ------
+        InputError
+            See `row_states`.
+        """
+        forces = np.zeros((len(result.t), self._patch_size(result), 3))
+        for i, nodes, _, traction, _ in self._kept_samples(result):
+            forces[i, nodes] = traction
+        return forces
+
+    def slip_path(self, result: RunSamples) -> Array:
+        """Path that the row of each of the slave's patch nodes slipped in the whole run, (np,) [m].
+
+        Raises
+        ------
+        InputError
+            See `row_states`.
+        """
+        self._patch_size(result)
+        return result.kept(self).law.slip_path.copy()
+
+    def _patch_size(self, result: RunSamples) -> int:
+        self._friction_samples(result)
+        return len(result.kept(self).areas)
+
+    def _friction_samples(self, result: RunSamples) -> Array:
+        """Samples of the sensor `sFriction`, (n, 7)."""
+        if self.friction is None:
+            raise InputError(
+                f"contact {self.name!r} is frictionless; give friction= to CreatePartitionContact for tangential forces"
+            )
+        validate_result(result)
+        return result.sensor_of(self, self["sFriction"])
+
+    def _kept_samples(self, result: RunSamples) -> list[tuple[int, Array, Array, Array, Array]]:
+        """Of each sample with closed rows: its number, nodes of the rows, normal and tangential forces, and states."""
+        run, place = result.kept(self), {t: i for i, t in enumerate(result.t)}
+        return [(place[t], nodes, lam, *run.tangential[t]) for t, nodes, lam in run.samples if t in place]
+
+    def _friction_on_nodes(self, result: RunSamples) -> list[Array]:
+        """Forces on the nodes of each side's patch, (n, np, 3) in space [N], from those that the run kept."""
+        self._friction_samples(result)
+        law = self.law.for_run("explicit")
+        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
+        forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in law.gaps.sides]
+        for i, nodes, lam, traction, _ in self._kept_samples(result):
+            for on_side, now in zip(forces, law.forces_on_nodes(q[i], nodes, lam, traction), strict=True):
+                on_side[i] = now
+        return forces
