@@ -151,6 +151,8 @@ class Gaps:
     _flexible_at: Array
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
+    _places: list[Array]
+    _placed_at: Array | None = None  # the coordinates that `_places` belong to
     _normal: Array
     _normal_of: Array | None = None  # the normals whose mean is `_normal`
 
@@ -264,7 +266,9 @@ class Gaps:
 
     def places_now(self) -> list[Array]:
         """Places of the nodes of the patches, (np, 3) for each side [m], at the last coordinates."""
-        return self.places(self._q)
+        if self._placed_at is not self._q:
+            self._places, self._placed_at = self.places(self._q), self._q
+        return self._places
 
     def jacobian(self, index: Array) -> Rows:
         """Derivative of the gaps of some present rows by the coordinates, (na, n), pairs held."""

@@ -149,7 +149,7 @@ class PatchGaps(Gaps):
                 return value
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
-        x_s, x_m = self.places(q)
+        x_s, x_m = self.places_now()
         self._here = here = self._placed(x_s, x_m)
         if self._searched_at is None or abs(here - self._searched_at).max() > self._reach:
             self._search(x_s, x_m, here)

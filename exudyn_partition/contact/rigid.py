@@ -188,7 +188,7 @@ class RigidGaps(Gaps):
         if not self.moving:
             value: Array = self._gap + self.H @ q
             return value
-        return self._evaluate(self.places(q)[0])
+        return self._evaluate(self.places_now()[0])
 
     def surface_gap(self, q: Array) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""

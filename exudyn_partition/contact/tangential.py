@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from ..surfaces.surface import cross
 from .gaps import SAME, Gaps, dense, joined
 
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
@@ -49,6 +50,7 @@ class TangentialRows:
         self._tangents_of: Array | None = None
         self._flexible_rows: object = None
         self._flexible_at = np.zeros(1)
+        self._places: list[Array] | None = None
         self._rows_held: object = None
         self.release()
 
@@ -62,11 +64,11 @@ class TangentialRows:
     def release(self) -> None:
         """Forget the places that `hold` took: nothing has slid."""
         self._from: Array | None = None
-        self._pose: Array | None = None
 
     def hold(self) -> None:
         """Count sliding from the present places."""
         self._from, self._pose = np.concatenate(self.gaps.coordinates), self.gaps.carrier_pose
+        self._axes_then, self._places = self.axes, self.gaps.places_now() if self.gaps.moving else None
 
     @property
     def held(self) -> bool:
@@ -76,24 +78,28 @@ class TangentialRows:
     @property
     def axes(self) -> Array:
         """Axes of the body whose motion the tangents follow, as columns, (3, 3): the master's, or else the slave's."""
-        q, side = self.gaps.coordinates[-1], self.gaps.sides[-1]
-        value: Array = side.kinematics.frame(q)[1]
-        return value
+        self._turn()
+        return self._axes
 
     @property
     def tangents(self) -> Array:
         """Two tangents of each row, (nr, 2, 3)."""
-        normal = self.gaps.normal
-        if self._tangents_of is not normal:
-            normal_ = normal / np.linalg.norm(normal, axis=1)[:, None]
-            axes = self.axes
-            cosines = abs(normal_ @ axes).max(axis=0, initial=0.0)
-            if cosines[self._axis] > _STEEP:
-                self._axis, self._flexible_rows = int(cosines.argmin()), None
-            first = np.cross(axes[:, self._axis], normal_)
-            first /= np.linalg.norm(first, axis=1)[:, None]
-            self._tangents, self._tangents_of = np.stack([first, np.cross(normal_, first)], axis=1), normal
+        self._turn()
         return self._tangents
+
+    def _turn(self) -> None:
+        """Take the axes and tangents that belong to the present normals."""
+        normals = self.gaps.normal
+        if self._tangents_of is normals:
+            return
+        normal = normals / np.sqrt(np.einsum("rd,rd->r", normals, normals))[:, None]
+        self._axes = self.gaps.sides[-1].kinematics.frame(self.gaps.coordinates[-1])[1]
+        cosines = abs(normal @ self._axes).max(axis=0, initial=0.0)
+        if cosines[self._axis] > _STEEP:
+            self._axis, self._flexible_rows = int(cosines.argmin()), None
+        first = cross(normal, self._axes[:, self._axis][None])
+        first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
+        self._tangents, self._tangents_of = np.stack([first, cross(normal, first)], axis=1), normals
 
     def in_space(self, along: Array) -> Array:
         """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""
@@ -113,7 +119,9 @@ class TangentialRows:
         if not gaps.moving:
             moved = np.concatenate(gaps.coordinates) - self._from
             return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
-        before = self._carried(self._offsets(gaps.places(self._from)))
+        if self._places is None:  # pairs were frozen then
+            self._places = gaps.places(self._from)
+        before = self._carried(self._offsets(self._places))
         return self.along(self._offsets(gaps.places_now()) - before)
 
     def _offsets(self, places: list[Array]) -> Array:
@@ -126,11 +134,8 @@ class TangentialRows:
     def _carried(self, offsets: Array) -> Array:
         """Where offsets, (nr, 3), from the time of `hold` would be now if they had moved with the master."""
         gaps = self.gaps
-        assert self._from is not None
-        assert self._pose is not None
         if len(gaps.sides) == 2:
-            before = gaps.sides[1].kinematics.frame(gaps.split(self._from)[1])[1]
-            return offsets @ before @ self.axes.T
+            return offsets if gaps.sides[1].kinematics.linear else offsets @ self._axes_then @ self.axes.T
         if not gaps.carried:
             return offsets
         (place, axes), (place_now, axes_now) = (
