@@ -1,0 +1,153 @@
+"""Friction with residual flexibility: stick, slip, dissipation, tangents, and impacts in Exudyn's solvers."""
+
+import numpy as np
+import pytest
+from oracles import relative
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
+from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
+from exudyn_partition.frames.inertial import InertialKinematics
+
+DEPTH = 1e-6  # [m]
+MU = 0.3
+
+
+@pytest.fixture(scope="module")
+def law(round_body, flat_body):
+    """Ball on plate, at their places of the start."""
+    sides = [Side.of(InertialKinematics(body, np.zeros(3))) for body in (round_body, flat_body)]
+    return FrictionalCompliance(PatchGaps(*sides), ep.Coulomb(MU))
+
+
+def pressed(law, along=(0.0, 0.0)):
+    """Coordinates with the slave pressed in by DEPTH, and shifted along the plane."""
+    slave = law.gaps.bodies[0]
+    way = np.array([*along, -DEPTH])
+    return np.concatenate([slave.rigid[:, :3] @ way, np.zeros(law.gaps.bodies[1].n_dofs)])
+
+
+def begin(law):
+    """A fresh law that was pressed in without sliding, and has accepted that."""
+    law = law.fresh()
+    law.respond(np.zeros(law.gaps.n))
+    law.commit(0.0)
+    law.respond(pressed(law))
+    law.commit(1.0)
+    return law
+
+
+def tangential(law):
+    return law.traction.sum(axis=0)
+
+
+def test_a_small_shift_sticks_and_pulls_back(law):
+    law = begin(law)
+    before = tangential(law)
+    law.respond(pressed(law, (1e-3 * DEPTH, 0)))
+    inner = law.state == STICK
+    assert inner.sum() > len(law.index) / 2
+    pull = tangential(law) - before
+    assert pull[0] < 0
+    assert abs(pull[1:]).max() < 0.05 * abs(pull[0])
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, -0.8)])
+def test_a_large_shift_slips_at_the_limit_against_its_direction(law, direction):
+    law = begin(law)
+    law.respond(pressed(law, 5 * DEPTH * np.array(direction)))
+    assert (law.state[law.index] == SLIP).all()
+    limit = MU * law.lam.sum()
+    np.testing.assert_allclose(tangential(law)[:2], -limit * np.array(direction), atol=2e-2 * limit)
+    np.testing.assert_allclose(np.linalg.norm(law.traction[law.index], axis=1), MU * law.lam[law.index], rtol=1e-8)
+
+
+def test_no_row_is_beyond_the_limit_and_none_that_sticks_moves(law):
+    law = begin(law)
+    for n in range(1, 6):
+        law.respond(pressed(law, (0.15 * n * DEPTH, 0.05 * n * DEPTH)))
+        assert (np.linalg.norm(law.traction, axis=1) <= MU * law.lam * (1 + 1e-8) + 1e-12).all()
+        slip = np.linalg.norm(law._slips(), axis=1)
+        assert slip[law.state == STICK].max(initial=0.0) < 1e-9 * DEPTH
+        law.commit(1.0 + n)
+
+
+def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
+    """Newton's iterations and repeated steps evaluate forces that are not accepted."""
+    straight, asked = begin(law), begin(law)
+    for n in (1, 2, 3):
+        q = pressed(law, (0.3 * n * DEPTH, 0))
+        asked.respond(pressed(law, (4 * DEPTH, -2 * DEPTH)))
+        asked.rollback()
+        expected = straight.respond(q)
+        np.testing.assert_allclose(asked.respond(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
+        straight.commit(1.0 + n)
+        asked.commit(1.0 + n)
+    assert asked.dissipated() == pytest.approx(straight.dissipated(), rel=1e-6)
+
+
+def test_work_of_a_cycle_is_what_friction_takes(law):
+    """Pressed by hand through a closed path: the work that comes in is stored or taken by friction."""
+    law, steps, work = begin(law), 400, 0.0
+    phase = np.linspace(0, 2 * np.pi, steps + 1)
+    path = np.outer(np.sin(phase), [0.8, 0.3]) * DEPTH
+    last_q, last_force = pressed(law), law.respond(pressed(law)).copy()
+    stored = law.stored()
+    for n, along in enumerate(path[1:]):
+        q = pressed(law, along)
+        force = law.respond(q).copy()
+        work -= 0.5 * (force + last_force) @ (q - last_q)
+        law.commit(2.0 + n)
+        last_q, last_force = q, force
+    law.respond(last_q)
+    assert law.dissipated() > 0
+    assert work == pytest.approx(law.dissipated() + law.stored() - stored, rel=2e-3)
+
+
+@pytest.mark.parametrize("along", [0.02, 0.5, 5.0])
+def test_tangent_against_finite_differences(law, along):
+    """In stick, in partial slip and in gross slip, where it is not symmetric."""
+    law = begin(law)
+    q = pressed(law, (along * DEPTH, 0.3 * along * DEPTH))
+    law.respond(q)
+    tangent = law.tangent_matrix(1.0, 0.0).toarray()
+    state = law.state.copy()
+    rng = np.random.default_rng(0)
+    checked = 0
+    for _ in range(6):
+        d = rng.standard_normal(len(q))
+        d *= 1e-6 * DEPTH / abs(law.tangential.jacobian(law.index) @ d).max()
+        ahead, back = law.respond(q + d).copy(), law.respond(q - d).copy()
+        if (law.state == state).all():
+            checked += 1
+            assert relative(-2 * tangent @ d, ahead - back) < 1e-4
+    assert checked
+
+
+def test_frictional_needs_all_three_directions(pair_of, mbs):
+    ball, block = (ep.CreatePartitionBody(mbs, body) for body in pair_of("residual"))
+    del block
+    with pytest.raises(ep.errors.InputError, match="axes='xyz'"):
+        ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.2)
+
+
+@pytest.mark.parametrize("friction", [-0.1, float("nan"), "0.2", [0.2], 11, True])
+def test_wrong_coefficients_are_named(round_body, mbs, friction):
+    ball = ep.CreatePartitionBody(mbs, round_body)
+    with pytest.raises(ep.errors.InputError, match="friction"):
+        ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=friction)
+
+
+def test_rolling_keeps_the_material_point(round_body):
+    """A rigid plane that is fixed: places count from where the slave's points were, along the plane."""
+    gaps = RigidGaps(Side.of(InertialKinematics(round_body, np.zeros(3))), RigidPlane())
+    law = FrictionalCompliance(gaps, ep.Coulomb(MU))
+    law.respond(np.zeros(gaps.n))
+    law.commit(0.0)
+    q = round_body.rigid[:, :3] @ np.array([2e-6, -1e-6, -DEPTH])
+    law.respond(q)
+    way = law.tangential.in_space(law.tangential.way())
+    np.testing.assert_allclose(way - [2e-6, -1e-6, 0], 0, atol=1e-15)

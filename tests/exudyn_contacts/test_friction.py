@@ -1,0 +1,104 @@
+"""Impacts with friction in Exudyn's solvers: impulses, balances and what results tell."""
+
+import numpy as np
+import pytest
+from oracles import SPHERE_RADIUS
+
+import exudyn_partition as ep
+
+MU, SPEED, ALONG = 0.2, 0.3, 0.2
+END = 70e-6
+
+
+def impact(mbs, body, *, frame="inertial", friction=MU, method="explicit", along=ALONG, **options):
+    """The ball hits a rigid plane at an angle."""
+    item = ep.CreatePartitionBody(
+        mbs, body, referencePosition=[0, 0, 1e-6], initialVelocity=[along, 0, -SPEED], frame=frame
+    )
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=friction)
+    mbs.Assemble()
+    return item, contact, ep.solve_dynamic(mbs, end_time=END, method=method, **options)
+
+
+def balance(item, contact, result):
+    """Largest change of mechanical energy plus what friction took, relative."""
+    total = item.energy(result) + contact.energy(result) + contact.dissipated(result)
+    return abs(total / total[0] - 1).max()
+
+
+@pytest.fixture(params=["explicit", "implicit"])
+def method(request):
+    return request.param
+
+
+def test_gross_slip_has_coulombs_impulse(mbs, round_body, frame, method):
+    """At mu = 0.05 the ball slides all the time: the tangential impulse is mu times the normal one."""
+    item, contact, result = impact(mbs, round_body, frame=frame, method=method, friction=0.05)
+    normal = np.trapezoid(contact.force(result), result.t)
+    along = np.trapezoid(contact.tangential_force(result), result.t, axis=0)
+    assert along[0] == pytest.approx(-0.05 * normal, rel=2e-3)
+    assert balance(item, contact, result) < 1e-4
+    assert item.momentum(result)[-1, 0] == pytest.approx(round_body.total_mass * ALONG + along[0], rel=1e-6)
+
+
+def test_sticking_reverses_the_contact_point(mbs, round_body):
+    """Maw, Barber and Fawcett: at psi1 = 1.1 of mu = 0.5 the contact's tangential velocity all but vanishes."""
+    item, contact, result = impact(mbs, round_body, friction=0.5)
+    mass = round_body.total_mass
+    # The tangential impulse changes the velocity of the contact point of a solid ball by 7 / 2 of its share.
+    change = 3.5 * np.trapezoid(contact.tangential_force(result)[:, 0], result.t) / mass
+    assert -0.15 * ALONG < ALONG + change < 0.05 * ALONG
+    assert contact.stuck_rows(result).max() > 0
+    assert balance(item, contact, result) < 1e-4
+
+
+def test_friction_takes_what_results_say(mbs, round_body):
+    item, contact, result = impact(mbs, round_body)
+    taken = contact.dissipated(result)
+    assert (np.diff(taken) > -1e-6 * taken[-1]).all()
+    assert taken[-1] == pytest.approx(item.energy(result)[0] - item.energy(result)[-1], rel=1e-3)
+    peak = int(contact.force(result).argmax())
+    states, tractions = contact.row_states(result), contact.row_tractions(result)
+    assert (states[peak] > 0).sum() == contact.closed_rows(result)[peak]
+    assert (states[peak] == 1).sum() == contact.stuck_rows(result)[peak]
+    np.testing.assert_allclose(tractions[peak].sum(axis=0), contact.tangential_force(result)[peak], rtol=1e-9)
+    assert contact.slip_path(result).max() > 0
+    (on_nodes,) = contact.nodal_forces(result)
+    np.testing.assert_allclose(on_nodes[peak].sum(axis=0), contact.force_on_slave(result)[peak], rtol=1e-6)
+
+
+def test_frictionless_contacts_have_no_tangential_results(mbs, round_body):
+    _, contact, result = impact(mbs, round_body, friction=None)
+    with pytest.raises(ep.errors.InputError, match="frictionless"):
+        contact.tangential_force(result)
+    assert any("frictionless" in said for said in contact.left_out)
+
+
+def test_adaptive_steps_agree(round_body):
+    import exudyn as exu
+
+    found = []
+    for options in ({}, {"adaptive": True}):
+        mbs = exu.SystemContainer().AddSystem()
+        _, contact, result = impact(mbs, round_body, method="implicit", **options)
+        found.append(np.trapezoid(contact.tangential_force(result)[:, 0], result.t))
+    assert found[1] == pytest.approx(found[0], rel=0.02)
+
+
+def test_two_bodies_keep_momentum_and_angular_momentum(mbs, round_body, flat_body):
+    items = [
+        ep.CreatePartitionBody(
+            mbs, round_body, referencePosition=[0, 0, 1e-6], initialVelocity=[ALONG, 0, -SPEED], frame="floating"
+        ),
+        ep.CreatePartitionBody(mbs, flat_body, frame="floating"),
+    ]
+    contact = ep.CreatePartitionContact(mbs, *items, friction=MU)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=40e-6)
+    assert contact.tangential_force(result).any()
+    momentum = sum(item.momentum(result) for item in items)
+    assert abs(momentum - momentum[0]).max() < 1e-9 * abs(momentum[0]).max()
+    spin = sum(item.angular_momentum(result, np.zeros(3)) for item in items)
+    assert abs(spin - spin[0]).max() < 1e-6 * round_body.total_mass * SPEED * SPHERE_RADIUS
+    total = sum(item.energy(result) for item in items) + contact.energy(result) + contact.dissipated(result)
+    np.testing.assert_allclose(total, total[0], rtol=2e-4)
