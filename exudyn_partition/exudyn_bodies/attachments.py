@@ -19,6 +19,7 @@ from ..support.optional import require
 from .model import BodyItem
 
 _FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # markers on the frame of a body
+_OFFSET = 1e-6  # of a body's size, an offset that is round-off: a thousand times as much changed a reaction by 3 %
 _TORN = 0.5  # largest rotation of a body in an inertial frame [rad]; lengths are then wrong by 13 %
 _OF_MASS = ("KineticEnergy", "PotentialEnergy", "Force")
 
@@ -68,6 +69,7 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
                 f"inertial: {_instead(item)}"
             )
         _check_mesh_nodes(named, carriers, marker.get("bodyNumber", -1), marker.get("meshNodeNumbers", ()))
+        _check_offset(named, carriers.get(int(marker.get("bodyNumber", -1))), marker.get("offset", ()))
     for number in range(mbs.systemData.NumberOfSensors()):
         sensor = mbs.GetSensor(number)
         named = f"mbs: sensor {number} {sensor['name']!r}, a Sensor{sensor['sensorType']}"
@@ -105,13 +107,31 @@ def _check_mesh_nodes(
             raise InputError(f"{named}, on body {item.name!r}: {error}") from error
 
 
-def _instead(item: AttachableBody) -> str:
+def _check_offset(named: str, item: AttachableBody | None, offset: Sequence[float] | Array) -> None:
+    """Raise for an offset of a marker on mesh nodes, which Exudyn turns with the frame of the body.
+
+    The nodes turn with their material. The difference moves the joint within the body whenever this vibrates.
+    """
+    length = float(np.linalg.norm(offset))
+    if item is not None and length > _OFFSET * np.ptp(item.body.points, axis=0).max():
+        raise InputError(
+            f"{named}, has an offset of {length:.3g} m from the mean of its nodes on body {item.name!r}. Exudyn turns "
+            "the offset with the frame of the body and not with the nodes, so forces of joints there would be wrong: "
+            f"{_markers(item)}, or weightingFactors with which the mean of the nodes is the point, and no offset"
+        )
+
+
+def _markers(item: AttachableBody) -> str:
     names = ", ".join(repr(interface.name) for interface in item.body.partition.interfaces)
     return (
         "take CreateInterfaceMarker"
         + (f" (it has {names})" if names else ", with an interface in the partition,")
-        + " or CreatePointMarker; for gravity, a MarkerBodyMass or gravity= of CreatePartitionBody"
+        + " or CreatePointMarker"
     )
+
+
+def _instead(item: AttachableBody) -> str:
+    return f"{_markers(item)}; for gravity, a MarkerBodyMass or gravity= of CreatePartitionBody"
 
 
 def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem], None]) -> None:

@@ -9,16 +9,17 @@ from ..support.arrays import Array
 from .facets import area_vectors, facet_corners
 from .quadrature import area_mean
 
-_ROUND = 1e-3  # largest distance of a bore's corners from the cylinder, by the radius
+_ROUND = 1e-3  # by the radius: distance of a bore's corners from the cylinder, and of their middle from the mean
 _UNKNOWNS = 5  # of a cylinder
 _OPEN = 0.3  # a face goes around if the sum of its normals is below this share of the area; half a bore has 0.64
 
 
 def middle(points: Array, facets: Array) -> Array:
-    """Mean place over the area of a face, (3,) [m]; for a bore or a pin, the nearest point of its axis.
+    """Mean place over the area of a face, (3,) [m]; for a bore or a pin, the middle of its axis.
 
-    In a mesh of a cylinder, chords replace arcs. If the elements differ in size, this moves the mean off the axis, but
-    not the circle through the corners.
+    In a mesh of a cylinder, chords replace arcs. If the elements differ in size, this moves the mean, but not the
+    circle through the corners, nor the ends. If a bore's ends are not alike, so that the mean along the axis is not
+    midway between them, it is the point of the axis nearest to the mean.
 
     Parameters
     ----------
@@ -52,4 +53,7 @@ def middle(points: Array, facets: Array) -> Array:
     if abs(fit.fun).max() > _ROUND:
         return mean
     point, direction = axis(fit.x)
-    return np.asarray(mean + (point - direction * (point @ direction)) @ axes)
+    along = local @ direction
+    midway = (along.min() + along.max()) / 2
+    there = midway if abs(midway) < _ROUND * radius else 0.0
+    return np.asarray(mean + (point + direction * (there - point @ direction)) @ axes)

@@ -70,6 +70,15 @@ def marker_of_frame(mbs, item):
     return mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=item["oFFRFreducedOrder"]))
 
 
+def nodes_marker(mbs, item, weights, **options):
+    """As `CMSexampleCourse.py` has it, on the first nodes of the foot."""
+    nodes = item.body.partition.find_interface("foot").nodes[: len(weights)]
+    number = item["oFFRFreducedOrder"]
+    return mbs.AddMarker(
+        items.MarkerSuperElementRigid(bodyNumber=number, meshNodeNumbers=nodes, weightingFactors=weights, **options)
+    )
+
+
 WRONG = {
     "position": (marker_of_frame, "MarkerBodyPosition, is on the frame of body 'link'.*CreateInterfaceMarker"),
     "rigid": (
@@ -92,6 +101,10 @@ WRONG = {
         ),
         r"SensorBody of KineticEnergy, .* no mass .* energy\(result\) and momentum\(result\)",
     ),
+    "offset": (
+        lambda mbs, item: nodes_marker(mbs, item, np.full(3, 1 / 3), offset=[1e-6, 0, 0]),
+        r"MarkerSuperElementRigid, has an offset of 1e-06 m .*'foot'.* weightingFactors",
+    ),
 }
 
 
@@ -106,6 +119,27 @@ def test_what_would_have_no_effect_is_refused(mbs, body, wrong):
     settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
     with pytest.raises(Exception, match=message.partition(".*")[0]):
         mbs.SolveDynamic(settings)
+
+
+def test_weights_do_what_an_offset_cannot(mbs, body):
+    """Nodes of a rigid foot with any weights whose mean is its point move as the foot does; round-off is no offset."""
+    item = link(mbs, body, "floating")
+    foot = body.partition.find_interface("foot")
+    weights = np.random.default_rng(0).uniform(0.5, 1.5, len(foot.nodes)) / len(foot.nodes)
+    linear = np.vstack([np.ones(len(weights)), body.points[foot.nodes].T])
+    weights += np.linalg.lstsq(linear, np.r_[1, foot.position] - linear @ weights, rcond=None)[0]
+    ours, nodes = item["link:foot"], nodes_marker(mbs, item, weights, offset=[1e-12, 0, 0])
+    mbs.AddLoad(items.Force(markerNumber=item.CreateNodeMarker(mbs, (0, 0, 0.06)), loadVector=[100.0, 200.0, 0]))
+    sensors = [
+        mbs.AddSensor(items.SensorMarker(markerNumber=marker, outputVariableType=kind, storeInternal=True))
+        for kind in (KIND.Position, KIND.AngularVelocity)
+        for marker in (ours, nodes)
+    ]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=5e-4, step=1e-6)
+    place, place_of_nodes, turning, turning_of_nodes = map(result.sensor, sensors)
+    np.testing.assert_allclose(place_of_nodes, place, atol=1e-11)
+    np.testing.assert_allclose(turning_of_nodes, turning, atol=1e-3 * abs(turning).max())
 
 
 def test_a_floating_frame_s_node_is_a_node_like_any(mbs, body):
