@@ -56,15 +56,16 @@ class FrictionResults(dict[str, Any]):
         """
         return self._friction_samples(result)[:, 3].astype(int)
 
-    def dissipated(self, result: RunSamples) -> Array:
-        """Energy that friction has taken since the start of the run, (n,) [J].
+    def dissipated_energy(self, result: RunSamples) -> Array:
+        """Energy that friction has taken since the start of the run, (n,) [J]; zero without friction.
 
         Raises
         ------
         InputError
-            See `tangential_force`.
+            If the result is none, or of another model.
         """
-        return self._friction_samples(result)[:, 5]
+        validate_result(result)
+        return np.zeros(len(result.t)) if self.friction is None else self._friction_samples(result)[:, 5]
 
     def row_states(self, result: RunSamples) -> Array:
         """Whether the row of each of the slave's patch nodes is open, 0, sticks, 1, or slips, 2, (n, np) int8.
@@ -91,6 +92,18 @@ class FrictionResults(dict[str, Any]):
         for i, nodes, _, traction, _ in self._kept_samples(result):
             forces[i, nodes] = traction
         return forces
+
+    def traction(self, result: RunSamples) -> Array:
+        """Tangential traction on the slave around its patch nodes in space, (n, np, 3) [Pa]; means as of `pressure`.
+
+        Raises
+        ------
+        InputError
+            See `row_states`.
+        """
+        forces = self.row_tractions(result)
+        value: Array = np.stack([(self.law.node_pressures @ forces[..., axis].T).T for axis in range(3)], axis=-1)
+        return value
 
     def slip_path(self, result: RunSamples) -> Array:
         """Path that the row of each of the slave's patch nodes slipped in the whole run, (np,) [m].

@@ -31,7 +31,16 @@ from ..support.progress import Progress, shown
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
 Load = tuple[PartitionContact, list[Array]]  # a contact, and its forces on the nodes of each side's patch, (n, np, 3)
 
-FIELDS = ("displacement", "deformation", "velocity", "stress", "von_mises", "contact_pressure")
+FIELDS = (
+    "displacement",
+    "deformation",
+    "velocity",
+    "stress",
+    "von_mises",
+    "contact_pressure",
+    "contact_traction",
+    "contact_state",
+)
 _OF_STRESS = {"stress", "von_mises"}
 _FRAMES = 50
 _LONGEST_STEM = 40  # characters of a body's name in file names, which may have 255 bytes
@@ -66,7 +75,8 @@ def write_paraview(
     fields : str or iterable of str
         "displacement" and "deformation" [m] and "velocity" [m/s], (n, 3) in the axes of space. "von_mises", (n,), and
         "stress", (n, 6) xx, yy, zz, yz, xz, xy in the body's own axes [Pa]. "contact_pressure", (n,) [Pa], on slaves,
-        because their nodes have the contact's rows; with passes="two" on both bodies.
+        because their nodes have the contact's rows; with passes="two" on both bodies. Of contacts with friction:
+        "contact_traction", (n, 3) [Pa], tangential, and "contact_state", (n,): 0 open, 1 sticks, 2 slips.
     times : (k,) [s] or int
         Times, for which the nearest samples are taken; or the number of frames, equally spaced over the run.
     contacts : sequence of PartitionContact, optional
@@ -208,8 +218,9 @@ class BodyFields:
     def frames(
         self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Yield fields, (n,) or (n, k), at each time of `result`, with pressures of `contacts`, answers to `loads`."""
+        """Yield fields, (n,) or (n, k), at each time of `result`, with those of `contacts`, answers to `loads`."""
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
+        tangential = _tangential_fields(self.item, contacts, result, {*self.names})
         for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
             data = self.fields(q, q_t, self.forces(loads, i))
             if pressures:
@@ -219,6 +230,10 @@ class BodyFields:
                     if facets.shape[1] == 6:  # pressures are linear between corners
                         field[facets[:, 3:]] = (field[facets[:, :3]] + field[facets[:, [1, 2, 0]]]) / 2
                 data["contact_pressure"] = field[self.nodes]
+            for name, nodes, values in tangential:
+                field = np.zeros((len(self.body.points), *values.shape[2:]))
+                field[nodes] = values[i]
+                data[name] = data.get(name, 0.0) + field[self.nodes]
             yield data
 
     def forces(self, loads: Iterable[Load], i: int) -> Array:
@@ -279,6 +294,22 @@ def _pressures(
                 if side is item:
                     found.append((own.facets, own.nodes, pressure[:, start : start + len(own.nodes)]))
                 start += len(own.nodes)
+    return found
+
+
+def _tangential_fields(
+    item: PartitionBody, contacts: Iterable[PartitionContact], result: Result, names: set[str]
+) -> list[tuple[str, Array, Array]]:
+    """Fields of contacts with friction whose slave is the body: names, nodes, and values at these, (n, np, ...)."""
+    found = []
+    for contact in contacts:
+        (slave, patch), *_ = contact.sides
+        if slave is item and contact.friction is not None:
+            nodes = item.body.partition.patches[patch].nodes
+            if "contact_traction" in names:
+                found.append(("contact_traction", nodes, contact.traction(result)))
+            if "contact_state" in names:
+                found.append(("contact_state", nodes, contact.row_states(result).astype(float)))
     return found
 
 

@@ -15,20 +15,19 @@ from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.facets import FLAT_TRIANGLES, facet_corners
 from ..prediction.spectrum import amplitude_spectrum
 from ..reduction.body import ReducedBody
 from ..results.compare import Comparison, front, validate_runs
 from ..results.history import History
 from ..support.arrays import Array
-from ..support.checks import validate_choice, validate_integer, validate_number, validate_positive, validate_type
+from ..support.checks import validate_choice, validate_integer, validate_positive, validate_type
 from ..support.foreign import Axes, Figure
 from ..support.optional import require
 from .output import validate_contacts
+from .patch_plot import pressure, stick
 from .plot_input import (
     axes_of,
     check_samples,
-    contact_of,
     history_of,
     history_of_point,
     label_of,
@@ -37,6 +36,8 @@ from .plot_input import (
     plain,
     validate_bodies,
 )
+
+__all__ = ["energy", "force", "modes", "overview", "pareto", "pressure", "spectrum", "stick", "velocity"]
 
 _REFERENCE_STYLE = {"color": "0.6", "linewidth": 3.0}
 _RUN_STYLE = {"color": "C3", "linewidth": 1.0}
@@ -179,7 +180,7 @@ def energy(
     bodies: Sequence[PartitionBody] | None = None,
     contacts: Sequence[PartitionContact] | None = None,
 ) -> Axes:
-    """Energy of bodies (kinetic and strain), of contacts, energy lost by damping, and their sum over time [ms].
+    """Energy of bodies and contacts, energy taken by damping and friction, and their sum over time [ms].
 
     The sum is constant if nothing else in the model does work on the bodies.
 
@@ -208,55 +209,16 @@ def energy(
         raise InputError("bodies, contacts: expected at least one of them, got none")
     curves = {name_of(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
     curves |= {name_of(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
-    damped = np.sum([item.dissipated_energy(result) for item in bodies], axis=0)
-    if np.any(damped):
-        curves["taken by damping"] = damped
+    for what, items in (("damping", bodies), ("friction", contacts)):
+        taken = np.sum([item.dissipated_energy(result) for item in items], axis=0)
+        if np.any(taken):
+            curves[f"taken by {what}"] = taken
     curves["sum"] = np.sum(list(curves.values()), axis=0)
     scale, prefix = _prefix(max(abs(curve).max() for curve in curves.values()))
     for i, (label, curve) in enumerate(curves.items()):
         style = {"color": "k", "linewidth": 0.8} if label == "sum" else {"linestyle": _DASHES[i % len(_DASHES)]}
         axes.plot(1e3 * result.t, curve / scale, label=plain(label), **style)
     return _finish(axes, f"energy [{prefix}J]")
-
-
-def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionContact | None = None) -> Axes:
-    """Contact pressure [MPa] on the slave's patch [mm] at the sample nearest to a time.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes or None
-    result : Result
-    time : float
-        Time of the pressure [s].
-    contact : PartitionContact, optional
-        Of a Result with several.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        A colour bar stands beside the axes.
-
-    Raises
-    ------
-    InputError
-        If an argument has a wrong type, or the time is not within the run.
-    """
-    axes, contact = axes_of(axes), contact_of(result, contact)
-    sample = result.at([validate_number("time", time, "a time in s")])
-    item, number = contact.sides[0]
-    patch = item.body.partition.patches[number]
-    x = 1e3 * item.body.points[patch.nodes] @ np.linalg.svd(patch.direction[None])[2][1:].T
-    values = 1e-6 * contact.pressure(sample).toarray()[0, : len(patch.nodes)]
-    facets = np.searchsorted(patch.nodes, patch.facets)
-    corners = facet_corners(facets)
-    triangles = corners[:, FLAT_TRIANGLES[corners.shape[1]]].reshape(-1, 3)
-    drawn = axes.tripcolor(*x.T, triangles, values, shading="gouraud", cmap="viridis")
-    axes.figure.colorbar(drawn, ax=axes, label="contact pressure [MPa]")
-    axes.set_aspect("equal")
-    axes.set_title(f"t = {1e3 * sample.t[0]:.4g} ms", fontsize="medium")
-    axes.set_xlabel(f"across the patch of {plain(name_of(item, 'the slave'))} [mm]")
-    axes.set_ylabel("across the patch [mm]")
-    return axes
 
 
 def modes(axes: Axes, body: ReducedBody | PartitionBody) -> Axes:

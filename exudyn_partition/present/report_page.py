@@ -113,6 +113,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
             ("impulse", f"{history.impulse:.5g} N s"),
             ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
             ("largest contact area", f"{1e6 * contact.area(result).max():.4g} mm2"),
+            *_friction_rows(contact, result),
             ("largest pressure", f"{1e-6 * contact.pressure(result).max():.4g} MPa"),
         ]
         listed = [(i.start, i.end, i.peak, i.impulse) for i in impacts[:_MOST_IMPACTS]]
@@ -129,6 +130,20 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
     return f"<h3>{html.escape(name)}</h3>" + _table([], rows) + said
 
 
+def _friction_rows(contact: PartitionContact, result: Result) -> list[tuple[str, str]]:
+    """What a contact with friction adds to its table."""
+    if contact.friction is None:
+        return []
+    law, size = contact.friction, np.linalg.norm(contact.tangential_force(result), axis=1)
+    coefficients = f"{law.static:g}" if law.constant else f"{law.static:g} in stick, {law.kinetic:g} in slip"
+    return [
+        ("coefficient of friction", coefficients),
+        ("largest tangential force", f"{size.max():.6g} N at {result.t[int(size.argmax())]:.6g} s"),
+        ("rows that stick, at most", str(contact.stuck_rows(result).max())),
+        ("energy taken by friction", f"{contact.dissipated_energy(result)[-1]:.4g} J"),
+    ]
+
+
 def _conservation(result: Result) -> str:
     """Sums over the partition bodies at start and end of the run."""
     if not result.bodies:
@@ -139,11 +154,19 @@ def _conservation(result: Result) -> str:
         with_contacts = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
     except InputError as error:
         note = f"{html.escape(str(error))}. "
-    damped = np.sum([item.dissipated_energy(result) for item in result.bodies], axis=0)
-    sums = [("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)]
-    if damped.any():
-        total = None if with_contacts is None else with_contacts + damped
-        sums += [("taken by damping [J]", damped), ("with contacts' and what damping took [J]", total)]
+    sums, total, takers = (
+        [("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)],
+        with_contacts,
+        [],
+    )
+    for what, items in (("damping", result.bodies), ("friction", result.contacts)):
+        taken = np.sum([item.dissipated_energy(result) for item in items], axis=0)
+        if np.any(taken):
+            sums.append((f"taken by {what} [J]", taken))
+            takers.append(what)
+            total = None if total is None else total + taken
+    if takers:
+        sums.append((f"with contacts' and what {' and '.join(takers)} took [J]", total))
     for name, values in sums:
         if values is not None:
             largest = abs(values).max() or 1.0

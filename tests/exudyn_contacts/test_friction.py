@@ -22,7 +22,7 @@ def impact(mbs, body, *, frame="inertial", friction=MU, method="explicit", along
 
 def balance(item, contact, result):
     """Largest change of mechanical energy plus what friction took, relative."""
-    total = item.energy(result) + contact.energy(result) + contact.dissipated(result)
+    total = item.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
     return abs(total / total[0] - 1).max()
 
 
@@ -54,7 +54,7 @@ def test_sticking_reverses_the_contact_point(mbs, round_body):
 
 def test_friction_takes_what_results_say(mbs, round_body):
     item, contact, result = impact(mbs, round_body)
-    taken = contact.dissipated(result)
+    taken = contact.dissipated_energy(result)
     assert (np.diff(taken) > -1e-6 * taken[-1]).all()
     assert taken[-1] == pytest.approx(item.energy(result)[0] - item.energy(result)[-1], rel=1e-3)
     peak = int(contact.force(result).argmax())
@@ -100,5 +100,5 @@ def test_two_bodies_keep_momentum_and_angular_momentum(mbs, round_body, flat_bod
     assert abs(momentum - momentum[0]).max() < 1e-9 * abs(momentum[0]).max()
     spin = sum(item.angular_momentum(result, np.zeros(3)) for item in items)
     assert abs(spin - spin[0]).max() < 1e-6 * round_body.total_mass * SPEED * SPHERE_RADIUS
-    total = sum(item.energy(result) for item in items) + contact.energy(result) + contact.dissipated(result)
+    total = sum(item.energy(result) for item in items) + contact.energy(result) + contact.dissipated_energy(result)
     np.testing.assert_allclose(total, total[0], rtol=2e-4)

@@ -107,7 +107,7 @@ class FrictionalContact(ContactLaw):
         """Find `forces` and `state` of the present rows, some of which are closed."""
         raise NotImplementedError
 
-    def _slips(self) -> Array:
+    def slips(self) -> Array:
         """How far the present rows have slipped since the last accepted step, (nr, 2) [m]; of open rows, have moved."""
         raise NotImplementedError
 
@@ -132,7 +132,7 @@ class FrictionalContact(ContactLaw):
         self._slipped[:], self._speed[:] = False, 0.0
         if self.index.size:
             self._dissipated += self._taken_in_step()
-            slip = self._slips()
+            slip = self.slips()
             length, slides = np.linalg.norm(slip, axis=1), self.state == SLIP
             self._path[nodes[slides]] += length[slides]
             self._slipped[nodes] = slides
@@ -147,7 +147,7 @@ class FrictionalContact(ContactLaw):
 
         By the trapezoid: the force at the end of the step alone would take too much or too little.
         """
-        return -0.5 * float(np.sum(self._slips() * (self.last_forces() + self.forces)[:, 1:]))
+        return -0.5 * float(np.sum(self.slips() * (self.last_forces() + self.forces)[:, 1:]))
 
     @property
     def traction(self) -> Array:

@@ -83,7 +83,7 @@ class FrictionalCompliance(FrictionalContact):
         self._F, self._near = F, near
         return near
 
-    def _slips(self) -> Array:
+    def slips(self) -> Array:
         """See `FrictionalContact`."""
         slips = np.zeros((len(self.forces), 2))
         if self.index.size:

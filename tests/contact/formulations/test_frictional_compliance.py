@@ -70,7 +70,7 @@ def test_no_row_is_beyond_the_limit_and_none_that_sticks_moves(law):
     for n in range(1, 6):
         law.respond(pressed(law, (0.15 * n * DEPTH, 0.05 * n * DEPTH)))
         assert (np.linalg.norm(law.traction, axis=1) <= MU * law.lam * (1 + 1e-8) + 1e-12).all()
-        slip = np.linalg.norm(law._slips(), axis=1)
+        slip = np.linalg.norm(law.slips(), axis=1)
         assert slip[law.state == STICK].max(initial=0.0) < 1e-9 * DEPTH
         law.commit(1.0 + n)
 

@@ -1,0 +1,105 @@
+"""Figures of a contact patch at one time: pressure, and where rows stick and slip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..algebra.friction import SLIP, STICK
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
+from ..fe.facets import FLAT_TRIANGLES, facet_corners
+from ..support.arrays import Array
+from ..support.checks import validate_number
+from ..support.foreign import Axes
+from .plot_input import axes_of, contact_of, name_of, plain
+
+_STATES = {STICK: ("sticks", "C0", "o"), SLIP: ("slips", "C3", "^")}
+
+
+def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionContact | None = None) -> Axes:
+    """Contact pressure [MPa] on the slave's patch [mm] at the sample nearest to a time.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes or None
+    result : Result
+    time : float
+        Time of the pressure [s].
+    contact : PartitionContact, optional
+        Of a Result with several.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        A colour bar stands beside the axes.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong type, or the time is not within the run.
+    """
+    axes, contact = axes_of(axes), contact_of(result, contact)
+    sample = result.at([validate_number("time", time, "a time in s")])
+    item, number = contact.sides[0]
+    patch = item.body.partition.patches[number]
+    x = 1e3 * item.body.points[patch.nodes] @ _across(patch.direction)
+    values = 1e-6 * contact.pressure(sample).toarray()[0, : len(patch.nodes)]
+    facets = np.searchsorted(patch.nodes, patch.facets)
+    corners = facet_corners(facets)
+    triangles = corners[:, FLAT_TRIANGLES[corners.shape[1]]].reshape(-1, 3)
+    drawn = axes.tripcolor(*x.T, triangles, values, shading="gouraud", cmap="viridis")
+    axes.figure.colorbar(drawn, ax=axes, label="contact pressure [MPa]")
+    return _finish(axes, contact, sample)
+
+
+def stick(axes: Axes, result: Result, time: float, *, contact: PartitionContact | None = None) -> Axes:
+    """Closed rows of the slave's patch [mm] that stick and that slip, with arrows of the tangential forces on them.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes or None
+    result : Result
+    time : float
+        [s]; the sample nearest to it is drawn.
+    contact : PartitionContact, optional
+        Of a Result with several.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong type, the time is not within the run, or the contact is frictionless.
+    """
+    axes, contact = axes_of(axes), contact_of(result, contact)
+    sample = result.at([validate_number("time", time, "a time in s")])
+    state, forces = contact.row_states(sample)[0], contact.row_tractions(sample)[0]
+    item, number = contact.sides[0]
+    patch = item.body.partition.patches[number]
+    across = _across(patch.direction)
+    turn = item.kinematics.frame(item.coordinates(sample)[0])[1]
+    x, arrows = 1e3 * item.body.points[patch.nodes] @ across, forces @ turn @ across
+    for kind, (label, color, marker) in _STATES.items():
+        rows = state == kind
+        axes.scatter(*x[rows].T, s=14, color=color, marker=marker, label=f"{label} ({np.count_nonzero(rows)} rows)")
+    closed = state > 0
+    if arrows[closed].any():
+        axes.quiver(*x[closed].T, *arrows[closed].T, color="0.35", width=0.004, zorder=0)
+    axes.legend(fontsize="small")
+    return _finish(axes, contact, sample)
+
+
+def _across(direction: Array) -> Array:
+    """Two unit vectors across a direction, as columns, (3, 2)."""
+    across: Array = np.linalg.svd(direction[None])[2][1:].T
+    return across
+
+
+def _finish(axes: Axes, contact: PartitionContact, sample: Result) -> Axes:
+    axes.set_aspect("equal")
+    axes.set_title(f"t = {1e3 * sample.t[0]:.4g} ms", fontsize="medium")
+    axes.set_xlabel(f"across the patch of {plain(name_of(contact.sides[0][0], 'the slave'))} [mm]")
+    axes.set_ylabel("across the patch [mm]")
+    return axes
