@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..algebra.complementarity import Complementarity
 from ..algebra.factorisation import one_blas_thread
+from ..contact.coulomb import Coulomb, friction_of
 from ..errors import InputError, StoppedRunWarning
-from ..results.history import History, at_times
+from ..results.history import History
 from ..support.arrays import Array
 from ..support.checks import (
     validate_callable,
@@ -30,6 +30,7 @@ from ..surfaces.points import ROWS
 from ..surfaces.rows import ContactRows, pair_surfaces
 from .full_body import FullBody, rows_on_dofs
 from .integrator import HHT
+from .laws import Frictional, Frictionless
 
 _LOG = logging.getLogger(__name__)
 
@@ -45,9 +46,14 @@ def simulate(
     points: Mapping[str, tuple[int, Array]] | None = None,
     alpha: float = 0.1,
     rows: str | ContactRows = "integrated",
+    friction: float | Coulomb | None = None,
     progress: Progress | None = None,
 ) -> History:
     """Integrate two full FE bodies in contact by HHT: one factorisation a body, exact complementarity each step.
+
+    With friction, rows that stick do not move along the surface in a step. Rows that slip bear the coefficient times
+    their normal force, against their slip. The coefficient of a row follows from its state and slip speed in the step
+    before.
 
     Parameters
     ----------
@@ -61,6 +67,8 @@ def simulate(
         Numerical damping, 0 to 1/3.
     rows : {"integrated", "node-to-segment"} or ContactRows
         The same rows as a partition contact has, with the first body as slave (`surfaces.rows.pair_surfaces`).
+    friction : float or Coulomb, optional
+        Coefficient of friction, or Coulomb's law. Default: frictionless.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -69,12 +77,16 @@ def simulate(
     History
         The force at a time is the mean of the steps before and after it. `info` holds `time_s` (stepping), `setup_s`
         (factorisations), `step_s`, `steps`, `dofs`, `contact_nodes`, `energy_error`. After Ctrl-C during the steps it
-        ends with the last step.
+        ends with the last step. With friction it also has `tangential_force` and `dissipated`, which `energy_error`
+        counts. Then `info` has `friction`, and for the end of the run `dissipated_J` and, for each row, `row_nodes`
+        (nodes of the slave's patch), `row_states` (0 open, 1 sticks, 2 slips) and `slip_path_m`.
 
     Raises
     ------
     InputError
         If there are not two bodies, a number is out of range, or given rows are of other patches.
+    ComplementarityError
+        If forces with friction are not found, or not finite.
     EmptyRegionError, PenetrationError
         If the patches do not face each other, or overlap.
 
@@ -86,7 +98,7 @@ def simulate(
     slave, master = bodies = _two(bodies)
     if not 0 <= validate_number("alpha", alpha) <= 1 / 3:
         raise InputError(f"alpha: expected 0 to 1/3, got {alpha!r}")
-    steps = _count(end_time, step)
+    steps, coulomb = _count(end_time, step), friction_of(friction)
     points = _validate_points(points)
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
@@ -97,17 +109,21 @@ def simulate(
     else:
         validate_choice("rows", rows, ROWS)
         rows = pair_surfaces(slave.surface, master.surface, rows, placed_by="position of FullBody")
+    law: Frictionless
+    if coulomb is None:
+        law = Frictionless(rows, patch_nodes, steps)
+    else:
+        law = Frictional(rows, patch_nodes, steps, friction=coulomb, step=step)
     sides = []
-    for body, G in zip(bodies, rows.matrices(*patch_nodes), strict=True):
+    for body, G in zip(bodies, law.matrices, strict=True):
         fem = body.fem
         mass = fem.mass if body.mass == "consistent" else fem.lumped_mass_matrix
         at_start = np.tile(body.velocity, fem.n_nodes)
         sides.append(HHT(mass, fem.stiffness, rows_on_dofs(body, G), step, alpha=alpha, velocity=at_start))
-    contact = Complementarity(sides[0].compliance() + sides[1].compliance())
+    law.begin(sides[0].compliance() + sides[1].compliance())
     nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}
 
     t = step * np.arange(steps + 1)
-    force = np.zeros(steps + 1)  # force[n] acts from t[n - 1] to t[n]
     velocity = {name: np.empty((steps + 1, 3)) for name in nodes}
     for name, (index, node) in nodes.items():
         velocity[name][0] = sides[index].v[3 * node : 3 * node + 3]
@@ -118,11 +134,9 @@ def simulate(
     with interruptible() as interrupt:
         while done < steps and not interrupt.asked:
             n = done + 1
-            gap = rows.gap + sum(side.predict() for side in sides)
-            lam = contact.solve(gap)
+            lam = law.answer(sides[0].predict() + sides[1].predict(), n)
             for side in sides:
                 side.correct(lam)
-            force[n] = lam.sum()
             for name, (index, node) in nodes.items():
                 velocity[name][n] = sides[index].v[3 * node : 3 * node + 3]
             done = n
@@ -141,9 +155,9 @@ def simulate(
         "alpha": alpha,
         "time_s": time.perf_counter() - begin,
         "setup_s": setup_s,
-        "energy_error": sum(side.energy() for side in sides) / energy - 1 if energy else 0.0,
+        "energy_error": (sum(side.energy() for side in sides) + law.dissipated) / energy - 1 if energy else 0.0,
     }
-    return History(t[kept], at_times(t[kept], force[kept]), {name: v[kept] for name, v in velocity.items()}, info)
+    return law.history(t[kept], {name: v[kept] for name, v in velocity.items()}, info)
 
 
 def _two(bodies: Sequence[FullBody]) -> tuple[FullBody, FullBody]:

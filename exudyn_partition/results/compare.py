@@ -25,7 +25,8 @@ class Comparison:
     ----------
     error : dict of str to float
         ||x - x_ref|| / ||x_ref|| over the common time, for "force" and for the velocity of each point. x is then the
-        change of the velocity from its initial value.
+        change of the velocity from its initial value. With friction also for "tangential", the tangential force on the
+        slave, if the reference has any.
     time_s, reference_time_s : float
         Run times of the run and of its reference [s]; nan if not known.
     end_time : float
@@ -73,8 +74,8 @@ def compare(run: History, reference: History) -> Comparison:
     Raises
     ------
     InputError
-        If a named point is missing, or the runs have no time in common. Also if in the common time the reference has no
-        force, or the velocity of a point is constant: then there is no relative error.
+        If a named point is missing, the runs have no time in common, or only one of them has friction. Also if in the
+        common time the reference has no force, or the velocity of a point is constant: then there is no relative error.
     """
     for name, history in (("run", run), ("reference", reference)):
         validate_type(name, history, History, "Result.history(), reference.simulate() or History.load()")
@@ -82,6 +83,10 @@ def compare(run: History, reference: History) -> Comparison:
     if missing:
         said = ", ".join(sorted(missing))
         raise InputError(f"run: has no velocity of {said}, which the reference has; name all its points in history()")
+    if run.tangential_force is None and reference.tangential_force is not None:
+        raise InputError("run: is frictionless, but the reference is not; give friction= to CreatePartitionContact too")
+    if run.tangential_force is not None and reference.tangential_force is None:
+        raise InputError("reference: is frictionless, but the run is not; give friction= to reference.simulate too")
     begin, end = max(run.t[0], reference.t[0]), min(run.t[-1], reference.t[-1])
     slack = 1e-9 * abs(end)
     common = (reference.t >= begin - slack) & (reference.t <= end + slack)
@@ -92,6 +97,10 @@ def compare(run: History, reference: History) -> Comparison:
         )
     t = reference.t[common]
     error = {"force": _relative("contact force", _resample(run.force, run.t, t), reference.force[common])}
+    if run.tangential_force is not None and reference.tangential_force is not None:
+        expected = reference.tangential_force[common]
+        if expected.any():
+            error["tangential"] = _relative("tangential force", _resample(run.tangential_force, run.t, t), expected)
     for name, velocity in reference.velocity.items():
         got, expected = _resample(run.velocity[name], run.t, t), velocity[common]
         error[name] = _relative(f"change of the velocity of {name}", got - got[0], expected - expected[0])

@@ -18,6 +18,7 @@ from ..support.checks import validate_array, validate_file, validate_number, val
 from ..support.files import replacing
 
 _FORMAT = 1
+_OF_FRICTION: dict[str, tuple[int, ...]] = {"tangential_force": (3,), "dissipated": ()}  # with the shape of a sample
 # Errors of NumPy and zipfile for a file that is not a history.
 _DAMAGE = (OSError, EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 
@@ -59,6 +60,10 @@ class History:
         Velocities of named points [m/s].
     info : dict
         Data of the run, such as `time_s`, `dofs`, `step_s` and versions; JSON types.
+    tangential_force : (n, 3) array, optional
+        Sum of the tangential forces on the slave in space [N]; None without friction.
+    dissipated : (n,) array, optional
+        Energy that friction has taken since the start [J]; None without friction.
 
     Raises
     ------
@@ -70,6 +75,8 @@ class History:
     force: Array
     velocity: Mapping[str, Array]
     info: dict[str, Any] = field(default_factory=dict)
+    tangential_force: Array | None = None
+    dissipated: Array | None = None
 
     def __post_init__(self) -> None:
         t = validate_array("t", self.t, (None,))
@@ -90,6 +97,10 @@ class History:
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "force", validate_array("force", self.force, (len(t),)))
         object.__setattr__(self, "velocity", velocity)
+        for name, columns in _OF_FRICTION.items():
+            if getattr(self, name) is not None:
+                value = validate_array(name, getattr(self, name), (len(t), *columns))
+                object.__setattr__(self, name, value)
 
     @property
     def impulse(self) -> float:
@@ -122,7 +133,13 @@ class History:
         if not keep.any():
             begin = f"{self.t[0]:.6g} s, where the history begins"
             raise InputError(f"end_time: expected at least {begin}, got {end_time:.6g} s")
-        return History(self.t[keep], self.force[keep], {k: v[keep] for k, v in self.velocity.items()}, self.info)
+        velocity, friction = ({k: v[keep] for k, v in of.items()} for of in (self.velocity, self._of_friction()))
+        return History(self.t[keep], self.force[keep], velocity, self.info, **friction)
+
+    def _of_friction(self) -> dict[str, Array]:
+        """What there is of friction, by its name."""
+        found = {name: getattr(self, name) for name in _OF_FRICTION}
+        return {name: value for name, value in found.items() if value is not None}
 
     def save(self, path: str | Path) -> None:
         """Write to an npz file at `path`, in single precision except for the times; no ending is added to the name.
@@ -138,7 +155,8 @@ class History:
             info = json.dumps(self.info)
         except (TypeError, ValueError) as error:
             raise InputError(f"info: expected text, numbers, lists and dicts, which JSON can hold: {error}") from error
-        arrays: dict[str, Any] = {f"velocity_{k}": v.astype(np.float32) for k, v in self.velocity.items()}
+        named = {f"velocity_{k}": v for k, v in self.velocity.items()} | self._of_friction()
+        arrays: dict[str, Any] = {k: v.astype(np.float32) for k, v in named.items()}
         with replacing(path) as file:
             np.savez_compressed(
                 file, format=_FORMAT, t=self.t, force=self.force.astype(np.float32), info=info, **arrays
@@ -160,7 +178,9 @@ class History:
                 if isinstance(data, np.lib.npyio.NpzFile) and int(data.get("format", -1)) == _FORMAT:
                     named = {k.removeprefix("velocity_"): data[k] for k in data if k.startswith("velocity_")}
                     velocity = {name: array.astype(float) for name, array in named.items()}
-                    return cls(data["t"], data["force"].astype(float), velocity, json.loads(str(data["info"])))
+                    friction = {name: data[name].astype(float) for name in _OF_FRICTION if name in data}
+                    info = json.loads(str(data["info"]))
+                    return cls(data["t"], data["force"].astype(float), velocity, info, **friction)
         except _DAMAGE as error:
             # NumPy's own message would advise to load pickled objects, which would run their code.
             raise InputError(
