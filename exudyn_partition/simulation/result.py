@@ -250,7 +250,7 @@ class Result:
         return write_report(path, self, title=title)
 
     def history(self, contact: PartitionContact, points: Mapping[str, tuple[Any, ...]] | None = None) -> History:
-        """Force of a contact and velocities of named points, to compare, plot and save.
+        """Forces of a contact and velocities of named points, to compare, plot and save.
 
         Parameters
         ----------
@@ -284,7 +284,10 @@ class Result:
             "time_s": self.time_s,
             "status": self.status,
         }
-        return History(self.t, contact.force(self), velocity, info)
+        of_friction = {}
+        if contact.friction is not None:
+            of_friction = {"tangential_force": contact.tangential_force(self), "dissipated": contact.dissipated(self)}
+        return History(self.t, contact.force(self), velocity, info, **of_friction)
 
 
 def samples(mbs: MainSystem) -> Result:

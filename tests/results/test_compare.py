@@ -24,6 +24,21 @@ def test_errors_of_a_history():
         ep.compare(ep.History(t.copy(), t.copy(), {}), reference)
 
 
+def test_tangential_forces_are_compared_as_vectors():
+    t = np.linspace(0, 1, 101)
+    along = np.column_stack([t**2, 0 * t, 0 * t])
+    reference = ep.History(t, t**2, {}, tangential_force=along)
+    run = ep.History(t, t**2, {}, tangential_force=along + 0.1 * along[:, [1, 0, 2]])
+    assert ep.compare(run, reference).error == pytest.approx({"force": 0.0, "tangential": 0.1})
+    still = replace(reference, tangential_force=0 * along)
+    assert set(ep.compare(still, still).error) == {"force"}
+    smooth = replace(reference, tangential_force=None)
+    with pytest.raises(InputError, match=r"run: is frictionless.*CreatePartitionContact"):
+        ep.compare(smooth, reference)
+    with pytest.raises(InputError, match=r"reference: is frictionless.*reference\.simulate"):
+        ep.compare(run, smooth)
+
+
 def wave(start, end, force=1.0, speed=1.0):
     """A history of 101 samples."""
     t = np.linspace(start, end, 101)

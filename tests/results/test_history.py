@@ -1,5 +1,7 @@
 """Histories: finite ascending samples, in files that are whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,26 @@ def test_histories_survive_saving(history, tmp_path):
     np.testing.assert_allclose(loaded.force, history.force, rtol=1e-6)
     np.testing.assert_allclose(loaded.velocity["far end"], history.velocity["far end"], rtol=1e-6)
     assert loaded.info == history.info
+
+
+def test_what_friction_does_survives_too(history, tmp_path):
+    assert ep.History.load(saved(history, tmp_path)).tangential_force is None
+    tangential = np.column_stack([history.force, 2 * history.force, 0 * history.t])
+    slides = replace(history, tangential_force=tangential, dissipated=history.t**2)
+    loaded = ep.History.load(saved(slides, tmp_path))
+    np.testing.assert_allclose(loaded.tangential_force, tangential, rtol=1e-6)
+    np.testing.assert_allclose(loaded.dissipated, history.t**2, rtol=1e-6)
+    half = loaded.until(0.5)
+    assert half.tangential_force.shape == (51, 3)
+    assert half.dissipated[-1] == pytest.approx(0.25)
+    with pytest.raises(InputError, match="tangential_force"):
+        replace(history, tangential_force=history.force)
+
+
+def saved(history, folder):
+    """Path of the file that the history was written to."""
+    history.save(folder / "history.npz")
+    return folder / "history.npz"
 
 
 def test_a_history_is_found_by_the_name_it_was_saved_under(history, tmp_path):
