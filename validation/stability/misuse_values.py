@@ -134,6 +134,7 @@ number = Kind(NUMBERS, 1.0)
 positive = number.but(**{"negative": -1.0, "zero": 0.0})
 limit = positive.but("inf")  # math.inf is a wall, a plane, ...
 share = number.but(**{"negative": -0.1, "two": 2.0})
+friction = number.but("None", **{"negative": -0.1, "per cent": 30.0})(0.3)
 count = Kind({**NOTHING, "half": 1.5, "negative": -1, "zero": 0, "nan": nan, "list": [1]}, 1)
 _VECTORS = {
     **NOTHING,
