@@ -93,6 +93,10 @@ class ModelLimitWarning(PartitionWarning):
     """A motion beyond what the model holds for, such as large rotation in an inertial frame."""
 
 
+class YieldWarning(PartitionWarning):
+    """A contact beneath which a body would yield; bodies stay elastic, and real ones do not."""
+
+
 class ToleranceWarning(PartitionWarning):
     """A tolerance that the mesh does not let a basis reach; the best body is returned."""
 

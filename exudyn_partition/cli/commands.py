@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from .._version import __version__
-from ..errors import CallError, InputError, OutputError, PartitionError, PartitionWarning
+from ..errors import CallError, InputError, OutputError, PartitionError, PartitionWarning, YieldWarning
 from ..fe.material import ALUMINIUM, STEEL, Material
 from ..fe.partition import Partition
 from ..meshing.mesh_size import Refine
@@ -39,6 +39,7 @@ from .printing import show
 Command = Callable[[argparse.Namespace], tuple[int, dict[str, object]]]  # exit code, and what it found
 
 MATERIALS = {"steel": STEEL, "aluminium": ALUMINIUM}
+_MATERIAL = "steel, aluminium, or E,nu,rho or E,nu,rho,yield stress [Pa, 1, kg/m3, Pa]"
 _EXAMPLES = {
     "": """examples:
   exudyn-partition reduce rod.step --scale 1e-3 --material steel --at 0 0 0 --radius 1e-3 --h 2e-4 --maxh 6e-3 \\
@@ -143,7 +144,7 @@ def parser() -> argparse.ArgumentParser:
     one = command("reduce", _reduce, "Reduce a mesh or STEP file to a body file.")
     one.add_argument("source", help="STEP file, or a mesh of tetrahedra or hexahedra: VTU, Gmsh, Abaqus, Nastran")
     one.add_argument("-o", "--out", required=True, type=Path, metavar="BODY.npz")
-    one.add_argument("--material", required=True, type=_material, help="steel, aluminium, or E,nu,rho [Pa, 1, kg/m3]")
+    one.add_argument("--material", required=True, type=_material, help=_MATERIAL)
     xyz = ("X", "Y", "Z")
     one.add_argument("--at", required=True, action="append", type=float, nargs=3, metavar=xyz, help="contact point [m]")
     one.add_argument("--radius", required=True, action="append", type=_positive, help="of the impact region there [m]")
@@ -198,16 +199,20 @@ def _limit(text: str) -> float:
 
 
 def _material(text: str) -> Material:
-    """Material by its name or its three numbers."""
+    """Material by its name, or its three or four numbers."""
     if text in MATERIALS:
         return MATERIALS[text]
     try:
-        E, nu, rho = map(float, text.split(","))
-        return Material(E=E, nu=nu, rho=rho)
+        E, nu, rho, *more = map(float, text.split(","))
+        if len(more) > 1:
+            raise ValueError(f"{len(more) + 3} numbers")
+        return Material(E=E, nu=nu, rho=rho, yield_stress=more[0] if more else None)
+    except PartitionError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     except ValueError as error:
         known = ", ".join(MATERIALS)
         raise argparse.ArgumentTypeError(
-            f"expected {known} or E,nu,rho such as 210e9,0.3,7800, got {text!r}"
+            f"expected {known} or E,nu,rho such as 210e9,0.3,7800, or with a yield stress, got {text!r}"
         ) from error
 
 
@@ -303,18 +308,26 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         raise CallError("--first: expected a material, only the second body may be rigid")
     mass = effective(mass_1, mass_2)
     found = impact(mass, options.speed, radius_1, radius_2, material_1, material_2, impedance=options.impedance)
-    result = {
+    result: dict[str, object] = {
         "effective_mass_kg": mass,
         "peak_force_N": found.peak_force,
         "contact_radius_m": found.contact_radius,
         "approach_m": found.approach,
         "duration_s": found.duration,
         "rise_time_s": found.rise_time,
+        "peak_pressure_Pa": found.peak_pressure,
     }
+    if found.yield_ratio is None:
+        result["left_out"] = ["first yield: no yield stress is known (fourth number of a material)"]
+    else:
+        result |= {"yield_ratio": found.yield_ratio, "yield_force_N": found.yield_force}
+        result["yield_speed_m_s"] = found.yield_speed
+        if found.yield_ratio > 1:
+            warnings.warn(found.stress.advice(("the first body", "the second body")), YieldWarning, stacklevel=2)
     if math.isfinite(found.duration):
         f_cut = found.truncation_frequency()
         result |= {"f_cut_Hz": f_cut, "step_s": 1 / (STEPS_A_PERIOD * f_cut)}
-    return 0, {key: value if math.isfinite(value) else None for key, value in result.items()}
+    return 0, {key: None if value == math.inf else value for key, value in result.items()}
 
 
 def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Material | None]:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 from ..support.optional import require
 
+_UNITS = {"_m_s": "m/s", "_Hz": "Hz", "_kg": "kg", "_m": "m", "_s": "s", "_N": "N", "_Pa": "Pa"}  # by ends of keys
+
 
 def show(found: dict[str, object]) -> None:
     """Print what a command found as a table."""
@@ -18,9 +20,8 @@ def show(found: dict[str, object]) -> None:
 def _flat(found: dict[str, object]) -> Iterator[tuple[str, str]]:
     """Rows of a table, one for each entry, nested ones included; names are written in words."""
     for key, value in found.items():
-        name, _, unit = key.rpartition("_")
-        known = unit in ("Hz", "kg", "m", "s", "N")
-        label = f"{name} [{unit}]".replace("_", " ") if known else key.replace("_", " ")
+        suffix = next((suffix for suffix in _UNITS if key.endswith(suffix)), "")
+        label = key.removesuffix(suffix).replace("_", " ") + (f" [{_UNITS[suffix]}]" if suffix else "")
         if isinstance(value, dict):
             yield from ((f"{label}: {inner}", text) for inner, text in _flat(value))
         elif isinstance(value, list) and value and not isinstance(value[0], float):

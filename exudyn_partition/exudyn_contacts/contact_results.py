@@ -15,14 +15,18 @@ from ..contact.formulations.formulation import Formulation, Law, Together
 from ..errors import InputError
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..prediction.yielding import Stress
 from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import MainSystem
+from .contact_ellipse import semi_axes
 from .friction_results import FrictionResults, RunSamples
 
 # Energies of contacts that are solved together, by the list of these, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
+_LARGE = 0.8  # of the largest force, above which stresses are looked for
+_WHOLE = 0.9  # of a patch's area: what touches there is no Hertz contact
 _LOOKED_AT = 200  # samples beside an impact, until its surface has opened
 
 
@@ -166,12 +170,16 @@ class ContactResults(FrictionResults):
             If the result was read from a file, which holds no forces of rows.
         """
         validate_result(result)
-        run, place = result.kept(self), {t: i for i, t in enumerate(result.t)}
+        return self._row_forces(result, result.t)
+
+    def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
+        """See `row_forces`; at some times of the result, (k,) [s]."""
+        run, place = result.kept(self), {t: i for i, t in enumerate(times)}
         kept = [(place[t], nodes, lam) for t, nodes, lam in run.samples if t in place]
         at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)
         nodes = np.concatenate([np.empty(0, dtype=int), *(nodes for _, nodes, _ in kept)])
         forces = np.concatenate([np.empty(0), *(lam for *_, lam in kept)])
-        return sp.csr_matrix((forces, (at, nodes)), shape=(len(result.t), len(run.areas)))
+        return sp.csr_matrix((forces, (at, nodes)), shape=(len(times), len(run.areas)))
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -191,6 +199,46 @@ class ContactResults(FrictionResults):
     def radius(self, result: RunSamples) -> Array:
         """Radius of a circle of the contact area, (n,) [m]."""
         return np.sqrt(self.area(result) / np.pi)
+
+    @property
+    def side_names(self) -> tuple[str, ...]:
+        """Names of slave and master in sentences."""
+        roles = zip(self.sides, ("the slave", "the master"), strict=False)
+        return tuple(f"body {item.name!r}" if item.name else role for (item, _), role in roles)
+
+    def largest_stress(self, result: RunSamples) -> Stress | None:
+        """Largest Hertz-equivalent pressure of the run, and the von Mises stress beneath it; None if nothing touched.
+
+        That of the Hertz contact with the same force, and with the same second moments of the pressure on the rows
+        (`contact_ellipse`). It is looked for where the force is above 0.8 of its largest value. A contact that closes
+        all of a patch is no Hertz contact: there the mean pressure counts as the stress in a bar, if it is larger.
+        Friction, the bodies' other loads, and stress at the edges of flat patches are not in it.
+
+        Raises
+        ------
+        InputError
+            If the result was read from a file, which holds no forces of rows.
+        """
+        force, run = self.force(result), result.kept(self)
+        large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
+        n = len(self.law.gaps.slave.surface.points)
+        rows, areas = self._row_forces(result, result.t[large])[:, :n], run.areas[:n]
+        touching = np.asarray(rows.sum(axis=1)).ravel() > 0
+        if not touching.any():
+            return None
+        large, rows = large[touching], rows[touching]
+        places = self.slave.body.points[self.law.gaps.slave.surface.nodes]
+        axes = semi_axes(rows, places, areas, self.law.gaps.mean is not None)
+        peak = int((force[large] / axes.prod(axis=1)).argmax())
+        whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
+        load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
+        return Stress.beneath(
+            load,
+            (a, b),
+            [item.body.material for item, _ in self.sides],
+            mean=load / areas.sum() if whole else 0.0,
+            time=float(result.t[large[peak]]),
+        )
 
     def impacts(self, result: RunSamples) -> list[SubImpact]:
         """Times of uninterrupted contact, with the impulse and peak of each.

@@ -139,6 +139,16 @@ class Partition:
         """(np,) int array: nodes of all contact patches, ascending."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(patch.nodes for patch in self.patches)]))
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What the patches leave out of the impact region, in sentences."""
+        beside = np.setdiff1d(self.nodes, self.patch_nodes)
+        said = (
+            f"contact rows at {len(beside)} nodes of the impact region, inside the body or beside the patch "
+            "(contact_radius of the partition widens the patch)"
+        )
+        return (said,) * bool(len(beside))
+
     def patch(self, key: int | str | None = None) -> int:
         """Number of a patch by `key`, its number or name; of the only one by None.
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from ..errors import InputError
 from ..fe.material import Material
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_positive, validate_type
 from .spectrum import truncation_frequency
+from .yielding import Stress
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,11 @@ class HertzImpact:
         Times over the duration, equally spaced [s]; if it is infinite, until the force has reached its limit.
     force : (n,) array
         Contact force [N].
+    stress : Stress
+        Stress beneath the contact at the peak of the force.
+    yield_speed : float or None
+        Speed at which the first body begins to yield [m/s], its pressure by Hertz about 1.6 times its yield stress. For
+        masses alone, see Johnson, Contact Mechanics, section 11.5. None if no yield stress is known.
     """
 
     peak_force: float
@@ -45,14 +52,37 @@ class HertzImpact:
     contact_radius: float
     t: Array
     force: Array
+    stress: Stress
+    yield_speed: float | None
 
     def __post_init__(self) -> None:
         read_only(self.t, self.force)
 
+    @property
+    def peak_pressure(self) -> float:
+        """Largest pressure [Pa]."""
+        return self.stress.pressure
+
+    @property
+    def yield_ratio(self) -> float | None:
+        """Largest von Mises stress by yield stress, of the body that yields first; None if no yield stress is known.
+
+        Above one, the true force is smaller and lasts longer, and bodies rebound slower: the estimate is elastic.
+        """
+        return self.stress.yield_ratio
+
+    @property
+    def yield_force(self) -> float | None:
+        """Force at which the first body begins to yield [N]; None if no yield stress is known."""
+        return self.stress.yield_force
+
     def __repr__(self) -> str:
+        known = self.yield_ratio is not None
+        yields = f", {self.yield_ratio:.3g} times the yield stress" if known else ""
         return (
             f"HertzImpact(peak force {self.peak_force:.4g} N, approach {self.approach:.4g} m, duration "
-            f"{self.duration:.4g} s, rise time {self.rise_time:.4g} s, contact radius {self.contact_radius:.4g} m)"
+            f"{self.duration:.4g} s, rise time {self.rise_time:.4g} s, contact radius {self.contact_radius:.4g} m"
+            f"{yields})"
         )
 
     def truncation_frequency(self, *, tolerance: float = 0.01) -> float:
@@ -85,6 +115,7 @@ _SAMPLES = 100  # of the force in its rise time
 _MOST_SAMPLES = 2**18  # in all, for forces that rise very fast compared with their duration
 _SETTLED = 20  # time for a force that only an impedance limits: its distance from the limit falls as exp(-1.5 t)
 _EXTREME = 1e30  # bound of all numbers in SI units, and its inverse: their products stay finite
+_SPEED_TOLERANCE = 1e-3  # of the speed at first yield
 _SLOWEST = 1e-10  # least share of the speed that a mass takes away while the force rises on an impedance
 
 
@@ -282,10 +313,38 @@ def impact(
             "mass=math.inf for the rise alone"
         )
     y, end, rise, shape = _solve(limit / wave_limit, b)
-    period = length / speed
-    duration = end * period if math.isfinite(mass) else math.inf
-    t = np.linspace(0, end * period, len(shape))
-    return HertzImpact(limit * y**1.5, length * y, duration, rise * period, math.sqrt(R * length * y), t, limit * shape)
+    period, radius = length / speed, math.sqrt(R * length * y)
+    materials = [material_1] if material_2 is None else [material_1, material_2]
+    stress = Stress.beneath(limit * y**1.5, (radius, radius), materials)
+    return HertzImpact(
+        peak_force=stress.force,
+        approach=length * y,
+        duration=end * period if math.isfinite(mass) else math.inf,
+        rise_time=rise * period,
+        contact_radius=radius,
+        t=np.linspace(0, end * period, len(shape)),
+        force=limit * shape,
+        stress=stress,
+        yield_speed=None if stress.yield_force is None else _speed(stress.yield_force, stiffness, mass, impedance),
+    )
+
+
+def _speed(force: float, stiffness: float, mass: float, impedance: float) -> float:
+    """Speed of the impact with a peak force [N], on a spring of `stiffness` d^(3/2)."""
+    energy = float((force / stiffness**0.4) ** (5 / 3)) / 1.25
+    by_mass = math.sqrt(energy / mass)
+    by_waves = force / impedance
+    most = by_mass + by_waves
+    if min(by_mass, by_waves) < _SPEED_TOLERANCE * most:
+        return most
+
+    def beyond(speed: float) -> float:
+        limit = impedance * speed
+        y = _solve(1.0, limit * (limit / stiffness) ** (2 / 3) / (mass * speed**2))[0]
+        return limit * y * math.sqrt(y) - force
+
+    # Neither yields less than it would alone, and both together no more than one after the other.
+    return float(brentq(beyond, max(by_mass, by_waves), most, xtol=_SPEED_TOLERANCE * most))
 
 
 def _solve(a: float, b: float) -> tuple[float, float, float, Array]:

@@ -105,7 +105,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
         ("contact law", type(result.kept(contact).law).__name__),
         ("rows", contact.n_rows),
     ]
-    said = ""
+    said = advice = ""
     if impacts:
         peak = int(force.argmax())
         rows += [
@@ -116,12 +116,19 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
             *_friction_rows(contact, result),
             ("largest pressure", f"{1e-6 * contact.pressure(result).max():.4g} MPa"),
         ]
+        if (stress := contact.largest_stress(result)) is not None:
+            rows.append(("Hertz-equivalent pressure", f"{1e-6 * stress.pressure:.4g} MPa at {stress.time:.6g} s"))
+            rows += [(f"von Mises stress of {name}", said) for name, said in stress.by_body(contact.side_names)]
+            if (stress.yield_ratio or 0.0) > 1.0:
+                advice = html.escape(stress.advice(contact.side_names))
         listed = [(i.start, i.end, i.peak, i.impulse) for i in impacts[:_MOST_IMPACTS]]
         said = _table(["from [s]", "to [s]", "peak [N]", "impulse [N s]"], listed)
         if len(impacts) > _MOST_IMPACTS:
             said += f"<p>and {len(impacts) - _MOST_IMPACTS} more.</p>"
     else:
         rows.append(("peak force", f"none: the bodies did not touch; smallest gap {contact.gap(result).min():.4g} m"))
+    if advice:
+        said += f'<p class="warning">Beyond first yield: {advice}.</p>'
     if (reached := contact.edge_reached(result)) is not None:
         said += (
             f'<p class="warning">Reached the edge of its patch at {reached[0]:.6g} s: '

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError
+from ..fe.material import Material
 from ..fe.model import nearest_node, node_dofs, rigid_modes
 from ..fe.partition import Partition
 from ..fe.patches import Interface, Patch
@@ -60,6 +61,8 @@ class ReducedBody:
         over the body without those nodes.
     estimate : Estimate or None
         Estimated errors, if the body was reduced to a tolerance.
+    material : Material or None
+        That of the FE model; None if the body is from a file of before it was stored.
     """
 
     basis: ReducedBasis
@@ -74,13 +77,15 @@ class ReducedBody:
     reduce_s: float
     inertia: InertiaIntegrals
     estimate: Estimate | None = None
+    material: Material | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_type("basis", self.basis, ReducedBasis, "BASES")
         validate_type("partition", self.partition, Partition, "Partition.ball()")
         validate_type("inertia", self.inertia, InertiaIntegrals, "InertiaIntegrals.of()")
-        if self.estimate is not None:
-            validate_type("estimate", self.estimate, Estimate, "reduce(tolerance=)")
+        for name, kind, source in (("estimate", Estimate, "reduce(tolerance=)"), ("material", Material, "Material()")):
+            if getattr(self, name) is not None:
+                validate_type(name, getattr(self, name), kind, source)
         check_floats("points", self.points, (None, 3))
         n_nodes, nodal = len(self.points), self.basis.nodal
         check_indices("facets", self.facets, (None, None), n_nodes)
@@ -129,13 +134,10 @@ class ReducedBody:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the body leaves out, in sentences."""
-        said = list(self.basis.left_out)
-        beside = np.setdiff1d(self.partition.nodes, self.partition.patch_nodes)
-        if len(beside):
-            said.append(
-                f"contact rows at {len(beside)} nodes of the impact region, inside the body or beside the patch "
-                "(contact_radius of the partition widens the patch)"
-            )
+        said = [*self.basis.left_out, *self.partition.left_out]
+        if self.partition.patches:
+            known = self.material is not None and self.material.yield_stress is not None
+            said.append(f"plastic deformation (yield_stress= of Material {'tells' if known else 'would tell'} of it)")
         said.append("strain and stress, which `recovery` computes on request")
         if not self.has_inside:
             said.append("the shapes inside the body, which was saved without them (save with inside=True keeps them)")
@@ -370,7 +372,7 @@ FILE = Format(
     name="reduced body",
     version=7,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
-    classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate),
+    classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate, Material),
     packed=True,
 )
 

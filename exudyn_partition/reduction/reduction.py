@@ -317,6 +317,7 @@ def _body(
         reduce_s=time.perf_counter() - begin,
         estimate=estimate,
         inertia=inertia,
+        material=fem.material,
     )
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import ContactPatchWarning, ModelLimitWarning, StoppedRunWarning
+from ..errors import ContactPatchWarning, ModelLimitWarning, StoppedRunWarning, YieldWarning
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..reduction.buckling import compression, links
@@ -64,6 +64,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
             _warn_of_few_rows(contact, result)
             _warn_of_ringing(contact, result)
             _warn_of_missing(contact, result)
+            _warn_of_yield(contact, result)
     return result
 
 
@@ -241,6 +242,16 @@ def warn_of_turns(result: Result) -> None:
                     ModelLimitWarning,
                     stacklevel=3,
                 )
+
+
+def _warn_of_yield(contact: PartitionContact, result: Result) -> None:
+    stress = contact.largest_stress(result)
+    if stress is not None and (stress.yield_ratio or 0.0) > 1.0:
+        warnings.warn(
+            f"{called(contact)} at t = {stress.time:.6g} s: {stress.advice(contact.side_names)}",
+            YieldWarning,
+            stacklevel=4,
+        )
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:

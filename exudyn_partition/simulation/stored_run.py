@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -74,11 +74,12 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults
     """What the items of a model are: names, frames, contents of the reduced bodies, laws, and numbers of sensors.
 
     A run knows nothing of the inside of bodies: one of bodies that were saved without it can be read with whole ones.
+    Nor does it know what they bear before they yield.
     """
     said = [
         f"body {item.name!r}, {item.frame} frame at {item.position.tolist()}, sensors "
         f"{[*map(int, item['sCoordinates']), *map(int, item['sCoordinates_t'])]}, "
-        f"content {digest(item.body.without_inside())}"
+        f"content {digest(replace(item.body.without_inside(), material=None))}"
         for item in bodies
     ]
     said += [

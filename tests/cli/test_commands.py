@@ -75,7 +75,7 @@ def test_a_wrong_number_of_radii(step_file, tmp_path, capsys):
 
 def test_an_estimate_is_hertz_s(capsys):
     balls = ["estimate", "--speed", 0.5, "--first", 0.0327, 0.01, "steel", "--second", 0.0327, 0.01, "steel"]
-    code, found, _ = call(capsys, *balls)
+    code, found, err = call(capsys, *balls)
     hertz = ep.hertz.impact(0.0327 / 2, 0.5, 0.01, 0.01, ep.STEEL, ep.STEEL)
     assert code == 0
     assert found["peak_force_N"] == pytest.approx(hertz.peak_force)
@@ -83,6 +83,26 @@ def test_an_estimate_is_hertz_s(capsys):
     assert found["duration_s"] == pytest.approx(hertz.duration)
     assert found["f_cut_Hz"] == pytest.approx(hertz.truncation_frequency())
     assert found["step_s"] == pytest.approx(1 / (25 * found["f_cut_Hz"]))
+    assert found["yield_ratio"] == pytest.approx(hertz.yield_ratio)
+    assert (found["yield_force_N"], found["yield_speed_m_s"]) == pytest.approx((hertz.yield_force, hertz.yield_speed))
+    assert err.startswith("warning: the von Mises stress of the first body reaches")
+
+
+@pytest.mark.parametrize(("material", "told"), [("210e9,0.3,7800,20e9", False), ("210e9,0.3,7800", True)])
+def test_an_estimate_below_first_yield_or_of_unknown_strength(capsys, material, told):
+    code, found, err = call(capsys, "estimate", "--speed", 0.5, "--first", 0.0327, 0.01, material)
+    assert (code, err) == (0, "")
+    assert ("left_out" in found) == told
+    assert ("yield_ratio" in found) != told
+
+
+@pytest.mark.parametrize(("material", "message"), [
+    ("210e9,0.3,7800,355", "yield_stress: solids yield at .* Is it in MPa"), ("210e9,0.3,7800,3,55", "or with a yield"),
+])  # fmt: skip
+def test_wrong_yield_stresses_are_named(capsys, material, message):
+    code, found, _ = call(capsys, "estimate", "--speed", 0.5, "--first", 0.0327, 0.01, material)
+    assert code == 2
+    assert re.search(message, found["message"])
 
 
 def test_an_estimate_of_a_body_file_against_a_rigid_wall(capsys, tmp_path, bodies):
@@ -237,7 +257,8 @@ def test_a_point_that_is_none(step_file, tmp_path, capsys, monkeypatch):
 
 
 def test_nobody_reads_what_is_printed():
-    command = [sys.executable, "-m", "exudyn_partition", "estimate", "--first", "1", "0.01", "steel", "--speed", "1"]
+    material = "210e9,0.3,7800"
+    command = [sys.executable, "-m", "exudyn_partition", "estimate", "--first", "1", "0.01", material, "--speed", "1"]
     with open("/dev/full", "w") as full:  # noqa: PTH123
         run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
     assert run.returncode == 1

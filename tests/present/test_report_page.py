@@ -65,6 +65,12 @@ def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
     assert float(when.split()[0]) == pytest.approx(result.t[force.argmax()], rel=1e-5)
     assert float(cells.row("impulse")[0].split()[0]) == pytest.approx(np.trapezoid(force, result.t), rel=1e-4)
     assert cells.row("step") == ["2e-07 s, 300 steps"]
+    stress = contact.largest_stress(result)
+    assert float(cells.row("Hertz-equivalent pressure")[0].split()[0]) == pytest.approx(
+        1e-6 * stress.pressure, rel=1e-3
+    )
+    assert cells.row("von Mises stress of the master")[0].endswith("times its yield stress")
+    assert "Beyond first yield: the von Mises stress of the slave reaches" in page
     energy = striker.energy(result) + target.energy(result) + contact.energy(result)
     start, end, change = map(float, cells.row("with contacts' [J]"))
     assert (start, end) == pytest.approx((energy[0], energy[-1]), rel=1e-5)

@@ -47,6 +47,7 @@ def drop(cells, f_cut, **options):
     mbs.Assemble()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ep.errors.PartitionWarning)
+        warnings.simplefilter("ignore", ep.errors.YieldWarning)  # compared with elastic bodies
         result = ep.solve_dynamic(mbs, end_time=7.5, **options)
     return result, item, contact, sorted({warning.category.__name__ for warning in caught})
 

@@ -92,6 +92,7 @@ class Record:
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always", ep.errors.PartitionWarning)
+                warnings.simplefilter("ignore", ep.errors.YieldWarning)  # compared with elastic bodies
                 history, more = function()
             entry = {"status": "finished", **more}
             if history is not None:

@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.errors import PartitionError, PartitionWarning
+from exudyn_partition.errors import PartitionError, PartitionWarning, YieldWarning
 from validation.stability.misuse_calls import misuses, right_calls
 from validation.stability.misuse_scenes import SCENES
 from validation.stability.misuse_values import Scene
@@ -54,6 +54,7 @@ def classify(misuse, scene):
     begin, said = time.perf_counter(), ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PartitionWarning)
+        warnings.simplefilter("ignore", YieldWarning)  # of right speeds too: it tells nothing of a wrong call
         try:
             misuse(scene)
             kind = "silent"

@@ -171,7 +171,11 @@ _refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones"
 
 CALLS = {
     "Material": call(
-        E=v.positive(1e9), nu=v.number.but(half=0.5, **{"minus one": -1.0})(0.3), rho=v.positive(1e3), swaps=False
+        E=v.positive(1e9),
+        nu=v.number.but(half=0.5, **{"minus one": -1.0})(0.3),
+        rho=v.positive(1e3),
+        yield_stress=v.positive.or_none.but(MPa=355.0)(355e6),
+        swaps=False,
     ),
     "Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
     "Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
