@@ -326,6 +326,7 @@ CALLS = {
             "area",
             "radius",
             "impacts",
+            "largest_stress",
             "energy",
             "nodal_forces",
             "closed_samples",
