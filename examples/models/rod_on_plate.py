@@ -26,7 +26,7 @@ PAPER = {"free": "node-to-segment"}  # the paper's basis comes with the paper's 
 STORED = Path(__file__).parents[1] / "rod_on_plate_reference.npz"
 
 
-def fe_models(quick, maxh=None):
+def fe_models(quick, maxh=None, axes="normal"):
     """FE models of rod and plate with their partitions, and the times of meshing and assembly; maxh [m] far away."""
     centre = occ.Pnt(0, 0, RADIUS)
     rod = occ.Cylinder(centre, occ.Z, r=RADIUS, h=LENGTH - RADIUS) + occ.Sphere(centre, RADIUS)
@@ -46,8 +46,8 @@ def fe_models(quick, maxh=None):
     reach = 1.7 * ep.hertz.contact_radius(PEAK_FORCE, RADIUS, math.inf, ep.STEEL, ep.ALUMINIUM)
     region = 1.5e-3 if quick else 1e-3
     partitions = [
-        ep.Partition.ball(fems[0], center=(0, 0, 0), radius=region, contact_radius=reach),
-        ep.Partition.ball(fems[1], center=(0, 0, 0), radius=region),
+        ep.Partition.ball(fems[0], center=(0, 0, 0), radius=region, contact_radius=reach, axes=axes),
+        ep.Partition.ball(fems[1], center=(0, 0, 0), radius=region, axes=axes),
     ]
     return fems, partitions, times
 

@@ -286,7 +286,10 @@ class Result:
         }
         of_friction = {}
         if contact.friction is not None:
-            of_friction = {"tangential_force": contact.tangential_force(self), "dissipated": contact.dissipated(self)}
+            of_friction = {
+                "tangential_force": contact.tangential_force(self),
+                "dissipated": contact.dissipated_energy(self),
+            }
         return History(self.t, contact.force(self), velocity, info, **of_friction)
 
 

@@ -1,0 +1,174 @@
+"""The rod of the paper hits the plate at an angle, with friction: at 45 degrees, and grazing.
+
+The model is models/rod_on_plate.py, with patches that also yield along the surface (axes="xyz"). The rod stands upright
+and moves down and sideways. At 45 degrees its tip first sticks to the plate in the middle of the contact; grazing, all
+of the contact slips. Forces and velocities at 45 degrees are compared with the full FE model with the same friction.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import exudyn as exu
+import matplotlib.pyplot as plt
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+from models import rod_on_plate as model
+
+FRICTION = 0.3
+ANGLES = {"45 degrees": 45.0, "grazing": 75.0}  # of the velocity, from the plate's normal
+TIP = (0, 0, model.RADIUS)  # centre of the hemisphere, away from the contact
+POINTS = {"tip": (0, TIP), "plate": (1, model.P2)}
+
+
+def velocity_at(angle):
+    """Initial velocity of the rod [m/s], with the paper's speed along the normal."""
+    return np.array([model.SPEED * np.tan(np.radians(angle)), 0.0, -model.SPEED])
+
+
+def partition_run(bodies, angle, end_time, friction=FRICTION):
+    """Run the impact in Exudyn; returns the items, the contact and the result."""
+    mbs = exu.SystemContainer().AddSystem()
+    rod = ep.CreatePartitionBody(mbs, bodies[0], name="rod", initialVelocity=[*velocity_at(angle)])
+    plate = ep.CreatePartitionBody(mbs, bodies[1], name="plate")
+    contact = ep.CreatePartitionContact(mbs, rod, plate, friction=friction, name="tip on plate")
+    mbs.Assemble()
+    return (rod, plate), contact, ep.solve_dynamic(mbs, end_time=end_time)
+
+
+def full_reference(fems, partitions, angle, end_time, step=1e-6, friction=FRICTION):
+    """The full FE model with friction on the same rows."""
+    bodies = [
+        ep.reference.FullBody(fems[0], partitions[0], velocity=velocity_at(angle)),
+        ep.reference.FullBody(fems[1], partitions[1]),
+    ]
+    with ep.progress("full FE reference with friction") as report:
+        return ep.reference.simulate(
+            bodies, end_time=end_time, step=step, points=POINTS, friction=friction, progress=report
+        )
+
+
+def history_of(items, contact, result):
+    """Forces of a run, and velocities of the tip and of the plate's far side."""
+    return result.history(contact, {name: (items[index], point) for name, (index, point) in POINTS.items()})
+
+
+def numbers(items, contact, result):
+    """Main numbers of a run, for result.json."""
+    energy = sum(item.energy(result) for item in (*items, contact)) + contact.dissipated_energy(result)
+    normal, along = contact.force(result), contact.tangential_force(result)
+    momentum = sum(item.momentum(result) for item in items)
+    return {
+        "peak_force_N": float(normal.max()),
+        "peak_tangential_N": float(np.linalg.norm(along, axis=1).max()),
+        "impulse_ratio": float(-np.trapezoid(along[:, 0], result.t) / np.trapezoid(normal, result.t)),
+        "most_stuck_rows": int(contact.stuck_rows(result).max()),
+        "most_closed_rows": int(contact.closed_rows(result).max()),
+        "dissipated_J": float(contact.dissipated_energy(result)[-1]),
+        "energy_error": float(abs(energy / energy[0] - 1).max()),
+        "momentum_error": float(abs(momentum - momentum[0]).max() / abs(momentum[0]).max()),
+        "online_s": result.time_s,
+        "steps": result.steps,
+        "step_s": result.step,
+    }
+
+
+def figure(runs, reference):
+    """Forces, the tip's hodograph, and the patch at half the peak of the force."""
+    fig, axes = plt.subplots(2, 3, figsize=(13, 7.5), layout="constrained")
+    for row, (name, (items, contact, result)) in zip(axes, runs.items(), strict=True):
+        history = history_of(items, contact, result)
+        known = reference if name == "45 degrees" else None
+        t = 1e3 * result.t
+        if known is not None:
+            row[0].plot(1e3 * known.t, known.force, color="0.7", linewidth=3, label="full FE")
+            row[0].plot(1e3 * known.t, -known.tangential_force[:, 0], color="0.7", linewidth=3)
+            row[1].plot(known.velocity["tip"][:, 0], known.velocity["tip"][:, 2], color="0.7", linewidth=3)
+        row[0].plot(t, history.force, "C0-", label="normal")
+        row[0].plot(t, -contact.tangential_force(result)[:, 0], "C3--", label="tangential")
+        row[0].plot(t, FRICTION * history.force, "k:", linewidth=0.8, label="limit of friction")
+        row[0].set(xlabel="time [ms]", ylabel="force [N]", title=name)
+        row[0].legend(fontsize="small")
+        tip = history.velocity["tip"]
+        row[1].plot(tip[:, 0], tip[:, 2], "C0-", linewidth=1)
+        row[1].plot(*tip[0, [0, 2]], "ko", markersize=4)
+        row[1].set(
+            xlabel="velocity along the plate [m/s]", ylabel="velocity off the plate [m/s]", title="tip of the rod"
+        )
+        force = history.force
+        some = int(np.flatnonzero(force > 0.5 * force.max())[0])
+        ep.plot.stick(row[2], result, float(result.t[some]))
+    return fig
+
+
+def show(result):
+    """Print errors and run times as a table."""
+    table = Table(title=f"oblique impact, friction {FRICTION}: {result['dofs']} of {result['fe_dofs']} dofs")
+    for column in ("quantity", *ANGLES):
+        table.add_column(column)
+    for key in ("peak_force_N", "peak_tangential_N", "impulse_ratio", "dissipated_J", "energy_error", "online_s"):
+        table.add_row(key, *(f"{result['runs'][name][key]:.4g}" for name in ANGLES))
+    table.add_section()
+    for key, value in result["error"].items():
+        table.add_row(f"error of {key}", f"{100 * value:.2f} %", "")
+    table.add_row("full FE reference", f"{result['time']['reference_s']:.3g} s", "")
+    Console().print(table)
+
+
+def main(argv=None):
+    """Run the example; returns what it writes to result.json."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--f-cut", type=float, default=40e3, metavar="HZ")
+    parser.add_argument("--end-time", type=float, default=0.3e-3, metavar="S")
+    parser.add_argument("--quick", action="store_true", help="coarser mesh, a shorter run")
+    parser.add_argument("--out", type=Path, default=Path("out/oblique_impact"), metavar="DIR")
+    options = parser.parse_args(argv)
+    end_time = min(options.end_time, 0.12e-3) if options.quick else options.end_time
+
+    fems, partitions, times = model.fe_models(options.quick, axes="xyz")
+    bodies = [ep.reduce(fem, partition, f_cut=options.f_cut) for fem, partition in zip(fems, partitions, strict=True)]
+    runs = {name: partition_run(bodies, angle, end_time) for name, angle in ANGLES.items()}
+    reference = full_reference(fems, partitions, ANGLES["45 degrees"], end_time)
+    history = history_of(*runs["45 degrees"])
+    errors = ep.compare(history, reference)
+    found = {name: numbers(*run) for name, run in runs.items()}
+    result = {
+        "friction": FRICTION,
+        "f_cut_Hz": options.f_cut,
+        "end_time_s": end_time,
+        **{key: history.info[key] for key in ("dofs", "contact_nodes", "step_s", "steps")},
+        "fe_dofs": sum(fem.n_dofs for fem in fems),
+        "time": {
+            **times,
+            "reduce_s": sum(body.reduce_s for body in bodies),
+            "online_s": found["45 degrees"]["online_s"],
+            "reference_s": errors.reference_time_s,
+        },
+        "error": {
+            "normal": errors.error["force"],
+            "tangential": errors.error["tangential"],
+            "velocity_tip": errors.error["tip"],
+            "velocity_plate": errors.error["plate"],
+        },
+        "peak_force_N": found["45 degrees"]["peak_force_N"],
+        "dissipated_J": found["45 degrees"]["dissipated_J"],
+        "dissipated_reference_J": reference.info["dissipated_J"],
+        "runs": found,
+        "versions": ep.versions(),
+    }
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "result.json").write_text(json.dumps(result, indent=2))
+    history.save(options.out / "history.npz")
+    reference.save(options.out / "reference.npz")
+    picture = options.out / "oblique_impact.png"
+    figure(runs, reference).savefig(picture, dpi=150)
+    show(result)
+    print(picture.resolve())
+    return result
+
+
+if __name__ == "__main__":
+    main()
