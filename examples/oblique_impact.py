@@ -22,7 +22,7 @@ FRICTION = 0.3
 ANGLES = {"15 degrees": 15.0, "45 degrees": 45.0, "grazing": 75.0}  # of the velocity, from the plate's normal
 COMPARED = "15 degrees"  # with the full FE model
 TIP = (0, 0, model.RADIUS)  # centre of the hemisphere, away from the contact
-POINTS = {"tip": (0, TIP), "plate": (1, model.P2)}
+POINTS = {"tip": (0, TIP), "plate": (1, (0.02, 0, -model.THICKNESS))}
 
 
 def velocity_at(angle):

@@ -36,7 +36,7 @@ _HOMES = {
     "reduction.estimate": ("Estimate",),
     "reduction.recovery": ("StrainGauge",),
     "frames.damping": ("Rayleigh",),
-    "contact.coulomb": ("Coulomb",),
+    "algebra.coulomb": ("Coulomb",),
     "exudyn_bodies.create_body": ("CreatePartitionBody",),
     "exudyn_bodies.partition_body": ("PartitionBody",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),

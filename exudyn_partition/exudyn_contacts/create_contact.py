@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 
-from ..contact.coulomb import Coulomb, friction_of
+from ..algebra.coulomb import Coulomb, friction_of
 from ..contact.formulations.choices import TwoPasses, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps, Side

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN
-from ..contact.coulomb import Coulomb
 from ..contact.formulations.formulation import Law
 from ..errors import InputError
 from ..exudyn_bodies.model import Samples

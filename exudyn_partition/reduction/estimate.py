@@ -24,17 +24,16 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 
-from ..algebra.complementarity import Complementarity
+from ..algebra.coulomb import Coulomb
 from ..errors import InputError, ToleranceWarning
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
-from ..prediction.default_step import SAFETY, STEPS_A_PERIOD, resolving_step
+from ..prediction.modal_impact import Impact, ObliqueImpact
 from ..support.arrays import Array
 from ..support.checks import validate_number, validate_positive, validate_text
 from ..support.progress import Progress
@@ -53,7 +52,6 @@ _SETTLED = 3  # the mobilities of the richer bodies converge to this multiple of
 _CROSSINGS = 30  # default duration, in crossings of a longitudinal wave through the larger body
 _SHORTEST, _LONGEST = 0.01, 1e4  # durations in crossings of the smaller and of the larger body
 _FIRST = 8  # first f_top, by the frequency of longitudinal waves in the smaller body
-_SAMPLES = 5000
 _FINER = 4  # steps of F_top for one of F_f if the impact decides on both: a sixteenth of the error
 
 
@@ -108,82 +106,17 @@ class Estimate:
         return max(self.force, self.velocity)
 
 
-@dataclass(frozen=True, eq=False)
-class Impact:
-    """An impact in modal coordinates: h = gap + H q, lambda >= 0, h + F lambda >= 0, complementary.
+@dataclass(frozen=True)
+class Sliding:
+    """What makes the impact of a pair oblique: friction, and the tangential speed of the first body [m/s]."""
 
-    Parameters
-    ----------
-    gap : (nc,) array
-        Initial gaps, the smallest zero [m].
-    H : (nc, n) array
-        Modal gap rows.
-    F : (nc, nc) array
-        Residual flexibility at the rows [m/N].
-    omega : (n,) array
-        [rad/s], zero for rigid motion.
-    velocity : (n,) array
-        Initial velocities of the coordinates.
-    size : float
-        Of the slave's facets [m].
-    """
-
-    gap: Array
-    H: Array
-    F: Array
-    omega: Array
-    velocity: Array
-    size: float
-
-    def truncated(self, omega_top: float) -> tuple[Impact, Array]:
-        """The impact with only the static answer of modes above `omega_top`, and a mask of its coordinates."""
-        keep = self.omega < omega_top
-        cut = self.H[:, ~keep] / self.omega[~keep]
-        H, F = self.H[:, keep], self.F + cut @ cut.T
-        return replace(self, H=H, F=F, omega=self.omega[keep], velocity=self.velocity[keep]), keep
-
-    def step(self, f_cut: float, finer: float = 1.0) -> float:
-        """Default step of a run with bodies truncated at `f_cut` [s]; the step for the impact is divided by `finer`."""
-        problem = Complementarity(self.F)
-        stiffness = self.H.T @ np.linalg.solve(problem.F, self.H) + np.diag(self.omega**2)
-        limit = float(2 / np.sqrt(scipy.linalg.eigvalsh(stiffness)[-1]))
-
-        def press(gap: Array) -> tuple[float, int]:
-            return -0.5 * float(problem.solve(gap) @ gap), len(problem.index)
-
-        rigid = self.H[self.gap.argmin(), self.omega == 0.0]
-        of_impact = resolving_step(
-            self.gap, self.H @ self.velocity, float(rigid @ rigid), press, size=self.size, limit=lambda: limit
-        )
-        return min(1 / (STEPS_A_PERIOD * f_cut), SAFETY * limit, of_impact / finer)
-
-    def run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
-        """Integrate by velocity Verlet: times (m,), forces (m,) [N] and velocities (m, n)."""
-        problem = Complementarity(self.F)
-        steps = int(np.ceil(duration / largest_step))
-        step, stride = duration / steps, max(1, steps // _SAMPLES)
-        squares = self.omega**2
-        q, v = np.zeros(len(squares)), self.velocity.copy()
-
-        def forces(q: Array) -> tuple[Array, float]:
-            lam = problem.solve(self.gap + self.H @ q)
-            index = problem.index
-            return (lam[index] @ self.H[index] if index.size else 0.0) - squares * q, float(lam.sum())
-
-        a, force = forces(q)
-        samples: list[tuple[float, float, Array]] = [(0.0, force, v.copy())]
-        for n in range(1, steps + 1):
-            v += 0.5 * step * a
-            q += step * v
-            a, force = forces(q)
-            v += 0.5 * step * a
-            if n % stride == 0 or n == steps:
-                samples.append((n * step, force, v.copy()))
-        t, force_at, v_at = zip(*samples, strict=True)
-        return np.array(t), np.array(force_at), np.array(v_at)
+    friction: Coulomb
+    speed: float
 
 
-def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float) -> dict[str, Impact]:
+def impacts_of(
+    spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float, sliding: Sliding | None = None
+) -> dict[str, Impact]:
     """Impacts of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
 
     The keys of the result name the partners. Two bodies are moved along their line of contact until they touch; only
@@ -210,21 +143,39 @@ def impacts_of(spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[i
         gaps, line, n = {"the other body": contact.gap}, contact.approach, len(contact.gap)
         rows = list(contact.matrices(*sizes))
         weights = list(contact.interpolation(*sizes))
-    H, omega = [], []
-    F = np.zeros((n, n))
-    for space, pair, i, G, w in zip(spaces, pairs, patches, rows, weights, strict=True):
+    H, H_t, omega, tangents = [], [], [], np.linalg.svd(line[None])[2][1:]
+    F, F_all = np.zeros((n, n)), np.zeros((3 * n, 3 * n) if sliding else (0, 0))
+    for sign, space, pair, i, G, w in zip((1, -1), spaces, pairs, patches, rows, weights, strict=False):
         patch, own = space.partition.patches[i], patch_slice(space.partition, i)
         shapes = np.hstack([space.rigid, pair.vectors])
-        H.append(G @ (space.model.expand[node_dofs(patch.nodes)] @ shapes))
+        at_patch = space.model.expand[node_dofs(patch.nodes)] @ shapes
+        H.append(G @ at_patch)
         at_nodes = G if patch.axes == "xyz" else w
-        F += at_nodes @ residual_flexibility(space, pair, space.static)[own, own] @ at_nodes.T
+        residual = residual_flexibility(space, pair, space.static)[own, own]
+        F += at_nodes @ residual @ at_nodes.T
         omega.append(np.r_[np.zeros(6), pair.omega])
+        if sliding:
+            along = sp.kron(sign * w, tangents, format="csr")
+            H_t.append(along @ at_patch)
+            every = sp.vstack([G, along], format="csr")[_interleaved(n)]
+            F_all += every @ residual @ every.T
     first = spaces[0]
     velocity = np.zeros(sum(map(len, omega)))
-    translation = first.model.rigid_modes[:, :3] @ (speed * line)
+    aside = sliding.speed * tangents[0] if sliding else 0.0
+    translation = first.model.rigid_modes[:, :3] @ (speed * line + aside)
     velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
     same = np.hstack(H), F, np.concatenate(omega), velocity, surfaces[0].facet_size
+    if sliding:
+        gap = next(iter(gaps.values()))
+        oblique = ObliqueImpact(gap - gap.min(), *same, np.hstack(H_t), F_all, sliding.friction)
+        return dict.fromkeys(gaps, oblique)
     return {other: Impact(gap - gap.min(), *same) for other, gap in gaps.items()}
+
+
+def _interleaved(n: int) -> Array:
+    """Where normal and tangents of each of n rows are among n normals and n pairs of tangents, (3 n,)."""
+    value: Array = np.column_stack([np.arange(n), n + 2 * np.arange(n), n + 2 * np.arange(n) + 1]).ravel()
+    return value
 
 
 def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Array]:
@@ -243,19 +194,29 @@ def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Ar
 
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
-    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz]."""
+    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz].
+
+    With friction, the error of the force is the larger one of the normal and of the tangential force.
+    """
     t, force, velocity = impact.run(duration, impact.step(f_top, _FINER))
-    scale = np.linalg.norm(force), np.linalg.norm(velocity - velocity[0])
+    parts = _parts(force)
+    scale = np.linalg.norm(velocity - velocity[0])
     result = []
     for f in ladder:
         coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
         at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(f))
-        force_off = np.interp(t, at, coarse_force) - force
+        there = np.stack([np.interp(t, at, one) for one in coarse_force.T], axis=1)
+        off = [np.linalg.norm(x - part) / np.linalg.norm(part) for x, part in zip(_parts(there), parts, strict=True)]
         velocity_off = -velocity
         velocity_off[:, keep] += np.stack([np.interp(t, at, v) for v in coarse_velocity.T], axis=1)
-        off = np.linalg.norm(force_off), np.linalg.norm(velocity_off)
-        result.append(np.divide(off, scale) / (1 - (f / f_top) ** 2))
+        error = max(off), np.linalg.norm(velocity_off) / scale
+        result.append(np.array(error) / (1 - (f / f_top) ** 2))
     return np.array(result)
+
+
+def _parts(force: Array) -> list[Array]:
+    """Normal force, (m, 1), and with friction the tangential force, (m, 2), of (m, 1) or (m, 3)."""
+    return [force[:, :1], force[:, 1:]] if force.shape[1] > 1 else [force]
 
 
 def grow_to_tolerance(
@@ -265,6 +226,7 @@ def grow_to_tolerance(
     tolerance: float,
     speed: float,
     duration: float | None,
+    sliding: Sliding | None = None,
     progress: Progress | None = None,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
@@ -283,6 +245,8 @@ def grow_to_tolerance(
         Tolerance relative; speed [m/s].
     duration : float, optional
         [s]; default: 30 crossings of a longitudinal wave through the larger body.
+    sliding : Sliding, optional
+        Of a pair that hits at an angle with friction.
 
     Returns
     -------
@@ -311,7 +275,7 @@ def grow_to_tolerance(
         impacts = {
             (i, other): impact
             for i, numbers in enumerate(patches)
-            for other, impact in impacts_of(spaces, f_top, numbers, speed).items()
+            for other, impact in impacts_of(spaces, f_top, numbers, speed, sliding).items()
         }
         flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
         found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict
+from typing import NotRequired, TypedDict
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.coulomb import Coulomb, friction_of
 from ..algebra.factorisation import one_blas_thread
 from ..errors import FrequencyRangeError, InputError
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
+from ..fe.patches import Patch
 from ..support.cache import cached
 from ..support.checks import validate_callable, validate_choice, validate_positive, validate_type
 from ..support.progress import Progress, shown
 from . import basis as bases
 from .basis import ReducedBasis
 from .body import FILE, ReducedBody
-from .estimate import Estimate, grow_to_tolerance, warn_if_missed
+from .estimate import Estimate, Sliding, grow_to_tolerance, warn_if_missed
 from .inertia import InertiaIntegrals
 from .memory import watched
 
@@ -153,6 +156,8 @@ def reduce_pair(
     speed: float,
     duration: float | None = None,
     patches: tuple[int | str | None, int | str | None] = (None, None),
+    friction: float | Coulomb | None = None,
+    tangential_speed: float | None = None,
     progress: Progress | None = None,
     cache: bool | str | Path = False,
 ) -> tuple[ReducedBody, ReducedBody]:
@@ -174,6 +179,10 @@ def reduce_pair(
         body.
     patches : (int or str, int or str), optional
         Which patches meet, if a body has several.
+    friction : float or Coulomb, optional
+        With it the impact is oblique, and the tangential force is within the tolerance too. Patches need axes="xyz".
+    tangential_speed : float, optional
+        Speed of the slave across the line of contact [m/s]; only with friction, and needed there.
     progress, cache :
         As for `reduce`.
 
@@ -204,6 +213,9 @@ def reduce_pair(
     numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
     options = _impact_options(tolerance, speed, duration)
     models = [slave, master]
+    sliding = _sliding(friction, tangential_speed, [m[1].patches[i] for m, i in zip(models, numbers, strict=True)])
+    if sliding is not None:
+        options["sliding"] = sliding
     inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
     with shown(progress, "reduce a pair") as report:
         first, second = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
@@ -245,6 +257,24 @@ class ImpactOptions(TypedDict):
     tolerance: float
     speed: float
     duration: float | None
+    sliding: NotRequired[Sliding]
+
+
+def _sliding(friction: float | Coulomb | None, speed: float | None, patches: Sequence[Patch]) -> Sliding | None:
+    """What makes an impact oblique, or None."""
+    coulomb = friction_of(friction)
+    if coulomb is None:
+        if speed is not None:
+            raise InputError("tangential_speed: has no effect without friction; give friction, or leave it out")
+        return None
+    if speed is None:
+        raise InputError("tangential_speed: friction needs the speed across the line of contact [m/s]")
+    if any(patch.axes != "xyz" for patch in patches):
+        raise InputError("friction: needs patches that yield in all directions; make them with axes='xyz'")
+    speed = validate_positive("tangential_speed", speed, "m/s")
+    if not 1 / _FASTEST < speed < _FASTEST:
+        raise InputError(f"tangential_speed: expected {1 / _FASTEST:g} to {_FASTEST:g} m/s, got {speed!r}")
+    return Sliding(coulomb, speed)
 
 
 def _impact_options(tolerance: float | None, speed: float, duration: float | None) -> ImpactOptions:

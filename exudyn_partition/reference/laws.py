@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity
+from ..algebra.coulomb import Coulomb
 from ..algebra.friction import SLIP, FrictionProblem
-from ..contact.coulomb import Coulomb
 from ..results.history import History, at_times
 from ..support.arrays import Array
 from ..surfaces.rows import ContactRows

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..algebra.coulomb import Coulomb, friction_of
 from ..algebra.factorisation import one_blas_thread
-from ..contact.coulomb import Coulomb, friction_of
 from ..errors import InputError, StoppedRunWarning
 from ..results.history import History
 from ..support.arrays import Array

@@ -187,3 +187,17 @@ def test_bad_arguments(block, top):
         ep.reduce(block, foot, tolerance=0.01)
     with pytest.raises(InputError, match=r"the impact region holds all \d+ nodes, so that nothing is left"):
         ep.reduce(block, ep.Partition.ball(block, TOP, 1.0, contact_radius=7e-3), f_cut=80e3)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"friction": 0.3}, "tangential_speed"),
+        ({"tangential_speed": 0.3}, "without friction"),
+        ({"friction": 0.3, "tangential_speed": 0.3}, "axes='xyz'"),
+        ({"friction": -0.3, "tangential_speed": 0.3}, "friction"),
+    ],
+)
+def test_oblique_pairs_need_friction_speed_and_directions(block, top, options, said):
+    with pytest.raises(ep.errors.InputError, match=said):
+        ep.reduce_pair((block, top), (block, top), tolerance=0.01, speed=1.0, **options)

@@ -10,10 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
+from ...algebra.coulomb import Coulomb
 from ...errors import InputError, ModelLimitWarning
 from ...reduction.body import ReducedBody
 from ...support.checks import validate_choice, validate_positive
-from ..coulomb import Coulomb
 from ..gaps import Gaps
 from ..patch_gaps import PatchGaps
 from .compliance import ComplianceContact

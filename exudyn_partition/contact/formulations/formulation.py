@@ -13,11 +13,11 @@ from typing import Any, Literal, Protocol
 
 import scipy.sparse as sp
 
+from ...algebra.coulomb import Coulomb
 from ...errors import InputError
 from ...frames.kinematics import Rows
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
-from ..coulomb import Coulomb
 from ..gaps import Gaps
 
 Method = Literal["explicit", "implicit"]

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...algebra.coulomb import Coulomb
 from ...algebra.friction import OPEN, SLIP
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..coulomb import Coulomb
 from ..gaps import Gaps
 from ..tangential import TangentialRows
 from .formulation import Motion

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ...algebra.coulomb import Coulomb
 from ...algebra.friction import OPEN, SLIP
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..coulomb import Coulomb
 from ..gaps import Gaps
 from .formulation import Law, Method, Motion
 

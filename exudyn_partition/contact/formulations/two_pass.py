@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from ...algebra.coulomb import Coulomb
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..coulomb import Coulomb
 from .formulation import Method, Motion
 from .law import ElasticContact
 

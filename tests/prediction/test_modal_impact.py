@@ -1,0 +1,56 @@
+"""Impacts in modal coordinates with friction, of one row on a point mass that also vibrates."""
+
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.prediction.modal_impact import Impact, ObliqueImpact
+
+SOFT = 1e-7  # flexibility of the row [m/N]
+
+
+def impact(mu, along=0.3, modes=()):
+    """A unit mass hits at 1 m/s; `modes` are circular frequencies of vibration along the normal and the tangent."""
+    n = 3 + len(modes)
+    H, H_t = np.zeros((1, n)), np.zeros((2, n))
+    H[0, 0], H_t[0, 1], H_t[1, 2] = 1.0, 1.0, 1.0
+    H[0, 3:], H_t[0, 3:] = 0.5, 0.3
+    velocity = np.r_[-1.0, along, 0.0, np.zeros(len(modes))]
+    omega = np.r_[0.0, 0.0, 0.0, modes]
+    F = np.diag([SOFT, 1.2 * SOFT, 1.2 * SOFT])
+    return ObliqueImpact(np.zeros(1), H, F[:1, :1], omega, velocity, 1e-3, H_t, F, ep.Coulomb(mu))
+
+
+def impulse(found):
+    t, force, _ = found
+    return np.trapezoid(force, t, axis=0)
+
+
+def test_gross_slip_has_coulombs_impulse():
+    t, force, velocity = impact(0.05).run(2e-3, 1e-6)
+    assert t[-1] == pytest.approx(2e-3)
+    normal, along, across = impulse((t, force, velocity))
+    assert normal == pytest.approx(2.0, rel=1e-3)
+    assert along == pytest.approx(-0.05 * normal, rel=1e-2)
+    assert across == 0.0
+    assert velocity[-1, 1] == pytest.approx(0.3 + along, rel=1e-3)
+
+
+def test_without_tangential_motion_the_normal_force_is_that_without_friction():
+    modes = (2e4, 5e4)
+    oblique = impact(0.3, along=0.0, modes=modes)
+    free = Impact(oblique.gap, oblique.H, oblique.F, oblique.omega, oblique.velocity, oblique.size)
+    frictionless = impact(1e-12, along=0.0, modes=modes)
+    np.testing.assert_allclose(frictionless.run(1e-3, 1e-6)[1][:, :1], free.run(1e-3, 1e-6)[1], atol=1e-6 * 1e4)
+
+
+def test_truncation_keeps_the_static_answer_in_all_directions():
+    """Far below the modes that are cut, forces are as with them; without their flexibility, they would not be."""
+    whole = impact(0.3, modes=(3e5, 4e5))
+    short, keep = whole.truncated(1e5)
+    assert keep.sum() == 3
+    expected, found = impulse(whole.run(2e-3, 5e-7)), impulse(short.run(2e-3, 5e-7))
+    np.testing.assert_allclose(found, expected, atol=5e-3 * abs(expected).max())
+    added = short.F_all - whole.F_all
+    np.testing.assert_allclose(added, added.T)
+    assert added[0, 1] == pytest.approx(0.15 * (1 / 3e5**2 + 1 / 4e5**2))
