@@ -7,11 +7,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from ..contact.formulations.formulation import Method
 from ..errors import InputError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_text
-from ..support.foreign import Exudyn, ItemIndex, MainSystem, NodeIndex, SensorIndex
+from ..support.foreign import Exudyn, ItemIndex, MainSolver, MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
@@ -134,9 +135,16 @@ def _start_configuration() -> Exudyn:
     return require("exudyn").ConfigurationType.StartOfStep
 
 
-def runs_implicit(mbs: MainSystem) -> bool:
-    """Whether an implicit dynamic solver is running."""
-    solver = mbs.sys.get("dynamicSolver")
-    if solver is None or "implicit" not in solver.GetSolverName():
-        return False
-    return bool(solver.it.currentTime == mbs.systemData.GetTime())  # else it ran before, and a static solver runs now
+def latest_solver(mbs: MainSystem) -> MainSolver | None:
+    """Exudyn's solver that runs now or ran last; None if there was none, or `storeSolver=False` kept none.
+
+    The model keeps a dynamic and a static one. The other one of them stands at another time.
+    """
+    solvers = [mbs.sys[key] for key in ("dynamicSolver", "staticSolver") if key in mbs.sys]
+    return next((solver for solver in solvers if solver.it.currentTime == mbs.systemData.GetTime()), None)
+
+
+def method_of(solver: MainSolver) -> Method:
+    """Return the method of a solver of Exudyn."""
+    name = solver.GetSolverName()
+    return "static" if "static" in name else "implicit" if "implicit" in name else "explicit"

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import registered, runs_implicit
+from ..exudyn_bodies.model import latest_solver, method_of, registered
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem
 from .central_differences import MultiplierStep
@@ -34,7 +34,7 @@ class ModelRun:
         The model's.
     t : float
         When the run begins [s].
-    method : {"explicit", "implicit"}
+    method : {"explicit", "implicit", "static"}
     joints : Joints, optional
         Joints of the model, if explicit steps close them together with the contacts.
     keep : bool
@@ -185,7 +185,9 @@ class Runs:
         """Begin a run at time t [s]. Without a method, it is that of Exudyn's solver."""
         self._solver, self._latest = mbs.sys.get("dynamicSolver"), t
         keep = not self._left_to_sensors and not sensors_keep_all(mbs)
-        method = method or ("implicit" if runs_implicit(mbs) else "explicit")
+        if method is None:
+            solver = latest_solver(mbs)
+            method = "explicit" if solver is None else method_of(solver)
         contacts: list[ContactResults] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         self._now = ModelRun(mbs, contacts, t, method, self.joints, keep)

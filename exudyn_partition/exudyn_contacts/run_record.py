@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step
+from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered, start_of_step
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from ..support.optional import require
@@ -61,18 +61,16 @@ class Solver:
     @classmethod
     def last(cls, mbs: MainSystem) -> Solver | None:
         """Of the last run; None if `storeSolver=False` kept no solver."""
-        solvers = [mbs.sys[key] for key in ("dynamicSolver", "staticSolver") if key in mbs.sys]
-        here = [solver for solver in solvers if solver.it.currentTime == mbs.systemData.GetTime()]
-        if not here:
+        solver = latest_solver(mbs)
+        if solver is None:
             return None
-        solver, name = here[0], here[0].GetSolverName()
         it = solver.it
         return cls(
-            method="static" if "static" in name else "implicit" if "implicit" in name else "explicit",
+            method=method_of(solver),
             step=it.maxStepSize,
             steps=it.currentStepIndex - 1,
             equal=not it.automaticStepSize,
-            verlet="VelocityVerlet" in name,
+            verlet="VelocityVerlet" in solver.GetSolverName(),
             finished=it.currentTime > it.endTime - 0.5 * it.maxStepSize,
             time=it.currentTime,
             rejected_steps=it.rejectedAutomaticStepSizeSteps,

@@ -5,16 +5,21 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
+import numpy as np
+
 from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..exudyn_contacts.model_run import runs_of
-from ..exudyn_contacts.partition_contact import partition_items
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem, SimulationSettings, UserFunction
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
 from .step_control import StepControl
+
+RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 
 
 class Watch:
@@ -149,3 +154,50 @@ def controlled(mbs: MainSystem, control: StepControl | None, settings: Simulatio
 def _function(entry: ItemEntry | None) -> UserFunction | None:
     """User function that Exudyn's Get...UserFunction returns, if there is one."""
     return entry["function"] if isinstance(entry, dict) else None
+
+
+@contextlib.contextmanager
+def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
+    """Load steps in which bodies would pass through each other are repeated, shorter, behind the model's own function.
+
+    An open contact has no stiffness. What soft springs hold may then go past the other body within one iteration, and
+    would find an equilibrium there.
+    """
+    exu = require("exudyn")
+    own_after_newton = _function(mbs.GetPostNewtonUserFunction())
+    refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
+    contacts = [contact for contact in partition_items(mbs)[1] if not contact.law.gaps.carried]
+
+    def after_newton(mbs: MainSystem, t: float) -> list[float]:
+        start, now = (
+            mbs.systemData.GetODE2Coordinates(kind)
+            for kind in (exu.ConfigurationType.StartOfStep, exu.ConfigurationType.Current)
+        )
+        share = min((_share_of_way(contact, mbs, start, now) for contact in contacts), default=1.0)
+        if share < 1.0:
+            return [refused, share * mbs.sys["staticSolver"].it.currentStepSize]
+        return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
+
+    mbs.SetPostNewtonUserFunction(after_newton)
+    try:
+        yield
+    finally:
+        mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+
+
+def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now: Array) -> float:
+    """Share of a step, from coordinates `start` to `now`, (n,), after which the slave's patch is a facet too deep."""
+    gaps = contact.law.for_run("static").gaps
+    q_start, q = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (start, now))
+    moved = [(end - begin).mean(axis=0) for begin, end in zip(gaps.places(q_start), gaps.places(q), strict=True)]
+    way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.approach)
+    allowed = max(gaps.surface_gap(q_start), 0.0) + contact.slave_facet_size
+    return allowed / way if way > allowed else 1.0
+
+
+def cause(error: BaseException) -> str:
+    """Return the message of the library's own error at the bottom of Exudyn's report, if there is one."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)

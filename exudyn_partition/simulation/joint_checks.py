@@ -10,14 +10,17 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ..errors import InputError, ModelLimitWarning
+from ..errors import InputError, ModelLimitWarning, RunError
 from ..exudyn_bodies.joints import mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices
-from ..exudyn_bodies.partition_body import RIGID, PartitionBody
+from ..exudyn_bodies.model import coordinate_slices, validate_model
+from ..exudyn_bodies.partition_body import RIGID, PartitionBody, check_model
+from ..exudyn_contacts.partition_contact import partition_items
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
-from ..support.foreign import MainSolver, MainSystem
+from ..support.checks import validate_callable
+from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
+from ..support.progress import Progress
 from .result import Result
 
 _APART = 0.05  # of the smallest body: how far a joint may be open at the start
@@ -153,6 +156,25 @@ def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) 
         put = sp.csr_matrix((np.ones(len(places)), (places, np.arange(len(places)))), shape=(n, len(places)))
         result = result + put @ K @ put.T
     return result
+
+
+def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progress | None) -> OpenJoints:
+    """Refuse options that are none, models that cannot be run yet, and joints that are violated; see `check_joints`.
+
+    Raises
+    ------
+    InputError, RunError
+    """
+    exu = require("exudyn")
+    if settings is not None and not isinstance(settings, exu.SimulationSettings):
+        raise InputError(f"settings: expected an exudyn.SimulationSettings, got {type(settings).__name__}")
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
+    validate_model(mbs)
+    if mbs.systemData.ODE2Size() == 0:
+        raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
+    check_model(mbs)
+    return check_joints(mbs, partition_items(mbs)[0])
 
 
 def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints:

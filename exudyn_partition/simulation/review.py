@@ -128,9 +128,11 @@ def _warn_of_compression(item: PartitionBody, result: Result) -> None:
 
 
 def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
-    """What placing tolerates as round-off of meshes is much energy for slow bodies."""
+    """What placing tolerates as round-off of meshes is much energy for slow bodies; in statics nothing moves."""
     placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
     if not contact.elastic or contact.law.gaps.carried or not placed or not contact.closed_rows(result)[0]:
+        return
+    if result.method == "static":
         return
     first = result.at(result.t[:1])
     stored, depth = contact.energy(first)[0], contact.depth(first)
@@ -188,7 +190,7 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
 def _warn_of_ringing(contact: PartitionContact, result: Result) -> None:
     """Flat ends that meet at once excite the frequency above all modes that residual flexibility has (`bars.py`)."""
     every_step = len(result.t) > 1 and np.diff(result.t).max() < 1.5 * result.step
-    if not contact.compliant or not every_step:
+    if not contact.compliant or not every_step or result.method == "static":
         return
     period = 1 / (_RINGS_AT * min(item.body.f_cut for item, _ in contact.sides))
     window = max(3, round(period / result.step))

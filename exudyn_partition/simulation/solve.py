@@ -21,20 +21,20 @@ from ..errors import (
     RunError,
     StepSizeError,
 )
-from ..exudyn_bodies.model import coordinate_slices, validate_model
-from ..exudyn_bodies.partition_body import PartitionBody, check_model
+from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.arrays import Array
-from ..support.checks import validate_callable, validate_choice, validate_flag, validate_number, validate_positive
+from ..support.checks import validate_choice, validate_flag, validate_number, validate_positive
 from ..support.foreign import MainSystem, SimulationSettings
 from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .hooks import begun, closed_joints, controlled, watched
-from .joint_checks import OpenJoints, check_joints
+from .hooks import RESIDUAL, begun, cause, closed_joints, controlled, watched
+from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
 from .review import reviewed, warn_of_turns
 from .stability import limit_of, stability_limit
@@ -43,7 +43,6 @@ from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 _log = logging.getLogger(__name__)
 
 _CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
-_RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
 _MOST_STEPS = 2**31 - 1  # that Exudyn counts
 _MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
@@ -176,16 +175,8 @@ def _run(
     validate_flag("adaptive", adaptive)
     if not 0 <= validate_number("spectral_radius", spectral_radius) <= 1:
         raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
-    if settings is not None and not isinstance(settings, exu.SimulationSettings):
-        raise InputError(f"settings: expected an exudyn.SimulationSettings, got {type(settings).__name__}")
-    if progress is not None:
-        validate_callable("progress", progress, "a function of the share done, 0 to 1")
     end_time = validate_positive("end_time", end_time, "s")
-    validate_model(mbs)
-    if mbs.systemData.ODE2Size() == 0:
-        raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
-    check_model(mbs)
-    open_joints = check_joints(mbs, partition_items(mbs)[0])
+    open_joints = check_start(mbs, settings, progress)
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
@@ -206,7 +197,7 @@ def _run(
         settings.solution.file.write = False
         settings.timeIntegration.verboseMode = 0
         # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
-        settings.timeIntegration.newton.absoluteTolerance = _RESIDUAL
+        settings.timeIntegration.newton.absoluteTolerance = RESIDUAL
         # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
         settings.timeIntegration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
         # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
@@ -253,8 +244,8 @@ def _run(
             mbs.SolveDynamic(settings, solverType=solver)
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
             if not watch.steps:
-                raise RunError(f"mbs: Exudyn cannot run the model: {_root(error)}{open_joints}") from error
-            status, message = "unstable", f"the solver stopped: {_root(error)}"
+                raise RunError(f"mbs: Exudyn cannot run the model: {cause(error)}{open_joints}") from error
+            status, message = "unstable", f"the solver stopped: {cause(error)}"
         time_s = time.perf_counter() - begin
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
@@ -360,11 +351,3 @@ def _step_control(
         gap_tolerance=gap_tolerance,
         unresolved=unresolved,
     )
-
-
-def _root(error: BaseException) -> str:
-    """Return the message of the library's own error at the bottom of Exudyn's report, if there is one."""
-    while error.__cause__ is not None:
-        error = error.__cause__
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)

@@ -20,7 +20,7 @@ from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ..gaps import Gaps
 
-Method = Literal["explicit", "implicit"]
+Method = Literal["explicit", "implicit", "static"]
 
 
 class Motion(Protocol):

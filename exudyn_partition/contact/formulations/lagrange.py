@@ -45,7 +45,13 @@ class LagrangeContact(ContactLaw):
     ahead = True
 
     def for_run(self, method: Method) -> Law:
-        """Return this law for explicit runs, or `StabilisedContact` for implicit ones."""
+        """Return this law for explicit runs, or `StabilisedContact` for implicit ones; none is for statics."""
+        if method == "static":
+            raise RunError(
+                "contact with formulation 'lagrange' has no statics, for its multipliers act on velocities: it needs "
+                "Exudyn's explicit solver VelocityVerlet, or generalized-alpha (solve_dynamic). Take a basis with "
+                "residual flexibility and formulation='compliance' for static runs, or press slowly in a damped run"
+            )
         return StabilisedContact(self.gaps.fresh()) if method == "implicit" else self.fresh()
 
     def reset(self) -> None:

@@ -1,0 +1,162 @@
+"""Equilibria with contact by Exudyn's static solver, in load steps."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from dataclasses import replace
+
+from ..algebra.factorisation import one_blas_thread
+from ..errors import InputError, RunError
+from ..exudyn_contacts.model_run import runs_of
+from ..support.checks import validate_flag, validate_integer
+from ..support.foreign import MainSystem, SimulationSettings
+from ..support.interrupt import interruptible
+from ..support.optional import require
+from ..support.progress import LONG, Progress
+from ..support.progress import progress as progress_bar
+from .hooks import RESIDUAL, begun, cause, kept_apart, watched
+from .joint_checks import check_start
+from .result import Result, samples
+from .review import reviewed
+
+_log = logging.getLogger(__name__)
+
+_MOST_STEPS = 2**31 - 1  # that Exudyn counts
+_REMEDY = (
+    "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
+    "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps"
+)
+
+
+def solve_static(
+    mbs: MainSystem,
+    *,
+    load_steps: int = 10,
+    load_factor: bool = True,
+    update_initial: bool = False,
+    settings: SimulationSettings = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Find the equilibrium of an assembled model with its contacts, in load steps by Exudyn's static solver.
+
+    Plain `mbs.SolveStatic` works too, with `collect` for its results; this adds checks, progress, Ctrl-C that keeps
+    what was computed, and warnings. The static time goes from 0 to 1. With friction, forces depend on the path
+    of the loads.
+
+    For natural frequencies about the equilibrium, contact closed, take `update_initial=True` and then Exudyn's
+    `mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)`, which is about the initial state: rows that are closed there
+    stay closed.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        Assembled. It begins in the model's initial state. What nothing holds must be in touch.
+    load_steps : int
+        Number of steps; there is a sample at the end of each, besides that of the initial state. Exudyn divides those
+        further in which Newton's method does not converge.
+    load_factor : bool
+        Whether all of Exudyn's loads grow in proportion to the static time. If not, they act in full, or as their user
+        functions of time say. `gravity=` of bodies, springs and prescribed motion never grow by the factor.
+    update_initial : bool
+        Whether the equilibrium becomes the model's initial state, so that the next run begins there: a preload.
+    settings : exudyn.SimulationSettings, optional
+        Everything else, such as `staticSolver.loadStepStart` and `loadStepDuration`, the static time; number of load
+        steps, load factor and the period of samples are set in it.
+    progress : callable, optional
+        Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
+
+    Returns
+    -------
+    Result
+        Its `t` is the static time, its `method` is "static".
+
+    Raises
+    ------
+    InputError
+        If an option is out of range, or a joint does not meet its markers or is attached to a node that was reduced
+        away.
+    RunError
+        If the model is not assembled, if contacts have multipliers, which act on velocities, or if there is no
+        equilibrium in the first load step.
+
+    Warns
+    -----
+    StoppedRunWarning
+        If the run ended early; the result holds the load steps until then.
+    ModelLimitWarning, ContactPatchWarning, YieldWarning
+        As `solve_dynamic`.
+    """
+    with interruptible():
+        return reviewed(
+            mbs,
+            _run(
+                mbs,
+                load_steps=load_steps,
+                load_factor=load_factor,
+                update_initial=update_initial,
+                settings=settings,
+                progress=progress,
+            ),
+        )
+
+
+def _run(
+    mbs: MainSystem,
+    *,
+    load_steps: int,
+    load_factor: bool,
+    update_initial: bool,
+    settings: SimulationSettings,
+    progress: Progress | None,
+) -> Result:
+    """Run of `solve_static`, with what its sensors stored as it is."""
+    exu = require("exudyn")
+    load_steps = validate_integer("load_steps", load_steps, least=1, most=_MOST_STEPS)
+    validate_flag("load_factor", load_factor)
+    validate_flag("update_initial", update_initial)
+    check_start(mbs, settings, progress)
+    if settings is None:
+        settings = exu.SimulationSettings()
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+        settings.solution.file.write = False
+        settings.staticSolver.verboseMode = 0
+        settings.staticSolver.newton.absoluteTolerance = RESIDUAL
+    static = settings.staticSolver
+    start, duration = float(static.loadStepStart), float(static.loadStepDuration)
+    if not duration > 0:
+        raise InputError(f"settings: expected a staticSolver.loadStepDuration above zero, got {duration!r}")
+    static.numberOfLoadSteps, static.useLoadFactor = load_steps, load_factor
+    settings.solution.sensors.writePeriod = 0.0
+    step, end = duration / load_steps, start + duration
+
+    _log.info("%s load steps to %.6g", load_steps, end)
+    status, message = "finished", "reached the full load"
+    runs = runs_of(mbs)
+    bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
+    with (
+        one_blas_thread(),
+        bar as report,
+        runs.sensors_alone(),
+        begun(mbs, start, "static"),
+        watched(mbs, start, end, step, report) as watch,
+        kept_apart(mbs, settings),
+    ):
+        begin = time.perf_counter()
+        try:
+            mbs.SolveStatic(settings)
+        except Exception as error:  # Exudyn wraps errors of user functions in its own types
+            if watch.steps <= 1:
+                raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {_REMEDY}") from error
+            status, message = "unstable", f"the solver stopped: {cause(error)}. {_REMEDY}"
+        time_s = time.perf_counter() - begin
+    result = replace(samples(mbs), step=step, steps=watch.steps, method="static", time_s=time_s)
+    if status == "finished" and end - mbs.systemData.GetTime() > 0.5 * step:
+        user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g}"
+        status, message = "interrupted", "interrupted by the user" if watch.interrupted else user
+    elif status == "finished" and progress is not None:
+        progress(1.0)
+    if status == "finished" and update_initial:
+        mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
+    return replace(result, status=status, message=message)

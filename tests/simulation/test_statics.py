@@ -1,0 +1,167 @@
+"""Equilibria with contact: balance of forces, stiffness by hand, what passes through nothing, preloads and frequencies."""
+
+import math
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+import scipy.linalg
+from oracles import end, ground
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, RunError
+
+FORCE, SPRING = 50.0, 1e5
+pytestmark = pytest.mark.filterwarnings("ignore:contact .floor. at t = .* of 123 rows is closed at the peak")
+
+
+def springs(mbs, item, stiffness):
+    """Springs on the rigid motion: on translations [N/m], and stiff ones on rotations; returns their matrix."""
+    body = item.body
+    momentum = np.asarray(body.mass @ body.rigid)
+    to_motion = momentum @ np.linalg.inv(body.rigid.T @ momentum)
+    K = to_motion @ np.diag([1e7, 1e7, stiffness, 1e3, 1e3, 1e3]) @ to_motion.T
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=item.nodes,
+            stiffnessMatrix=exu.MatrixContainer(K),
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
+    return K
+
+
+def press(mbs, item, force, **of_time):
+    """A force [N] downwards, spread over the mass; shapes are free of it."""
+    load = np.asarray(item.body.mass @ item.body.rigid)[:, 2] * -force / item.body.total_mass
+    for i in np.flatnonzero(abs(load) > 1e-9 * abs(load).max()):
+        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=int(i)))
+        own = {key: (lambda mbs, t, load, f=f: load * f(t)) for key, f in of_time.items()}
+        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i], **own))
+
+
+def pressed(mbs, body, stiffness=SPRING, gap=0.0, **of_time):
+    """A ball on a plane, pressed down against a soft spring."""
+    item = ep.CreatePartitionBody(mbs, body, name="ball", referencePosition=[0, 0, gap])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
+    K = springs(mbs, item, stiffness)
+    press(mbs, item, FORCE, **of_time)
+    mbs.Assemble()
+    return item, contact, K
+
+
+def sunk(item, result):
+    return item.rigid_motion(item.coordinates(result))[:, 2]
+
+
+def test_contact_and_spring_carry_the_load_in_each_step(mbs, bodies):
+    shares = []
+    item, contact, _ = pressed(mbs, bodies[0])
+    result = ep.solve_static(mbs, load_steps=4, progress=shares.append)
+    np.testing.assert_allclose(result.t, [0, 0.25, 0.5, 0.75, 1])
+    assert (result.method, result.status, result.steps) == ("static", "finished", 4)
+    force = contact.force(result)
+    np.testing.assert_allclose(force, FORCE * result.t + SPRING * sunk(item, result), atol=1e-6)
+    assert force[-1] > 0.9 * FORCE
+    assert shares[-1] == 1.0
+    assert result.work.newton_iterations >= 4
+    assert not mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Initial).any()  # it was asked for nothing else
+    again = ep.solve_static(mbs, load_steps=1)
+    assert contact.force(again)[-1] == pytest.approx(force[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_preloaded_run_begins_at_rest(mbs, bodies, method):
+    item, contact, _ = pressed(mbs, bodies[0])
+    static = ep.solve_static(mbs, load_steps=2, update_initial=True)
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.25e-6, method=method)
+    np.testing.assert_allclose(contact.force(result), contact.force(static)[-1], rtol=1e-5)
+    assert abs(item.momentum(result)).max() < 1e-5 * FORCE * 20e-6
+
+
+@pytest.mark.parametrize("gap", [0.0, 2e-4])
+def test_nothing_passes_through_the_plane(mbs, bodies, gap):
+    """A soft spring gives way by 50 mm in the first step, past a plane that is not felt before it is touched."""
+    item, contact, _ = pressed(mbs, bodies[0], stiffness=1e3, gap=gap)
+    result = ep.solve_static(mbs, load_steps=1)
+    assert contact.force(result)[-1] == pytest.approx(FORCE + 1e3 * sunk(item, result)[-1], rel=1e-6)
+    assert -1e-5 < sunk(item, result)[-1] + gap < 0
+
+
+def test_loads_as_functions_of_the_static_time(mbs, bodies):
+    item, contact, _ = pressed(mbs, bodies[0], loadUserFunction=lambda t: math.sin(math.pi * t))
+    result = ep.solve_static(mbs, load_steps=4, load_factor=False)
+    load = FORCE * np.sin(np.pi * result.t)
+    np.testing.assert_allclose(contact.force(result), load + SPRING * sunk(item, result), atol=1e-6)
+    assert contact.force(result)[2] > 0.9 * FORCE
+    assert contact.force(result)[-1] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_block_shortens_as_a_bar(mbs, bricks):
+    """Between a plane and a load that its head spreads evenly: F L / (E A), whatever Poisson's ratio is."""
+    part = ep.Partition.ball(bricks, (0, 0, 0), 0.015)
+    part |= ep.Partition.interface(bricks, "head", end(bricks, 0.03), kind="averaged")
+    item = ep.CreatePartitionBody(mbs, ep.reduce(bricks, part, f_cut=30e3), name="block")
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    head = item.CreateInterfaceMarker(mbs, "head")
+    guide = items.GenericJoint(markerNumbers=[ground(mbs, (0, 0, 0.03)), head])
+    guide.constrainedAxes = [1, 1, 0, 1, 1, 1]
+    mbs.AddObject(guide)
+    mbs.AddLoad(items.LoadForceVector(markerNumber=head, loadVector=[0, 0, -1000.0]))
+    position = exu.OutputVariableType.Displacement
+    sensor = mbs.AddSensor(items.SensorMarker(markerNumber=head, outputVariableType=position, storeInternal=True))
+    mbs.Assemble()
+    result = ep.solve_static(mbs, load_steps=2)
+    expected = 1000.0 * 0.03 / (ep.STEEL.E * 0.01 * 0.02)
+    assert contact.force(result)[-1] == pytest.approx(1000, rel=1e-6)
+    assert result.sensor(sensor)[-1, 2] == pytest.approx(-expected, rel=0.02)
+
+
+def test_frequencies_about_the_equilibrium_are_those_of_its_stiffness(mbs, bodies):
+    """Exudyn's eigenvalues at the preload, and those of springs, modes and differences of the contact force."""
+    item, contact, K = pressed(mbs, bodies[0])
+    result = ep.solve_static(mbs, load_steps=2, update_initial=True)
+    found, _ = mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)
+    q, law = item.coordinates(result)[-1], contact.law.for_run("static")
+    small = 1e-9 * np.eye(len(q))
+    tangent = np.array([(law.force(q - way) - law.force(q + way)) / 2e-9 for way in small])
+    stiffness = item.body.stiffness.toarray() + K + (tangent + tangent.T) / 2
+    square = scipy.linalg.eigh(stiffness, item.body.mass.toarray(), eigvals_only=True)
+    np.testing.assert_allclose(found, np.sqrt(square) / (2 * np.pi), rtol=1e-3)
+    open_square = scipy.linalg.eigh(stiffness - (tangent + tangent.T) / 2, item.body.mass.toarray(), eigvals_only=True)
+    assert abs(np.sqrt(square / open_square) - 1).max() > 0.1  # the contact counts
+
+
+@pytest.mark.parametrize("call", [ep.solve_static, lambda mbs: mbs.SolveStatic()])
+def test_multipliers_are_refused_before_the_first_step(mbs, pair_of, call):
+    item = ep.CreatePartitionBody(mbs, pair_of("craig-bampton")[0])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="lagrange")
+    calls = []
+    mbs.SetPreStepUserFunction(lambda mbs, t: calls.append(t) or True)
+    mbs.Assemble()
+    with pytest.raises(Exception, match="formulation 'lagrange' has no statics") as raised:
+        call(mbs)
+    assert not calls
+    if call is ep.solve_static:
+        assert isinstance(raised.value, RunError)
+
+
+def test_what_nothing_holds_has_no_equilibrium(mbs, bodies):
+    item = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=[0, 0, 1e-5])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    press(mbs, item, FORCE)
+    mbs.Assemble()
+    with pytest.raises(RunError, match=r"finds no equilibrium.*hold it by joints or soft springs"):
+        ep.solve_static(mbs)
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"load_steps": 0}, "load_steps: expected"), ({"load_steps": 1.5}, "load_steps: expected"),
+    ({"load_factor": 2}, "load_factor: expected"), ({"update_initial": "yes"}, "update_initial: expected"),
+    ({"settings": {}}, "settings: expected"), ({"progress": 1}, "progress: expected"),
+])  # fmt: skip
+def test_options_that_are_none(mbs, bodies, options, message):
+    pressed(mbs, bodies[0])
+    with pytest.raises(InputError, match=message):
+        ep.solve_static(mbs, **options)
