@@ -44,6 +44,8 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
     ) -> MatrixContainer:
         run = runs.advanced(mbs, t, contact)
         run.evaluate(mbs, t, q)
+        if (touching := run.touching_stiffness(mbs)) is not None:
+            return exu.MatrixContainer(sp.csr_matrix(fODE2 * touching))
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
         H = dense(run.law.row_jacobian())

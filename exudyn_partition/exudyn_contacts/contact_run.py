@@ -9,11 +9,13 @@ import numpy as np
 from ..algebra.friction import SLIP, STICK
 from ..contact.formulations.formulation import Law, Together
 from ..errors import RunError
-from ..exudyn_bodies.model import start_of_step
+from ..exudyn_bodies.model import latest_solver, start_of_step
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, MainSystem
 
 _FEW = 200  # coordinates that are converted from Exudyn's list faster than they are gathered from the model's
+
+_TOUCHING = 1e-3  # of a facet's size: gaps of rows that touch
 
 
 class ContactRun:
@@ -92,6 +94,16 @@ class ContactRun:
         if law.remembers:
             self.follow(motion.start, t)
         return law.evaluate(motion)
+
+    def touching_stiffness(self, mbs: MainSystem) -> Array | None:
+        """Stiffness, (n, n), of an open contact whose rows just touch, in the first iteration of a load step, or None.
+
+        An open contact has none, and a block that only stands on another one would have no equilibrium under its load.
+        """
+        law, solver = self.law, mbs.sys.get("staticSolver")
+        if law.index.size or solver is None or solver.it.newtonSteps != 1 or latest_solver(mbs) is not solver:
+            return None
+        return law.closed_stiffness() if law.least_gap < _TOUCHING * law.gaps.size else None
 
     def follow(self, start: float, t: float) -> None:
         """Tell a law that depends on the path which step is computed, from `start` to t [s]."""

@@ -1,4 +1,4 @@
-"""Equilibria with contact: balance of forces, stiffness by hand, what passes through nothing, preloads and frequencies."""
+"""Equilibria with contact: balance of forces, stiffness by hand, nothing passes through, preloads, and frequencies."""
 
 import math
 
