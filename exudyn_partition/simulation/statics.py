@@ -5,11 +5,17 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
+import warnings
 from dataclasses import replace
 
+import numpy as np
+import scipy.linalg
+
 from ..algebra.factorisation import one_blas_thread
-from ..errors import InputError, RunError
+from ..errors import InputError, ModelLimitWarning, RunError
+from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.partition_contact import partition_items
 from ..support.checks import validate_flag, validate_integer
 from ..support.foreign import MainSystem, SimulationSettings
 from ..support.interrupt import interruptible
@@ -18,12 +24,14 @@ from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .hooks import RESIDUAL, begun, cause, kept_apart, watched
 from .joint_checks import check_start
-from .result import Result, samples
+from .result import Result, called, samples
 from .review import reviewed
 
 _log = logging.getLogger(__name__)
 
-_MOST_STEPS = 2**31 - 1  # that Exudyn counts
+_NEUTRAL = 1.0  # rad/s: a motion that would swing more slowly is held by nothing but round-off
+_LEAST_MASS = 1e-12  # of the mean on the diagonal
+_MOST_DENSE = 1000  # coordinates up to which that is looked at, for it takes all eigenvalues
 _REMEDY = (
     "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
     "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps"
@@ -85,21 +93,24 @@ def solve_static(
     -----
     StoppedRunWarning
         If the run ended early; the result holds the load steps until then.
-    ModelLimitWarning, ContactPatchWarning, YieldWarning
+    ModelLimitWarning
+        If nothing holds a body against some motion, so that its place is arbitrary; and as `solve_dynamic`.
+    ContactPatchWarning, YieldWarning
         As `solve_dynamic`.
     """
     with interruptible():
-        return reviewed(
+        result = _run(
             mbs,
-            _run(
-                mbs,
-                load_steps=load_steps,
-                load_factor=load_factor,
-                update_initial=update_initial,
-                settings=settings,
-                progress=progress,
-            ),
+            load_steps=load_steps,
+            load_factor=load_factor,
+            update_initial=update_initial,
+            settings=settings,
+            progress=progress,
         )
+        result = reviewed(mbs, result)
+        if result.status == "finished":
+            _warn_if_neutral(mbs)
+        return result
 
 
 def _run(
@@ -113,7 +124,7 @@ def _run(
 ) -> Result:
     """Run of `solve_static`, with what its sensors stored as it is."""
     exu = require("exudyn")
-    load_steps = validate_integer("load_steps", load_steps, least=1, most=_MOST_STEPS)
+    load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
     validate_flag("update_initial", update_initial)
     check_start(mbs, settings, progress)
@@ -160,3 +171,34 @@ def _run(
     if status == "finished" and update_initial:
         mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
     return replace(result, status=status, message=message)
+
+
+def _warn_if_neutral(mbs: MainSystem) -> None:
+    """A body that nothing holds against some motion stands where round-off has put it."""
+    solver, n = mbs.sys["staticSolver"], mbs.systemData.ODE2Size()
+    bodies = partition_items(mbs)[0]
+    if not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
+        return
+    solver.ComputeMassMatrix(mbs)
+    M = np.array(solver.GetSystemMassMatrix())
+    M += _LEAST_MASS * np.trace(M) / n * np.eye(n)  # nodes without mass are fine in statics
+    solver.ComputeJacobianODE2RHS(mbs, scalarFactor_ODE2=-1, scalarFactor_ODE2_t=0, scalarFactor_ODE1=0)
+    if mbs.systemData.AEsize():
+        solver.ComputeJacobianAE(
+            mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0, scalarFactor_ODE1=0.0, velocityLevel=False
+        )
+    system = np.array(solver.GetSystemJacobian())
+    allowed = scipy.linalg.null_space(system[len(system) - mbs.systemData.AEsize() :, :n])
+    M, K = (allowed.T @ matrix @ allowed for matrix in (M, system[:n, :n]))
+    squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
+    slowest = int(abs(squares).argmin())
+    if abs(squares[slowest]) > _NEUTRAL**2:
+        return
+    motion = abs(allowed @ motions[:, slowest])
+    free = max(bodies, key=lambda item: max(motion[own].max(initial=0.0) for own in coordinate_slices(mbs, item)))
+    warnings.warn(
+        f"{called(free)}: nothing holds it against some motion, so that its place in this equilibrium is arbitrary, "
+        "though forces balance. Hold it by joints or soft springs",
+        ModelLimitWarning,
+        stacklevel=3,
+    )

@@ -21,7 +21,16 @@ from validation.stability.misuse_values import Scene
 WRONG = misuses()
 # Right values of these take seconds, or more than that for numbers that happen to be right.
 SLOW = {
-    *("fe_model", "generate_mesh", "reduce", "reduce_pair", "solve_dynamic", "reference.simulate", "view.picture"),
+    *(
+        "fe_model",
+        "generate_mesh",
+        "reduce",
+        "reduce_pair",
+        "solve_dynamic",
+        "solve_static",
+        "reference.simulate",
+        "view.picture",
+    ),
 }
 QUICK = [name for name in CALLS if name not in SLOW]
 KINDS = [kind for entry in CALLS.values() for kind in entry.arguments.values()]

@@ -169,6 +169,9 @@ _size = Kind(
 )
 _refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ())
 
+_runnable = _ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right})
+_settings = Kind({"text": "x", "number": 1, "dict": {}, "a model": Made(lambda s: s.mbs)}, None)
+
 CALLS = {
     "Material": call(
         E=v.positive(1e9),
@@ -338,8 +341,16 @@ CALLS = {
     "PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
     "collect": call(mbs=v.mbs.but(**{"not run": _ready.right})),
     "stability_limit": call(mbs=v.mbs),
+    "solve_static": call(
+        mbs=_runnable,
+        load_steps=v.count(1),
+        load_factor=v.flag,
+        update_initial=v.flag,
+        settings=_settings,
+        progress=v.function,
+    ),
     "solve_dynamic": call(
-        mbs=_ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right}),
+        mbs=_runnable,
         end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
         method=v.choice("explicit"),
@@ -349,7 +360,7 @@ CALLS = {
         free_step=v.positive.or_none.but("number"),
         gap_tolerance=v.positive.or_none,
         unresolved=v.positive.or_none,
-        settings=Kind({"text": "x", "number": 1, "dict": {}, "a model": Made(lambda s: s.mbs)}, None),
+        settings=_settings,
         progress=v.function,
     ),
     "time_to_contact": call(
