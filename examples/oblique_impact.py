@@ -9,7 +9,6 @@ import argparse
 import json
 from pathlib import Path
 
-import exudyn as exu
 import matplotlib.pyplot as plt
 import numpy as np
 from rich.console import Console
@@ -21,40 +20,16 @@ from models import rod_on_plate as model
 FRICTION = 0.3
 ANGLES = {"15 degrees": 15.0, "45 degrees": 45.0, "grazing": 75.0}  # of the velocity, from the plate's normal
 COMPARED = "15 degrees"  # with the full FE model
-TIP = (0, 0, model.RADIUS)  # centre of the hemisphere, away from the contact
-POINTS = {"tip": (0, TIP), "plate": (1, (0.02, 0, -model.THICKNESS))}
 
 
-def velocity_at(angle):
-    """Initial velocity of the rod [m/s], with the paper's speed along the normal."""
-    return np.array([model.SPEED * np.tan(np.radians(angle)), 0.0, -model.SPEED])
-
-
-def partition_run(bodies, angle, end_time, friction=FRICTION):
-    """Run the impact in Exudyn; returns the items, the contact and the result."""
-    mbs = exu.SystemContainer().AddSystem()
-    rod = ep.CreatePartitionBody(mbs, bodies[0], name="rod", initialVelocity=[*velocity_at(angle)])
-    plate = ep.CreatePartitionBody(mbs, bodies[1], name="plate")
-    contact = ep.CreatePartitionContact(mbs, rod, plate, friction=friction, name="tip on plate")
-    mbs.Assemble()
-    return (rod, plate), contact, ep.solve_dynamic(mbs, end_time=end_time)
-
-
-def full_reference(fems, partitions, angle, end_time, step=1e-6, friction=FRICTION):
-    """The full FE model with friction on the same rows."""
-    bodies = [
-        ep.reference.FullBody(fems[0], partitions[0], velocity=velocity_at(angle)),
-        ep.reference.FullBody(fems[1], partitions[1]),
-    ]
-    with ep.progress("full FE reference with friction") as report:
-        return ep.reference.simulate(
-            bodies, end_time=end_time, step=step, points=POINTS, friction=friction, progress=report
-        )
+def speed_along(angle):
+    """Speed of the rod along the plate [m/s], with the paper's speed along the normal."""
+    return model.SPEED * np.tan(np.radians(angle))
 
 
 def history_of(items, contact, result):
     """Forces of a run, and velocities of the tip and of the plate's far side."""
-    return result.history(contact, {name: (items[index], point) for name, (index, point) in POINTS.items()})
+    return result.history(contact, {name: (items[index], point) for name, (index, point) in model.NEAR_CONTACT.items()})
 
 
 def numbers(items, contact, result):
@@ -129,8 +104,11 @@ def main(argv=None):
 
     fems, partitions, times = model.fe_models(options.quick, axes="xyz")
     bodies = [ep.reduce(fem, partition, f_cut=options.f_cut) for fem, partition in zip(fems, partitions, strict=True)]
-    runs = {name: partition_run(bodies, angle, end_time) for name, angle in ANGLES.items()}
-    reference = full_reference(fems, partitions, ANGLES[COMPARED], end_time)
+    runs = {name: model.oblique_run(bodies, speed_along(angle), FRICTION, end_time) for name, angle in ANGLES.items()}
+    along = speed_along(ANGLES[COMPARED])
+    reference = model.full_reference(
+        fems, partitions, end_time, points=model.NEAR_CONTACT, along=along, friction=FRICTION
+    )
     history = history_of(*runs[COMPARED])
     errors = ep.compare(history, reference)
     found = {name: numbers(*run) for name, run in runs.items()}

@@ -245,6 +245,11 @@ CASES = {
     "formulations": Case("contact/formulations.py", formulations),
     "friction_half_space": Case("friction/half_space.py", limits(("maw", "force", "stick_radius", "loss")), quick=(),
                                 figures=("friction_half_space.png",)),
+    "friction_motion": Case("friction/motion.py", limits(
+        ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin"))),
+    "friction_oblique": Case("friction/oblique.py", limits(
+        ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step")),
+        figures=("friction_oblique.png",)),
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),
     "rotation": Case("joints/rotation.py",

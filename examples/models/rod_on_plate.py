@@ -21,6 +21,7 @@ SIDE, THICKNESS = 0.250, 0.005  # plate [m]
 SPEED = 0.596  # [m/s]
 PEAK_FORCE = 800.0  # [N], the paper's estimate from Hertz
 P1, P2 = (0, 0, LENGTH), (0, 0, -THICKNESS)  # back end of the rod; plate's face opposite to the impact
+NEAR_CONTACT = {"tip": (0, (0, 0, RADIUS)), "plate": (1, (0.02, 0, -THICKNESS))}  # body and point; for oblique impacts
 WITH_MASS = ("free", "craig-bampton")  # the patch has mass in these bases: multipliers, steps of nanoseconds
 PAPER = {"free": "node-to-segment"}  # the paper's basis comes with the paper's rows
 STORED = Path(__file__).parents[1] / "rod_on_plate_reference.npz"
@@ -71,15 +72,27 @@ def partition_run(fems, partitions, basis, f_cut, method, end_time):
     return rod, plate, contact, result, sum(body.reduce_s for body in reduced)
 
 
-def full_reference(fems, partitions, end_time, step=1e-6):
-    """The full FE model under integrated contact rows."""
+def oblique_run(bodies, along, friction, end_time):
+    """Reduced rod and plate, with patches of axes="xyz": the rod also moves along the plate, at `along` [m/s]."""
+    mbs = exu.SystemContainer().AddSystem()
+    rod = ep.CreatePartitionBody(mbs, bodies[0], name="rod", initialVelocity=[along, 0, -SPEED])
+    plate = ep.CreatePartitionBody(mbs, bodies[1], name="plate")
+    contact = ep.CreatePartitionContact(mbs, rod, plate, friction=friction, name="tip on plate")
+    mbs.Assemble()
+    return (rod, plate), contact, ep.solve_dynamic(mbs, end_time=end_time)
+
+
+def full_reference(fems, partitions, end_time, step=1e-6, *, points=None, along=0.0, friction=None):
+    """The full FE model under integrated contact rows; with `along` the rod also moves along the plate [m/s]."""
     bodies = [
-        ep.reference.FullBody(fems[0], partitions[0], velocity=(0, 0, -SPEED)),
+        ep.reference.FullBody(fems[0], partitions[0], velocity=(along, 0, -SPEED)),
         ep.reference.FullBody(fems[1], partitions[1]),
     ]
-    points = {"P1": (0, P1), "P2": (1, P2)}
+    points = points or {"P1": (0, P1), "P2": (1, P2)}
     with ep.progress("full FE reference") as report:
-        history = ep.reference.simulate(bodies, end_time=end_time, step=step, points=points, progress=report)
+        history = ep.reference.simulate(
+            bodies, end_time=end_time, step=step, points=points, friction=friction, progress=report
+        )
     history.info["versions"] = ep.versions()
     return history
 
