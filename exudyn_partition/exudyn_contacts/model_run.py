@@ -6,13 +6,14 @@ import contextlib
 import logging
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from ..contact.formulations.formulation import Method
+from ..contact.formulations.formulation import Law, Method
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import latest_solver, method_of, registered
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem
+from ..support.optional import require
 from .central_differences import MultiplierStep
 from .contact_results import ContactResults
 from .contact_run import ContactRun
@@ -101,6 +102,27 @@ class ModelRun:
         """State of a contact; None if it was not in the model when the run began."""
         return self._runs.get(id(contact))
 
+    def go_on(self, mbs: MainSystem, earlier: Sequence[Mapping[int, Law]]) -> dict[int, Law]:
+        """Let contacts that remember go on from where earlier runs ended, if the model's initial state is that.
+
+        Return the laws of the runs that they go on from; `earlier` has those that come into question.
+        """
+        remembering = {key: run for key, run in self._runs.items() if run.law.remembers}
+        if not remembering:
+            return {}
+        initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
+        found = {}
+        for key, run in remembering.items():
+            for laws in earlier:
+                if key not in found and key in laws and run.law.resume(laws[key], run.of(initial)):
+                    found[key] = laws[key]
+        return found
+
+    @property
+    def laws(self) -> dict[int, Law]:
+        """Laws of the contacts, by the numbers that only this module knows."""
+        return {key: run.law for key, run in self._runs.items()}
+
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
         if self.record.on:
@@ -153,6 +175,7 @@ class Runs:
         self.joints: Joints | None = None
         self._left_to_sensors = False
         self._now: ModelRun | None = None
+        self._origin: dict[int, Law] = {}
         self._solver: MainSolver = None
         self._latest = -math.inf
 
@@ -190,7 +213,8 @@ class Runs:
             method = "explicit" if solver is None else method_of(solver)
         contacts: list[ContactResults] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
-        self._now = ModelRun(mbs, contacts, t, method, self.joints, keep)
+        last, self._now = self._now, ModelRun(mbs, contacts, t, method, self.joints, keep)
+        self._origin = self._now.go_on(mbs, [{} if last is None else last.laws, self._origin])
         return self._now
 
     def at_work(self, contact: ContactResults) -> ContactRun:

@@ -33,9 +33,9 @@ def springs(mbs, item, stiffness):
     return K
 
 
-def press(mbs, item, force, **of_time):
-    """A force [N] downwards, spread over the mass; shapes are free of it."""
-    load = np.asarray(item.body.mass @ item.body.rigid)[:, 2] * -force / item.body.total_mass
+def press(mbs, item, force, axis=2, **of_time):
+    """A force [N] against an axis, spread over the mass; shapes are free of it."""
+    load = np.asarray(item.body.mass @ item.body.rigid)[:, axis] * -force / item.body.total_mass
     for i in np.flatnonzero(abs(load) > 1e-9 * abs(load).max()):
         marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=int(i)))
         own = {key: (lambda mbs, t, load, f=f: load * f(t)) for key, f in of_time.items()}
@@ -79,6 +79,27 @@ def test_a_preloaded_run_begins_at_rest(mbs, bodies, method):
     result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.25e-6, method=method)
     np.testing.assert_allclose(contact.force(result), contact.force(static)[-1], rtol=1e-5)
     assert abs(item.momentum(result)).max() < 1e-5 * FORCE * 20e-6
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_preloaded_run_goes_on_with_what_sticks(mbs, round_body, method):
+    """Friction holds the ball against a force along the plane; without its memory, the ball would start to swing."""
+    item = ep.CreatePartitionBody(mbs, round_body, name="ball")
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor", friction=0.5)
+    springs(mbs, item, SPRING)
+    press(mbs, item, 10 * FORCE)
+    press(mbs, item, 2 * FORCE, axis=0)
+    mbs.Assemble()
+    static = ep.solve_static(mbs, load_steps=3, update_initial=True)
+    stuck = contact.tangential_force(static)[-1, 0]
+    assert stuck > 0.2 * FORCE
+    for _ in range(2):  # the second run too begins in that state
+        result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.2e-6, method=method)
+        np.testing.assert_allclose(contact.tangential_force(result)[:, 0], stuck, rtol=1e-4)
+        assert abs(item.momentum(result)[:, 0]).max() < 1e-4 * stuck * 20e-6
+    mbs.systemData.SetODE2Coordinates(np.zeros(round_body.n_dofs), exu.ConfigurationType.Initial)
+    result = ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6, method=method)
+    assert abs(contact.tangential_force(result)[0]).max() == 0.0  # another start has no memory
 
 
 @pytest.mark.parametrize("gap", [0.0, 2e-4])

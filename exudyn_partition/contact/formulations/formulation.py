@@ -155,6 +155,12 @@ class Law(Protocol):
     def rollback(self) -> None:
         """Forget everything since the last `commit`: the step is repeated with another length."""
 
+    def resume(self, earlier: Any, q: Array) -> bool:
+        """Go on from the end of an earlier run, whose law is `earlier`, if that ended at coordinates q, (n,).
+
+        Return whether it did; only laws that remember are asked.
+        """
+
     def closed_stiffness(self) -> Array | None:
         """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit."""
 

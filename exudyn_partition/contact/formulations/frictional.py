@@ -15,7 +15,7 @@ from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Gaps
 from ..tangential import TangentialRows
-from .formulation import Motion
+from .formulation import Law, Motion
 from .law import ContactLaw
 
 if TYPE_CHECKING:
@@ -141,6 +141,19 @@ class FrictionalContact(ContactLaw):
         self._last[nodes, 0] = self.forces[:, 0]
         self._last[nodes, 1:] = self.traction @ self.tangential.axes
         self.tangential.hold()
+
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`: rows stick where they stuck, with the forces that they had; the dissipation begins anew."""
+        if not isinstance(earlier, FrictionalContact) or not earlier.index.size:
+            return False
+        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+            return False
+        nodes = earlier.gaps.row_nodes
+        self._last[nodes, 0] = earlier.forces[:, 0]
+        self._last[nodes, 1:] = earlier.traction @ earlier.tangential.axes
+        self.gaps.at(q)
+        self.tangential.hold()
+        return True
 
     def _taken_in_step(self) -> float:
         """Energy that the slip since the last accepted step takes [J].

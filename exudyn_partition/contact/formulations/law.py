@@ -90,6 +90,10 @@ class ContactLaw:
     def rollback(self) -> None:
         """See `Law`."""
 
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`."""
+        return False
+
     def closed_stiffness(self) -> Array | None:
         """See `Law`."""
         return None

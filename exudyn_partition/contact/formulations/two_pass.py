@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from ...algebra.coulomb import Coulomb
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from .formulation import Method, Motion
+from .formulation import Law, Method, Motion
 from .law import ElasticContact
 
 
@@ -75,6 +75,10 @@ class TwoPass:
 
     def rollback(self) -> None:
         """See `Law`."""
+
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`."""
+        return False
 
     def check(self, q: Array) -> None:
         """See `Law`."""
