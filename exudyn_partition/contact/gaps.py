@@ -152,6 +152,7 @@ class Gaps:
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _places: list[Array]
+    evaluated_pose = _NOTHING  # `carrier_pose` at the last evaluation of the gaps
     _placed_at: Array | None = None  # the coordinates that `_places` belong to
     _normal: Array
     _normal_of: Array | None = None  # the normals whose mean is `_normal`

@@ -220,6 +220,7 @@ class RigidGaps(Gaps):
             gap, self.normals = self.surface.project(x)
         else:
             place, axes = self._pose()
+            self.evaluated_pose = np.concatenate([place, axes.ravel()])
             gap, normals = self.surface.project((x - place) @ axes)
             self.normals = normals @ axes.T
         return gap if self.mean is None else self.mean @ gap

@@ -67,7 +67,7 @@ class TangentialRows:
 
     def hold(self) -> None:
         """Count sliding from the present places."""
-        self._from, self._pose = np.concatenate(self.gaps.coordinates), self.gaps.carrier_pose
+        self._from, self._pose = np.concatenate(self.gaps.coordinates), self.gaps.evaluated_pose
         self._axes_then, self._places = self.axes, self.gaps.places_now() if self.gaps.moving else None
 
     @property
@@ -139,7 +139,7 @@ class TangentialRows:
         if not gaps.carried:
             return offsets
         (place, axes), (place_now, axes_now) = (
-            (pose[:3], pose[3:].reshape(3, 3)) for pose in (self._pose, gaps.carrier_pose)
+            (pose[:3], pose[3:].reshape(3, 3)) for pose in (self._pose, gaps.evaluated_pose)
         )
         value: Array = place_now + (offsets - place) @ axes @ axes_now.T
         return value

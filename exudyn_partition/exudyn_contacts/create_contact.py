@@ -114,7 +114,7 @@ def CreatePartitionContact(
         chosen = TwoPasses(chosen)
     coulomb = friction_of(friction)
     if coulomb is not None:
-        chosen = chosen.with_friction(coulomb)
+        chosen = _with_friction(chosen, coulomb)
     if masterBody is not None and rigid is None:
         raise InputError("masterBody: only a rigid surface is carried by a body")
     if masterBody is not None:
@@ -163,6 +163,13 @@ def CreatePartitionContact(
         _add_friction_sensor(mbs, contact, runs)
     registered(mbs).contacts[int(contact["sForce"])] = contact
     return contact
+
+
+def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
+    """Return the formulation with friction; one of a user need not know of it."""
+    if not hasattr(formulation, "with_friction"):
+        return Formulation.with_friction(formulation, friction)  # which refuses
+    return formulation.with_friction(friction)
 
 
 def _add_friction_sensor(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:

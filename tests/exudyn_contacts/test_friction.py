@@ -1,8 +1,10 @@
 """Impacts with friction in Exudyn's solvers: impulses, balances and what results tell."""
 
+import exudyn as exu
 import numpy as np
 import pytest
-from oracles import SPHERE_RADIUS
+from exudyn.utilities import InertiaCuboid
+from oracles import MARBLE_RADIUS, SPHERE_RADIUS
 
 import exudyn_partition as ep
 
@@ -75,14 +77,52 @@ def test_frictionless_contacts_have_no_tangential_results(mbs, round_body):
 
 
 def test_adaptive_steps_agree(round_body):
-    import exudyn as exu
-
     found = []
     for options in ({}, {"adaptive": True}):
         mbs = exu.SystemContainer().AddSystem()
         _, contact, result = impact(mbs, round_body, method="implicit", **options)
         found.append(np.trapezoid(contact.tangential_force(result)[:, 0], result.t))
     assert found[1] == pytest.approx(found[0], rel=0.02)
+
+
+def test_a_belt_pulls_as_much_as_the_ball_would_slide(round_body):
+    """Only relative motion counts: a ball that slides on a floor, or one at rest that falls on a moving belt."""
+    found = []
+    for along, belt in ((ALONG, 0.0), (0.0, -ALONG)):
+        mbs = exu.SystemContainer().AddSystem()
+        heavy = InertiaCuboid(1e9, [1.0, 1.0, 1.0])
+        node = exu.NodeType.RotationRotationVector
+        carrier = mbs.CreateRigidBody(inertia=heavy, nodeType=node, initialVelocity=[belt, 0, 0])
+        item = ep.CreatePartitionBody(
+            mbs, round_body, referencePosition=[0, 0, 1e-6], initialVelocity=[along, 0, -SPEED]
+        )
+        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), masterBody=carrier, friction=MU)
+        mbs.Assemble()
+        found.append(contact.tangential_force(ep.solve_dynamic(mbs, end_time=40e-6))[:, 0])
+    assert found[0].min() < 0
+    np.testing.assert_allclose(found[1], found[0], atol=1e-5 * abs(found[0]).max())
+
+
+def test_contacts_on_one_body_are_solved_together(mbs, marble_parts, kept):
+    """A marble in a narrow slot, pushed sideways: both contacts slip or stick, and no energy is lost in between."""
+    fem, _ = marble_parts
+    poles = [
+        ep.Partition.ball(fem, (0, 0, z), 0.35e-3, axes="xyz", name=name)
+        for z, name in ((-MARBLE_RADIUS, "south"), (MARBLE_RADIUS, "north"))
+    ]
+    body = ep.reduce(fem, poles[0] | poles[1], f_cut=300e3, cache=kept)
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0.2, 0, -0.3])
+    walls = [ep.RigidPlane((0, 0, sign * (MARBLE_RADIUS + 0.1e-6)), (0, 0, -sign)) for sign in (-1, 1)]
+    contacts = [
+        ep.CreatePartitionContact(mbs, item, wall, slavePatch=patch, friction=MU)
+        for wall, patch in zip(walls, ("south", "north"), strict=True)
+    ]
+    mbs.Assemble()
+    assert contacts[0].together is not None
+    result = ep.solve_dynamic(mbs, end_time=40e-6)
+    assert all(contact.tangential_force(result).any() for contact in contacts)
+    total = item.energy(result) + sum(c.energy(result) + c.dissipated_energy(result) for c in contacts)
+    np.testing.assert_allclose(total, total[0], rtol=2e-4)
 
 
 def test_two_bodies_keep_momentum_and_angular_momentum(mbs, round_body, flat_body):
