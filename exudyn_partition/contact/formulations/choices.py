@@ -22,7 +22,7 @@ from .formulation import Formulation, Law, SharedBody
 from .frictional_compliance import FrictionalCompliance
 from .lagrange import LagrangeContact
 from .law import ElasticContact
-from .penalty import PenaltyContact, bed_stiffness, inertial_stiffness
+from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
 from .two_pass import TwoPass
 
 NAMES = ("compliance", "lagrange", "penalty")
@@ -122,17 +122,24 @@ class Penalty(Formulation):
     stiffness : float, optional
         Stiffness of the layer [N/m3]. Default: the layer yields under uniform pressure as much as the residual
         flexibility does. Where patches have mass, it adds at most a tenth to their highest squared frequency.
+    friction : Coulomb, optional
+        With it, see `penalty.FrictionalPenalty`.
     """
 
     both_passes = True
 
-    def __init__(self, stiffness: float | None = None) -> None:
+    def __init__(self, stiffness: float | None = None, friction: Coulomb | None = None) -> None:
         self.stiffness = None if stiffness is None else validate_positive("stiffness", stiffness, "N/m3")
+        self.friction = friction
+
+    def with_friction(self, friction: Coulomb) -> Penalty:
+        """See `Formulation`."""
+        return Penalty(self.stiffness, friction)
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """See `Formulation`; any basis will do."""
 
-    def law(self, gaps: Gaps) -> PenaltyContact:
+    def law(self, gaps: Gaps) -> PenaltyContact | FrictionalPenalty:
         """See `Formulation`."""
         if any(side.flexibility is not None for side in gaps.sides):
             usual = bed_stiffness(gaps)
@@ -145,7 +152,10 @@ class Penalty(Formulation):
                 f"got {self.stiffness:.3g}. So stiff a layer yields less than round-off, and its time steps are "
                 "far too small. Take formulation='compliance' or 'lagrange', which keep gaps closed without a layer"
             )
-        return PenaltyContact(gaps, usual if self.stiffness is None else self.stiffness)
+        stiffness = usual if self.stiffness is None else self.stiffness
+        if self.friction is None:
+            return PenaltyContact(gaps, stiffness)
+        return FrictionalPenalty(gaps, self.friction, stiffness)
 
 
 class TwoPasses(Formulation):
