@@ -1,4 +1,4 @@
-"""Friction with residual flexibility: stick, slip, dissipation, tangents, and impacts in Exudyn's solvers."""
+"""Friction with residual flexibility or a penalty's layer: stick, slip, dissipation and tangents."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from oracles import relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.contact.formulations.choices import Compliance, Penalty
 from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -16,11 +17,11 @@ DEPTH = 1e-6  # [m]
 MU = 0.3
 
 
-@pytest.fixture(scope="module")
-def law(round_body, flat_body):
+@pytest.fixture(scope="module", params=[Compliance, Penalty])
+def law(round_body, flat_body, request):
     """Ball on plate, at their places of the start."""
     sides = [Side.of(InertialKinematics(body, np.zeros(3))) for body in (round_body, flat_body)]
-    return FrictionalCompliance(PatchGaps(*sides), ep.Coulomb(MU))
+    return request.param().with_friction(ep.Coulomb(MU)).law(PatchGaps(*sides))
 
 
 def pressed(law, along=(0.0, 0.0)):
