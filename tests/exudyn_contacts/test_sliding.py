@@ -47,7 +47,7 @@ def test_a_sliding_puck_decelerates_at_mu_g(puck, formulation, basis, method):
     assert velocity[-1, 0] - SPEED == pytest.approx(-MU * normal, rel=1e-3)
     assert normal == pytest.approx(LOAD * result.t[-1], rel=0.05)  # it rings under the load
     taken = 0.5 * body.total_mass * (SPEED**2 - velocity[-1, 0] ** 2)
-    assert contact.dissipated(result)[-1] == pytest.approx(taken, rel=5e-3)
+    assert contact.dissipated_energy(result)[-1] == pytest.approx(taken, rel=5e-3)
 
 
 @pytest.mark.parametrize(("formulation", "basis"), WAYS)
@@ -68,6 +68,6 @@ def test_energy_and_friction_of_an_impact_on_a_layer(mbs, round_body, method):
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="penalty", friction=MU)
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=70e-6, step=0.4e-6, method=method)
-    total = item.energy(result) + contact.energy(result) + contact.dissipated(result)
+    total = item.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
     assert abs(total / total[0] - 1).max() < 1e-4
-    assert contact.dissipated(result)[-1] > 0.05 * total[0]
+    assert contact.dissipated_energy(result)[-1] > 0.05 * total[0]

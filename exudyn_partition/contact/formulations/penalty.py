@@ -109,7 +109,7 @@ class FrictionalPenalty(FrictionalContact):
         shear: Array = _SHEAR * self.stiffness * self.gaps.area
         return shear
 
-    def _slips(self) -> Array:
+    def slips(self) -> Array:
         """See `FrictionalContact`."""
         if not self.index.size:
             return np.zeros((len(self.forces), 2))
