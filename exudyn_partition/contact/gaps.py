@@ -190,6 +190,11 @@ class Gaps:
         return _NOTHING
 
     @property
+    def carrier_motion(self) -> Array:
+        """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s], if one does."""
+        return _NOTHING
+
+    @property
     def constant_rows(self) -> object:
         """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
         return None if self.moving else self.held

@@ -174,6 +174,11 @@ class RigidGaps(Gaps):
         return np.concatenate([place, axes.ravel()])
 
     @property
+    def carrier_motion(self) -> Array:
+        """See `Gaps.carrier_motion`."""
+        return super().carrier_motion if self._motion is None else np.concatenate(self._motion())
+
+    @property
     def constant_rows(self) -> object:
         """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
         return self if self.slave.normal_only else super().constant_rows
@@ -199,7 +204,7 @@ class RigidGaps(Gaps):
         """See `Gaps.closing`; without accelerations of the body that carries the surface, which are not known here."""
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
         if self._motion is not None:
-            rate = rate + self.carrier_rows(np.arange(len(gap))) @ np.concatenate(self._motion())
+            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
         return gap, rate, acceleration
 
     def carrier_rows(self, index: Array) -> Array:

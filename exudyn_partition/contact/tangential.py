@@ -49,6 +49,7 @@ class TangentialRows:
         self._axis = int(abs(gaps.approach).argmin())
         self._tangents_of: Array | None = None
         self._flexible_rows: object = None
+        self._flexible_sides: object = None
         self._flexible_at = np.zeros(1)
         self._places: list[Array] | None = None
         self._rows_held: object = None
@@ -69,6 +70,11 @@ class TangentialRows:
         """Count sliding from the present places."""
         self._from, self._pose = np.concatenate(self.gaps.coordinates), self.gaps.evaluated_pose
         self._axes_then, self._places = self.axes, self.gaps.places_now() if self.gaps.moving else None
+
+    def hold_at(self, q: Array, pose: Array) -> None:
+        """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
+        self._from, self._pose, self._places = q, pose, None
+        self._axes_then = self.gaps.sides[-1].kinematics.frame(self.gaps.split(q)[-1])[1]
 
     @property
     def held(self) -> bool:
@@ -123,6 +129,14 @@ class TangentialRows:
             self._places = gaps.places(self._from)
         before = self._carried(self._offsets(self._places))
         return self.along(self._offsets(gaps.places_now()) - before)
+
+    def rates(self, q_t: Array) -> Array:
+        """Rates at which the rows slide along their tangents, (nr, 2) [m/s], at velocities q_t, (n,), pairs held."""
+        everything = np.arange(len(self.gaps.row_nodes))
+        rates = self.jacobian(everything) @ q_t
+        if self.gaps.carried:
+            rates = rates + self.carrier_rows(everything) @ self.gaps.carrier_motion
+        return np.asarray(rates).reshape(-1, 3)[:, 1:]
 
     def _offsets(self, places: list[Array]) -> Array:
         """Mean place of each row's points, relative to the master if that is a patch, (nr, 3) [m]."""
@@ -189,7 +203,8 @@ class TangentialRows:
         It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`).
         """
         stance, tangents = self.gaps.stance(), self.tangents
-        if self._flexible_rows is not self.gaps.row_nodes or abs(stance - self._flexible_at).max() > SAME:
+        same = self._flexible_rows is self.gaps.row_nodes and self._flexible_sides is self.gaps.sides
+        if not same or abs(stance - self._flexible_at).max() > SAME:
             n = 3 * len(tangents)
             self._flexibility = np.zeros((n, n))
             for place, side in enumerate(self.gaps.sides):
@@ -199,6 +214,7 @@ class TangentialRows:
                     rows = rows[:, used]
                     self._flexibility += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
             self._flexible_rows, self._flexible_at = self.gaps.row_nodes, stance
+            self._flexible_sides = self.gaps.sides
         return self._flexibility
 
     def carrier_rows(self, index: Array) -> Array:

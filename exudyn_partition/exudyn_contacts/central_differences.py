@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
 
-from ..contact.formulations.forward_increment import ForwardIncrement
+from ..contact.formulations.forward_increment import ForwardIncrement, increment_of
 from ..contact.formulations.lagrange import LagrangeContact
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
@@ -46,7 +46,7 @@ class MultiplierStep:
         self.contacts, self.joints = contacts, joints
         self._stepped_to: float | None = None
         self._dofs = [contact.dofs for contact in contacts]
-        self._forward = ForwardIncrement([cast(LagrangeContact, contact.law) for contact in contacts], self._dofs)
+        self._forward = increment_of([cast(LagrangeContact, contact.law) for contact in contacts], self._dofs)
         if joints is not None:
             self._carried, self._usual = np.zeros(joints.n), 0.0
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
@@ -114,9 +114,9 @@ class MultiplierStep:
         if forward.laws:
             h = forward.predict(states, step)
             # Farther off, no joint closes a gap within a step, and moving rows are not worth their while.
-            near = not h.min(initial=np.inf) * step**2 >= min(law.gaps.size for law in forward.laws)
+            near = not forward.nearest(h) * step**2 >= min(law.gaps.size for law in forward.laws)
         if near and (forward.take_rows() or changed or self._across is None):
-            pushes = [law.G[:, own] @ joints.push[others] for law, (own, others) in self._pairs(forward)]
+            pushes = [G[:, own] @ joints.push[others] for G, (own, others) in zip(forward.G, self._shared, strict=True)]
             across = self._across = np.vstack(pushes)
             self._yields = -joints.solve(across.T)
             self._by_joints = across @ self._yields
@@ -130,8 +130,8 @@ class MultiplierStep:
                 reaction = reaction + self._yields @ lam
             acceleration = joints.push @ reaction
             if lam.any():
-                for (law, (own, others)), on_rows in zip(self._pairs(forward), forward.split(lam), strict=True):
-                    acceleration[others] += (law.push @ on_rows)[own]
+                for push, (own, others), on_rows in zip(forward.push, self._shared, forward.split(lam), strict=True):
+                    acceleration[others] += (push @ on_rows)[own]
             change = abs(acceleration - before).max()
             if joints.linear or change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
                 break
@@ -143,10 +143,6 @@ class MultiplierStep:
                 "at the start, take a shorter step, or method='implicit'"
             )
         return forward.accelerations(lam) if lam.any() else forward.open(), reaction
-
-    def _pairs(self, forward: ForwardIncrement) -> Iterable[tuple[LagrangeContact, tuple[Array, Array]]]:
-        """Laws, each with where the coordinates that it shares with joints are: among its own and among theirs."""
-        return zip(forward.laws, self._shared, strict=True)
 
 
 def _push(q_t: Array, q_tt: Array, dofs: Array, acceleration: Array, step: float) -> None:

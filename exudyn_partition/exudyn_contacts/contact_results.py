@@ -16,7 +16,6 @@ from ..errors import InputError
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..prediction.yielding import Stress
-from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import MainSystem
@@ -105,21 +104,11 @@ class ContactResults(FrictionResults):
 
     def force(self, result: RunSamples) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
-        return self._sampled(result, slice(0, 1), slice(6, 7))[:, 0]
+        return self._sampled(result, "sForce", slice(0, 1), slice(6, 7))[:, 0]
 
     def force_on_slave(self, result: RunSamples) -> Array:
         """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
-        return self._sampled(result, slice(2, 5), slice(7, 10))
-
-    def _sampled(self, result: RunSamples, forces: slice, impulses: slice) -> Array:
-        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
-        validate_result(result)
-        samples = result.sensor_of(self, self["sForce"])
-        if not self.law.ahead or result.method == "implicit" or len(result.t) < 2:
-            return samples[:, forces]
-        impulse = samples[:, impulses]
-        means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
-        return at_times(result.t, means)
+        return self._sampled(result, "sForce", slice(2, 5), slice(7, 10))
 
     def moment_on_slave(self, result: RunSamples) -> Array:
         """Moment on the slave about the point of `AddMomentSensor`, (n, 3) [N m].

@@ -61,7 +61,7 @@ class ContactRun:
         self.samples: list[tuple[float, Array, Array]] = []
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.edge: tuple[float, Array] | None = None
-        self._impulse = np.zeros(4)
+        self._impulse, self._along = np.zeros(4), np.zeros(3)
         self._stepped_to = t
         self._start, self._at = -np.inf, t
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
@@ -117,6 +117,8 @@ class ContactRun:
         """Count what multipliers have pushed ahead of the step to t."""
         if self.law.index.size:
             self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
+            if self.law.friction is not None:
+                self._along += step * self.law.traction.sum(axis=0)
         self._stepped_to = t
 
     def values(self, t: float, q: Array) -> list[float]:
@@ -145,10 +147,11 @@ class ContactRun:
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
         law = self.law
-        if not law.index.size:
-            return [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), 0.0]
-        stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
-        return [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
+        values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), 0.0]
+        if law.index.size:
+            stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
+            values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
+        return values + self._along.tolist() if law.ahead else values
 
     def _check_step(self, t: float) -> None:
         """Refuse a run in which multipliers were not applied."""

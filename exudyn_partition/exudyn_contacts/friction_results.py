@@ -12,6 +12,7 @@ from ..contact.formulations.formulation import Law
 from ..errors import InputError
 from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from .contact_run import ContactRun
@@ -44,7 +45,18 @@ class FrictionResults(dict[str, Any]):
         InputError
             If the contact is frictionless, or the result is none or of another model.
         """
-        return self._friction_samples(result)[:, :3]
+        self._friction_samples(result)
+        return self._sampled(result, "sFriction", slice(0, 3), slice(7, 10))
+
+    def _sampled(self, result: RunSamples, sensor: str, forces: slice, impulses: slice) -> Array:
+        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
+        validate_result(result)
+        samples = result.sensor_of(self, self[sensor])
+        if not self.law.ahead or result.method == "implicit" or len(result.t) < 2:
+            return samples[:, forces]
+        impulse = samples[:, impulses]
+        means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
+        return at_times(result.t, means)
 
     def stuck_rows(self, result: RunSamples) -> Array:
         """Number of rows that stick, (n,); the other closed rows slip.
@@ -121,7 +133,7 @@ class FrictionResults(dict[str, Any]):
         return len(result.kept(self).areas)
 
     def _friction_samples(self, result: RunSamples) -> Array:
-        """Samples of the sensor `sFriction`, (n, 7)."""
+        """Samples of the sensor `sFriction`, (n, 7); of explicit multipliers also their impulses so far, (n, 10)."""
         if self.friction is None:
             raise InputError(
                 f"contact {self.name!r} is frictionless; give friction= to CreatePartitionContact for tangential forces"

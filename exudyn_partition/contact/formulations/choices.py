@@ -20,7 +20,7 @@ from .compliance import ComplianceContact
 from .coupled import Compliant, CoupledContacts
 from .formulation import Formulation, Law, SharedBody
 from .frictional_compliance import FrictionalCompliance
-from .lagrange import LagrangeContact
+from .lagrange import FrictionalLagrange, LagrangeContact
 from .law import ElasticContact
 from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
 from .two_pass import TwoPass
@@ -87,9 +87,22 @@ class Compliance(Formulation):
 
 
 class Lagrange(Formulation):
-    """Multipliers on patches with mass: `lagrange.LagrangeContact`, in implicit runs `stabilised.StabilisedContact`."""
+    """Multipliers on patches with mass: `lagrange.LagrangeContact`, in implicit runs `stabilised.StabilisedContact`.
+
+    Parameters
+    ----------
+    friction : Coulomb, optional
+        With it, `lagrange.FrictionalLagrange` and `stabilised.FrictionalStabilised`.
+    """
 
     rows = "node-to-segment"
+
+    def __init__(self, friction: Coulomb | None = None) -> None:
+        self.friction = friction
+
+    def with_friction(self, friction: Coulomb) -> Lagrange:
+        """See `Formulation`."""
+        return Lagrange(friction)
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """See `Formulation`."""
@@ -101,7 +114,7 @@ class Lagrange(Formulation):
 
     def law(self, gaps: Gaps) -> LagrangeContact:
         """See `Formulation`."""
-        return LagrangeContact(gaps)
+        return LagrangeContact(gaps) if self.friction is None else FrictionalLagrange(gaps, self.friction)
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
         """See `Formulation`."""

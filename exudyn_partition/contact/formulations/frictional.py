@@ -1,4 +1,4 @@
-"""Base of contact laws with friction: forces along the tangents too, and the memory of where each row stuck last."""
+"""Bases of contact laws with friction: forces along the tangents too, and the memory of where each row stuck last."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from typing import Self
 
 
-class FrictionalContact(ContactLaw):
-    """Forces on rows with friction.
+class FrictionalRows(ContactLaw):
+    """Forces on rows with friction, along their normals and tangents.
 
     What the law remembers belongs to the end of the last accepted step: the forces on the rows, which of them slipped
     and how fast. It is kept by the slave's nodes, with tangential forces as vectors that turn with the master, so that
@@ -40,9 +40,6 @@ class FrictionalContact(ContactLaw):
     forces : (nr, 3) array
         Forces on the present rows along the normal and both tangents [N]; the first column is `lam`.
     """
-
-    remembers = True
-    compliant = True
 
     def __init__(self, gaps: Gaps, friction: Coulomb) -> None:
         self.friction = self._law = friction
@@ -65,7 +62,7 @@ class FrictionalContact(ContactLaw):
         self._last = np.zeros((n, 4))  # forces at the end of the last step: normal, and in the tangents' axes
         self._slipped, self._speed = np.zeros(n, dtype=bool), np.zeros(n)
         self._path = np.zeros(n)
-        self._dissipated, self._start, self._answered = 0.0, -math.inf, False
+        self._dissipated = 0.0
 
     def open_rows(self) -> Array:
         """Open all rows."""
@@ -73,43 +70,9 @@ class FrictionalContact(ContactLaw):
         self.forces, self._state = np.zeros((n, 3)), np.full(n, OPEN, dtype=np.int8)
         return super().open_rows()
 
-    def evaluate(self, motion: Motion) -> Array:
-        """See `Law`."""
-        return self.respond(motion.q)
-
-    def respond(self, q: Array) -> Array:
-        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
-        self.answer(self.gaps.at(q))
-        return self.generalised()
-
     def generalised(self) -> Array:
         """Generalised forces, (n,), from the present forces on the rows."""
         return self.tangential.generalised(self.forces) if self.index.size else self._zero
-
-    def answer(self, gap: Array, pushed: Array | None = None) -> None:
-        """Find the forces on the present rows from their gaps, (nr,) [m], and from how far they have slid.
-
-        `pushed`, (nr, 3) [m], is what the forces of other contacts add to the gaps, and have added to the tangential
-        places since the last accepted step.
-        """
-        self._answered = True
-        if not self.tangential.held:
-            self.tangential.hold()
-        self.least_gap = gap.min(initial=np.inf) if pushed is None else (gap + pushed[:, 0]).min(initial=np.inf)
-        if math.isnan(self.least_gap):
-            raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if self.least_gap >= 0.0:
-            self.open_rows()
-            return
-        self._find(gap, np.zeros((len(gap), 3)) if pushed is None else pushed)
-
-    def _find(self, gap: Array, pushed: Array) -> None:
-        """Find `forces` and `state` of the present rows, some of which are closed."""
-        raise NotImplementedError
-
-    def slips(self) -> Array:
-        """How far the present rows have slipped since the last accepted step, (nr, 2) [m]; of open rows, have moved."""
-        raise NotImplementedError
 
     def last_forces(self) -> Array:
         """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]."""
@@ -121,46 +84,23 @@ class FrictionalContact(ContactLaw):
         nodes = self.gaps.row_nodes
         return self._law.coefficient(self._slipped[nodes], self._speed[nodes])
 
-    def commit(self, start: float) -> None:
-        """Begin a step at time `start` [s]: remember the forces and states at the end of the step before."""
-        if self._answered and start > self._start:
-            self._remember(start - self._start)
-        self._start, self._answered = start, False
+    def remember(self, slips: Array, speeds: Array) -> None:
+        """Remember the present forces and states for the next step.
 
-    def _remember(self, step: float) -> None:
-        nodes = self.gaps.row_nodes
-        self._slipped[:], self._speed[:] = False, 0.0
-        if self.index.size:
-            self._dissipated += self._taken_in_step()
-            slip = self.slips()
-            length, slides = np.linalg.norm(slip, axis=1), self.state == SLIP
-            self._path[nodes[slides]] += length[slides]
-            self._slipped[nodes] = slides
-            self._speed[nodes] = np.where(slides, length / step, 0.0)
-        self._last[:] = 0.0
+        Parameters
+        ----------
+        slips : (nr, 2) array
+            How far the rows have slipped in the step [m].
+        speeds : (nr,) array
+            Slip speed of the rows at its end [m/s].
+        """
+        nodes, slides = self.gaps.row_nodes, self.state == SLIP
+        self._slipped[:], self._speed[:], self._last[:] = False, 0.0, 0.0
+        self._path[nodes[slides]] += np.linalg.norm(slips[slides], axis=1)
+        self._slipped[nodes] = slides
+        self._speed[nodes] = np.where(slides, speeds, 0.0)
         self._last[nodes, 0] = self.forces[:, 0]
         self._last[nodes, 1:] = self.traction @ self.tangential.axes
-        self.tangential.hold()
-
-    def resume(self, earlier: Law, q: Array) -> bool:
-        """See `Law`: rows stick where they stuck, with the forces that they had; the dissipation begins anew."""
-        if not isinstance(earlier, FrictionalContact) or not earlier.index.size:
-            return False
-        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
-            return False
-        nodes = earlier.gaps.row_nodes
-        self._last[nodes, 0] = earlier.forces[:, 0]
-        self._last[nodes, 1:] = earlier.traction @ earlier.tangential.axes
-        self.gaps.at(q)
-        self.tangential.hold()
-        return True
-
-    def _taken_in_step(self) -> float:
-        """Energy that the slip since the last accepted step takes [J].
-
-        By the trapezoid: the force at the end of the step alone would take too much or too little.
-        """
-        return -0.5 * float(np.sum(self.slips() * (self.last_forces() + self.forces)[:, 1:]))
 
     @property
     def traction(self) -> Array:
@@ -177,7 +117,7 @@ class FrictionalContact(ContactLaw):
 
     def dissipated(self) -> float:
         """See `Law`."""
-        return self._dissipated + (self._taken_in_step() if self._answered and self.index.size else 0.0)
+        return self._dissipated
 
     @property
     def state(self) -> Array:
@@ -216,3 +156,93 @@ class FrictionalContact(ContactLaw):
         if not self.index.size:
             return np.zeros(3)
         return self.gaps.moment_of(self.tangential.at_points(self.forces), point)
+
+
+class FrictionalContact(FrictionalRows):
+    """Forces on rows with friction that follow from the coordinates and from the last accepted step.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    friction : Coulomb
+    """
+
+    remembers = True
+    compliant = True
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        self._start, self._answered = -math.inf, False
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.respond(motion.q)
+
+    def respond(self, q: Array) -> Array:
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
+        self.answer(self.gaps.at(q))
+        return self.generalised()
+
+    def answer(self, gap: Array, pushed: Array | None = None) -> None:
+        """Find the forces on the present rows from their gaps, (nr,) [m], and from how far they have slid.
+
+        `pushed`, (nr, 3) [m], is what the forces of other contacts add to the gaps, and have added to the tangential
+        places since the last accepted step.
+        """
+        self._answered = True
+        if not self.tangential.held:
+            self.tangential.hold()
+        self.least_gap = gap.min(initial=np.inf) if pushed is None else (gap + pushed[:, 0]).min(initial=np.inf)
+        if math.isnan(self.least_gap):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if self.least_gap >= 0.0:
+            self.open_rows()
+            return
+        self._find(gap, np.zeros((len(gap), 3)) if pushed is None else pushed)
+
+    def _find(self, gap: Array, pushed: Array) -> None:
+        """Find `forces` and `state` of the present rows, some of which are closed."""
+        raise NotImplementedError
+
+    def slips(self) -> Array:
+        """How far the present rows have slipped since the last accepted step, (nr, 2) [m]; of open rows, have moved."""
+        raise NotImplementedError
+
+    def commit(self, start: float) -> None:
+        """Begin a step at time `start` [s]: remember the forces and states at the end of the step before."""
+        if self._answered and start > self._start:
+            self._remember(start - self._start)
+        self._start, self._answered = start, False
+
+    def _remember(self, step: float) -> None:
+        slips = np.zeros((len(self.forces), 2))
+        if self.index.size:
+            self._dissipated += self._taken_in_step()
+            slips = self.slips()
+        self.remember(slips, np.linalg.norm(slips, axis=1) / step)
+        self.tangential.hold()
+
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`: rows stick where they stuck, with the forces that they had; the dissipation begins anew."""
+        if not isinstance(earlier, FrictionalContact) or not earlier.index.size:
+            return False
+        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+            return False
+        nodes = earlier.gaps.row_nodes
+        self._last[nodes, 0] = earlier.forces[:, 0]
+        self._last[nodes, 1:] = earlier.traction @ earlier.tangential.axes
+        self.gaps.at(q)
+        self.tangential.hold()
+        return True
+
+    def _taken_in_step(self) -> float:
+        """Energy that the slip since the last accepted step takes [J].
+
+        By the trapezoid: the force at the end of the step alone would take too much or too little.
+        """
+        return -0.5 * float(np.sum(self.slips() * (self.last_forces() + self.forces)[:, 1:]))
+
+    def dissipated(self) -> float:
+        """See `Law`."""
+        return self._dissipated + (self._taken_in_step() if self._answered and self.index.size else 0.0)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from ...algebra.complementarity import regularised
+from ...algebra.friction import OPEN, SLIP, STICK
 from ...errors import RunError
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import dense
-from .formulation import Law, Method
+from .formulation import Law, Method, Motion
+from .frictional import FrictionalRows
 from .law import ContactLaw
-from .stabilised import StabilisedContact
+from .stabilised import FrictionalStabilised, StabilisedContact
 
 _CLOSED = 1e-6  # of a facet's size; central differences keep gaps closed up to round-off
 
@@ -66,11 +69,15 @@ class LagrangeContact(ContactLaw):
         gaps = self.gaps
         if not gaps.moving and self._held is gaps.held:
             return False
-        self.G = gaps.jacobian(np.arange(len(gaps.row_nodes)))
+        self.G = self._jacobian(np.arange(len(gaps.row_nodes)))
         self.push = gaps.accelerations(self.G)
         self.F = regularised(dense(self.G @ self.push))  # between flat patches there are more rows than coordinates
         self._held = gaps.held
         return True
+
+    def _jacobian(self, index: Array) -> Rows:
+        """Derivative of what multipliers act along, (na, n), of some rows by the coordinates."""
+        return self.gaps.jacobian(index)
 
     @property
     def guess(self) -> Array:
@@ -121,3 +128,94 @@ class LagrangeContact(ContactLaw):
         deepest = self.gaps.of_present(q).min(initial=0.0)
         if deepest < -_CLOSED * self.gaps.size:
             raise _not_central_differences(f"a gap is {deepest:.3g} m")
+
+
+class FrictionalLagrange(FrictionalRows, LagrangeContact):
+    """Multipliers along normals and tangents. A row that sticks does not move along its tangents in the coming step.
+
+    The gaps at the end of the step are zero or positive. With s the way that a row slides in the step::
+
+        |lambda_t| <= mu lambda_n,    s = 0 where |lambda_t| < mu lambda_n,
+
+    and where |lambda_t| = mu lambda_n, s is opposite to lambda_t. `forward_increment.FrictionalIncrement` computes
+    lambda.
+
+    In central differences, lambda acts at the start of the step. Friction takes its impulse times the mean of the slip
+    rates half a step before and after: the change of kinetic energy. That includes what nodes with mass lose along the
+    surface when they touch and stick at once. The coefficient follows from the step before. So do the places of a
+    rigid surface that a body carries.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    friction : Coulomb
+
+    Attributes
+    ----------
+    G, push, F
+        Of the three directions of each row, (3 nr, n), (n, 3 nr) and (3 nr, 3 nr).
+    """
+
+    def for_run(self, method: Method) -> Law:
+        """Return this law for explicit runs, or `stabilised.FrictionalStabilised` for implicit ones."""
+        return FrictionalStabilised(self.gaps.fresh(), self._law) if method == "implicit" else self.fresh()
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        self._pose: Array | None = None
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`; the force element applies no force."""
+        return self._zero
+
+    def _jacobian(self, index: Array) -> Rows:
+        return self.tangential.jacobian(index)
+
+    def predict(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array:
+        """Gaps at the end of the coming step, and ways along the tangents in it, (3 nr,) [m], without contact forces.
+
+        The ways of rows that are far away are not computed.
+        """
+        gap = super().predict(q, q_t, q_tt, step)
+        pose = self.gaps.carrier_pose
+        places, self._step, self._q_tt = np.zeros((len(gap), 3)), step, q_tt
+        places[:, 0] = gap
+        if self.least_gap < self.gaps.size:
+            self.tangential.hold_at(q, pose if self._pose is None else self._pose)
+            places[:, 1:] = self.tangential.way()
+        self._pose, self._free = pose, places[:, 1:]
+        return places.ravel()
+
+    @property
+    def last_states(self) -> Array:
+        """Whether the present rows were open, stuck or slipped in the last step, (nr,) int8."""
+        nodes = self.gaps.row_nodes
+        closed = np.where(self._slipped[nodes], SLIP, STICK)
+        return np.where(self._last[nodes, 0] > 0, closed, OPEN).astype(np.int8)
+
+    def open(self) -> None:
+        """Leave all rows open in the coming step."""
+        if self.index.size:
+            super().open()
+            self.remember(np.zeros((len(self.forces), 2)), np.zeros(len(self.forces)))
+
+    def act(self, forces: Array, state: Array, places: Array, scale: float) -> None:
+        """Apply forces, (nr, 3) [N], to the rows in the coming step.
+
+        Parameters
+        ----------
+        forces : (nr, 3) array
+        state : (nr,) int8 array
+            Whether rows are open, stick or slip.
+        places : (nr, 3) array
+            Gaps at the end of the step, and ways along the tangents in it [m].
+        scale : float
+            See `close`.
+        """
+        self.close(forces[:, 0], np.flatnonzero(state), places[:, 0], scale)
+        self.forces, self._state, slips = forces, state, places[:, 1:]
+        if self.index.size:
+            before = self._free - self._step**2 * np.asarray(self.G @ self._q_tt).reshape(-1, 3)[:, 1:]
+            self._dissipated -= 0.5 * float(np.sum(forces[:, 1:] * (before + slips)))
+        self.remember(slips, np.linalg.norm(slips, axis=1) / self._step)

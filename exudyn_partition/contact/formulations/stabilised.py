@@ -10,10 +10,14 @@ import scipy.sparse as sp
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.factorisation import Factorisation
+from ...algebra.friction import SLIP, STICK, FrictionProblem
 from ...errors import ComplementarityError
+from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Side
+from ..tangential import directions
 from .formulation import Motion
+from .frictional import FrictionalRows
 from .law import ContactLaw
 
 _AHEAD = 2.0  # number of steps by which gaps are predicted
@@ -61,7 +65,7 @@ class StabilisedContact(ContactLaw):
         self._flexibilities: dict[float, list[Array]] = {}
         self._longest = 0.0
         self._evaluations = 0
-        self._expected = self._last = np.zeros(len(self._closed_nodes))
+        self._expected = self._before = np.zeros(len(self._closed_nodes))
         self._held: object = None
         self._taken = False
 
@@ -101,22 +105,35 @@ class StabilisedContact(ContactLaw):
         if self.least_gap >= 0.0 and not expected.any():
             return self.open_rows()
         self._take_rows(step)
-        w = h - self.problem.F @ expected
         self._longest = max(self._longest, step)
-        if self._evaluations < _PATIENCE or step > _CUT * self._longest:
+        held = self._evaluations >= _PATIENCE and step <= _CUT * self._longest
+        return self._found(h, expected, q_t, held)
+
+    def _found(self, h: Array, expected: Array, q_t: Array, held: bool) -> Array:
+        """Generalised contact force, (n,); with `held` rows no longer open or close.
+
+        Parameters
+        ----------
+        h, expected : (nr,) arrays
+            Predicted gaps [m] and extrapolated forces [N] of the present rows.
+        q_t : (n,) array
+        held : bool
+        """
+        w = h - self.problem.F @ expected
+        if not held:
             lam = self.problem.solve(w)
         else:
             lam = np.zeros(len(w))
             lam[self.problem.index] = self.problem.solve_active(-w[self.problem.index])
         self.close_rows(lam, self.problem.index)
-        return gaps.generalised(lam)
+        return self.gaps.generalised(lam)
 
     def commit(self, start: float) -> None:
         """Begin a new step: keep the last forces as those of the previous step, and extrapolate them."""
         last = np.zeros(len(self._closed_nodes))
         last[self.gaps.row_nodes[self.index]] = self.lam[self.index]
-        self._expected = 2 * last - self._last
-        self._last, self._evaluations = last, 0
+        self._expected = 2 * last - self._before
+        self._before, self._evaluations = last, 0
 
     def _take_rows(self, step: float) -> None:
         """Compute F of the present rows, if the rows or the step have changed."""
@@ -130,23 +147,150 @@ class StabilisedContact(ContactLaw):
             gaps.sides = tuple(replace(side, flexibility=flexibility) for side, flexibility in both)
         elif self._taken and not gaps.moving and self._held is gaps.held:
             return
+        self._set_up()
+        self._step, self._held = step, gaps.held
+
+    def _set_up(self) -> None:
+        """Set up the problem of the present rows."""
+        gaps = self.gaps
         F = regularised(_SHARE * gaps.flexibility(np.arange(len(gaps.row_nodes))))
         if not self._taken:
             self.problem, self._taken = Complementarity(F), True
         self.problem.replace(F, self._closed_nodes[gaps.row_nodes])
-        self._step, self._held = step, gaps.held
 
     def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
         """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of the force F, with the pairs held."""
         n, index = self.gaps.n, self.index
         if not index.size:
             return sp.csr_matrix((n, n))
-        H = sp.csr_matrix(self.gaps.jacobian(index))
-        some = np.unique(H.indices)  # only coordinates that closed rows depend on, of the many nodal ones
-        part = H[:, some].toarray()
+        some, part = _dependent(self.gaps.jacobian(index))
         stiffness = (by_q + _AHEAD * self._step * by_q_t) * (part.T @ self.problem.solve_active(part))
-        place = np.repeat(some, len(some)), np.tile(some, len(some))
-        return sp.csr_matrix((stiffness.ravel(), place), shape=(n, n))
+        return _spread(stiffness, some, n)
+
+
+class FrictionalStabilised(FrictionalRows, StabilisedContact):
+    """Stabilised multipliers with Coulomb friction.
+
+    Normal rows are those of `StabilisedContact`. Along the tangents of a row, with v its slip rate at the end of the
+    step::
+
+        w_t = 2 s v + (F (lambda - lambda*))_t,    |lambda_t| <= mu lambda_n,    w_t = 0 where |lambda_t| < mu lambda_n,
+
+    and where |lambda_t| = mu lambda_n, w_t is opposite to lambda_t. F is that of all three directions. Rows that stick
+    have no slip rate, once forces are smooth. The rate enters, not the place where a row stuck first: a place would
+    need equations of index 3, and sticking rows move by no more than the error of the steps.
+
+    Friction takes the mean of the forces at both ends of the step times the mean of the slip rates there. Where
+    Newton's iteration cycles, rows keep their state for the rest of the step, and forces are linear in w.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    friction : Coulomb
+    """
+
+    friction_problem: FrictionProblem
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        self._expected = np.zeros((len(self._closed_nodes), 4))  # as the forces of the last step
+        self._rates_then = np.zeros((len(self._closed_nodes), 3))  # slip rates at its end, in the tangents' axes
+        self._rates: Array | None = None
+        self._from: tuple[Array, Array, Array] | None = None
+
+    @property
+    def iterations(self) -> int:
+        """See `Law`."""
+        return self.friction_problem.iterations if self._taken else 0
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.respond(motion.q, motion.q_t, motion.step)
+
+    def open_rows(self) -> Array:
+        """Open all rows."""
+        self._rates = self._from = None
+        return super().open_rows()
+
+    def _set_up(self) -> None:
+        F = regularised(_SHARE * self.tangential.flexibility())
+        nodes = self.gaps.row_nodes
+        if not self._taken:
+            self.friction_problem, self._taken = FrictionProblem(F), True
+        closed = np.where(self._slipped[nodes], SLIP, STICK) * self._closed_nodes[nodes]
+        self.friction_problem.replace(F, closed, self.last_forces())
+
+    def _found(self, h: Array, expected: Array, q_t: Array, held: bool) -> Array:
+        problem = self.friction_problem
+        along = self.tangential.along(expected[:, 1:] @ self.tangential.axes.T)
+        self._rates = self.tangential.rates(q_t)
+        w = np.column_stack([h, _AHEAD * self._step * self._rates])
+        w -= (problem.F @ np.column_stack([expected[:, 0], along]).ravel()).reshape(-1, 3)
+        if held and self._from is not None and len(self._from[1]) == len(w):
+            K, w_then, forces = self._from
+            some = directions(problem.index)
+            self.forces = forces.copy()
+            self.forces[problem.index] -= (K @ (w - w_then).ravel()[some]).reshape(-1, 3)
+        else:
+            self.forces = problem.solve(w, self.coefficients())
+            self._state = problem.state
+            self._from = (problem.derivative(), w, self.forces) if held and problem.index.size else None
+        self.close_rows(self.forces[:, 0], problem.index)
+        return self.generalised()
+
+    def commit(self, start: float) -> None:
+        """Begin a new step: remember the last forces and slip rates, and extrapolate the forces."""
+        then, length = self._last.copy(), np.zeros(len(self.forces))
+        rates = np.zeros((len(self.forces), 2)) if self._rates is None else self._rates
+        if self.index.size:
+            self._dissipated += self._taken_in_step()
+            length = np.linalg.norm(rates, axis=1)
+        self.remember(self._way() if self.index.size else rates, length)
+        self._rates_then[:] = 0.0
+        self._rates_then[self.gaps.row_nodes] = self.tangential.in_space(rates) @ self.tangential.axes
+        self._expected, self._evaluations = 2 * self._last - then, 0
+        self._rates = self._from = None
+
+    def _way(self) -> Array:
+        """How far the present rows have slid in the step, (nr, 2) [m]; those that were open, after they closed."""
+        assert self._rates is not None
+        nodes = self.gaps.row_nodes
+        before = self.tangential.along(self._rates_then[nodes] @ self.tangential.axes.T)
+        before[self._last[nodes, 0] == 0] = self._rates[self._last[nodes, 0] == 0]
+        return 0.5 * self._step * (before + self._rates)
+
+    def _taken_in_step(self) -> float:
+        """Energy that friction takes in the present step [J]."""
+        return -0.5 * float(np.sum(self._way() * (self.last_forces() + self.forces)[:, 1:]))
+
+    def dissipated(self) -> float:
+        """See `Law`."""
+        return self._dissipated + (self._taken_in_step() if self.index.size and self._rates is not None else 0.0)
+
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """See `Law`; unsymmetric where rows slip."""
+        n, index = self.gaps.n, self.index
+        if not index.size:
+            return sp.csr_matrix((n, n))
+        some, part = _dependent(self.tangential.jacobian(index))
+        of_rates = _AHEAD * self._step * by_q_t
+        scales = np.tile([by_q + of_rates, of_rates, of_rates], len(index))
+        K = self.friction_problem.derivative() if self._from is None else self._from[0]
+        return _spread(part.T @ (K @ (scales[:, None] * part)), some, n)
+
+
+def _dependent(rows: Rows) -> tuple[Array, Array]:
+    """Coordinates that rows, (na, n), depend on, (k,), of the many nodal ones, and the rows on these, (na, k)."""
+    H = sp.csr_matrix(rows)
+    some = np.unique(H.indices)
+    return some, H[:, some].toarray()
+
+
+def _spread(part: Array, some: Array, n: int) -> sp.csr_matrix:
+    """Matrix on all coordinates, (n, n), of one on some of them, (k, k)."""
+    place = np.repeat(some, len(some)), np.tile(some, len(some))
+    return sp.csr_matrix((part.ravel(), place), shape=(n, n))
 
 
 def _dynamic_flexibility(side: Side, step: float) -> Array:
