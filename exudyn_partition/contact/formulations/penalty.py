@@ -7,11 +7,11 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
+from ...algebra.coulomb import Coulomb
 from ...algebra.friction import OPEN, SLIP, STICK
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..coulomb import Coulomb
 from ..gaps import Gaps
 from .frictional import FrictionalContact
 from .law import ElasticContact
