@@ -200,7 +200,7 @@ class FrictionalStabilised(FrictionalRows, StabilisedContact):
     def reset(self) -> None:
         """Go back to the start."""
         super().reset()
-        self._expected = np.zeros((len(self._closed_nodes), 4))  # as the forces of the last step
+        self._expected: Array = np.zeros((len(self._closed_nodes), 4))  # as the forces of the last step
         self._rates_then = np.zeros((len(self._closed_nodes), 3))  # slip rates at its end, in the tangents' axes
         self._rates: Array | None = None
         self._from: tuple[Array, Array, Array] | None = None
