@@ -158,7 +158,7 @@ class FrictionalLagrange(FrictionalRows, LagrangeContact):
 
     def for_run(self, method: Method) -> Law:
         """Return this law for explicit runs, or `stabilised.FrictionalStabilised` for implicit ones."""
-        return FrictionalStabilised(self.gaps.fresh(), self._law) if method == "implicit" else self.fresh()
+        return FrictionalStabilised(self.gaps.fresh(), self._law) if method == "implicit" else super().for_run(method)
 
     def reset(self) -> None:
         """Go back to the start."""
@@ -178,7 +178,7 @@ class FrictionalLagrange(FrictionalRows, LagrangeContact):
         The ways of rows that are far away are not computed.
         """
         gap = super().predict(q, q_t, q_tt, step)
-        pose = self.gaps.carrier_pose
+        pose = self.gaps.evaluated_pose
         places, self._step, self._q_tt = np.zeros((len(gap), 3)), step, q_tt
         places[:, 0] = gap
         if self.least_gap < self.gaps.size:
