@@ -9,8 +9,9 @@ import exudyn_partition as ep
 
 MU, LOAD, SPEED = 0.2, 2e4, 1.0  # the load is a mass times this acceleration [m/s2], the speed in m/s
 END = 60e-6
+STEPS = {"explicit": None, "implicit": 0.2e-6}
 
-WAYS = [("compliance", "residual"), ("penalty", "residual"), ("penalty", "craig-bampton")]
+WAYS = [("penalty", "residual"), ("penalty", "craig-bampton"), ("lagrange", "craig-bampton")]
 
 
 @pytest.fixture(scope="session")
@@ -41,7 +42,7 @@ def slide(body, formulation, *, speed=SPEED, push=0.0, friction=MU, load=LOAD, e
 def test_a_sliding_puck_decelerates_at_mu_g(puck, formulation, basis, method):
     """Its momentum falls by mu times the impulse of the normal force, which is what the load leaves unbalanced."""
     body = puck(basis)
-    item, contact, result = slide(body, formulation, method=method, end=0.5 * END)
+    item, contact, result = slide(body, formulation, method=method, end=0.3 * END, step=STEPS[method])
     velocity = item.momentum(result) / body.total_mass
     normal = LOAD * result.t[-1] + velocity[-1, 2]  # impulse of the plane on the puck, by its mass
     assert velocity[-1, 0] - SPEED == pytest.approx(-MU * normal, rel=1e-3)
