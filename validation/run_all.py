@@ -245,6 +245,7 @@ CASES = {
     "formulations": Case("contact/formulations.py", formulations),
     "friction_half_space": Case("friction/half_space.py", limits(("maw", "force", "stick_radius", "loss")), quick=(),
                                 figures=("friction_half_space.png",)),
+    "friction_random_starts": Case("friction/random_starts.py", limits(("failures", "violation", "newton_steps"))),
     "friction_motion": Case("friction/motion.py", limits(
         ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin"))),
     "friction_oblique": Case("friction/oblique.py", limits(
@@ -255,8 +256,6 @@ CASES = {
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
     "damping": Case("inelastic/damping.py", damping),
-    "statics": Case("inelastic/statics.py", limits(("spheres", "pressure", "stack", "frequencies", "preloaded")),
-                    quick=None, figures=("inelastic_statics.png",)),
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
