@@ -1,11 +1,21 @@
 """Small bodies that several tests share; meshes and reductions are made once a session."""
 
+from pathlib import Path
+
 import exudyn as exu
 import netgen.occ as occ
 import pytest
 from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, TOP, box, end, hexahedra, write
 
 import exudyn_partition as ep
+
+TESTS = Path(__file__).parent
+LONG = ("examples", "validation")  # folders of files that take a minute or more
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with long files: the last file of a run keeps one worker busy while the other one has nothing to do."""
+    items.sort(key=lambda item: item.path.relative_to(TESTS).parts[0] not in LONG)
 
 
 @pytest.fixture(scope="session")
@@ -25,8 +35,8 @@ def sphere():
     """A steel sphere of radius 10 mm, fine at its south pole, which is the origin."""
     shape = occ.Sphere(occ.Pnt(0, 0, SPHERE_RADIUS), SPHERE_RADIUS)
     fine = ep.Refine((0, 0, 0), 0.3e-3, 0.08e-3)
-    fem = ep.fe_model(shape, SPHERE_MATERIAL, maxh=3e-3, refine=[fine], grading=0.4)
-    return fem, ep.Partition.ball(fem, (0, 0, 0), 0.45e-3)
+    fem = ep.fe_model(shape, SPHERE_MATERIAL, maxh=3e-3, refine=[fine], grading=0.5)
+    return fem, ep.Partition.ball(fem, (0, 0, 0), 0.5e-3)
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +44,7 @@ def other_sphere():
     """The same with its north pole at the origin, meshed on its own so that the two meshes do not match."""
     shape = occ.Sphere(occ.Pnt(0, 0, -SPHERE_RADIUS), SPHERE_RADIUS)
     fine = ep.Refine((0, 0, 0), 0.35e-3, 0.09e-3)
-    fem = ep.fe_model(shape, SPHERE_MATERIAL, maxh=3e-3, refine=[fine], grading=0.4)
+    fem = ep.fe_model(shape, SPHERE_MATERIAL, maxh=3e-3, refine=[fine], grading=0.5)
     return fem, ep.Partition.ball(fem, (0, 0, 0), 0.6e-3)
 
 

@@ -256,6 +256,8 @@ CASES = {
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
     "damping": Case("inelastic/damping.py", damping),
+    "statics": Case("inelastic/statics.py", limits(("spheres", "pressure", "stack", "frequencies", "preloaded")),
+                    quick=None, figures=("inelastic_statics.png",)),
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),

@@ -49,7 +49,7 @@ def test_the_true_force_error_is_below_the_tolerance_and_near_the_estimate(pair)
         ep.reference.FullBody(fem, partition, velocity=(0, 0, v))
         for (fem, partition), v in zip(models, (-SPEED, 0.0), strict=True)
     ]
-    reference = ep.reference.simulate(full, end_time=END, step=0.1e-6, alpha=0.0)
+    reference = ep.reference.simulate(full, end_time=END, step=0.2e-6, alpha=0.0)
     error = ep.compare(run(bodies), reference).error["force"]
     estimate = bodies[0].estimate
     assert error < estimate.tolerance == 0.02

@@ -287,10 +287,15 @@ def plate():
     return fem, ep.Partition.ball(fem, (0, 0, 0), 1.5e-3)
 
 
-def strike(ball, plate, f_cut, frame="inertial", static=True):
-    """A ball on the plate: force, displacement, velocity and strain below, and the plate, the result, its reduction."""
+@pytest.fixture(scope="module")
+def reduced_plate(plate, kept):
+    """The same, reduced to a frequency."""
+    return lambda f_cut: ep.reduce(*plate, basis="residual", f_cut=f_cut, cache=kept)
+
+
+def strike(striker, body, plate, frame="inertial", static=True):
+    """A ball on the plate: force, displacement, velocity and strain below, and the plate, the result."""
     mbs = exu.SystemContainer().AddSystem()
-    striker, body = ep.reduce(*ball, basis="residual", f_cut=150e3), ep.reduce(*plate, basis="residual", f_cut=f_cut)
     turned = Rotation.from_rotvec([0, 0.5 * np.pi * (frame == "floating"), 0]).as_matrix()
     options = {"frame": "floating", "referenceRotation": turned} if frame == "floating" else {}
     thrown = ep.CreatePartitionBody(mbs, striker, initialVelocity=-0.5 * turned[:, 2], **options)
@@ -304,13 +309,19 @@ def strike(ball, plate, f_cut, frame="inertial", static=True):
     return (contact.force(result), u, v, strain), item, result
 
 
+@pytest.fixture(scope="module")
+def rich(bodies, reduced_plate, plate):
+    """Histories with far more modes."""
+    return strike(bodies[0], reduced_plate(200e3), plate)[0]
+
+
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
-def test_points_near_a_contact_have_its_static_answer(ball, plate, frame):
+def test_points_near_a_contact_have_its_static_answer(ball, plate, bodies, reduced_plate, rich, frame):
     """Below a plate that is hit, against far more modes: the force is there with few, and with `fem` the motion is."""
-    rich = strike(ball, plate, 200e3)[0]
+    striker, coarse = bodies[0], reduced_plate(30e3)
     with pytest.warns(ModelLimitWarning, match=r"body 'plate': near a contact the (velocity|displacement) of a point"):
-        kept, item, result = strike(ball, plate, 30e3, frame, static=False)
-    complete = strike(ball, plate, 30e3, frame)[0]
+        kept, item, result = strike(striker, coarse, plate, frame, static=False)
+    complete = strike(striker, coarse, plate, frame)[0]
     errors = [[relative(*pair) for pair in zip(history, rich, strict=True)] for history in (kept, complete)]
     assert errors[0][0] < 0.02
     for before, after in zip(errors[0][1:], errors[1][1:], strict=True):
@@ -323,7 +334,7 @@ def test_points_near_a_contact_have_its_static_answer(ball, plate, frame):
         item.velocity(result, BELOW, fem=ball[0])
     with pytest.raises(InputError, match="fem: expected what fe_model"):
         item.velocity(result, BELOW, fem=3.0)
-    other = recovery.StaticAnswer(plate[0], ep.reduce(*plate, basis="residual", f_cut=30e3))
+    other = recovery.StaticAnswer(plate[0], reduced_plate(30e3))
     with pytest.raises(InputError, match="got one of another body"):
         item.displacement(result, BELOW, fem=other)
 

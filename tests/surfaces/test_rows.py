@@ -60,16 +60,16 @@ def test_pairs_do_not_depend_on_the_way_to_go(bodies, ball_is_slave):
 
 
 def test_a_direction_that_is_given_leads(sphere, other_sphere):
-    """Two spheres a metre apart: along the mesh's own mean normals they would miss each other."""
+    """Two spheres ten metres apart: along the mesh's own mean normals they would miss each other."""
     (fem, part), (other, other_part) = sphere, other_sphere
     given = ep.Partition.ball(fem, (0, 0, 0), 0.45e-3, direction=[0, 0, -1])
     master = Surface.of(other.points, other_part.patches[0], np.zeros(3))
     touching = pair_surfaces(Surface.of(fem.points, given.patches[0], np.zeros(3)), master)
-    apart = pair_surfaces(Surface.of(fem.points, given.patches[0], np.array([0, 0, 1.0])), master)
+    apart = pair_surfaces(Surface.of(fem.points, given.patches[0], np.array([0, 0, 10.0])), master)
     np.testing.assert_array_equal(touching.points.row_nodes, apart.points.row_nodes)
-    np.testing.assert_allclose(apart.gap, touching.gap + abs(touching.normal[:, 2]), rtol=1e-6)
+    np.testing.assert_allclose(apart.gap, touching.gap + 10 * abs(touching.normal[:, 2]), rtol=1e-6)
     with pytest.raises(EmptyRegionError):
-        pair_surfaces(Surface.of(fem.points, part.patches[0], np.array([0, 0, 1.0])), master)
+        pair_surfaces(Surface.of(fem.points, part.patches[0], np.array([0, 0, 10.0])), master)
 
 
 def test_penetration_at_the_start(surfaces):
