@@ -81,7 +81,8 @@ def CreatePartitionContact(
         does; where patches have mass, what adds a tenth to their highest squared frequency at most.
     friction : float or Coulomb, optional
         Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Residual flexibilities must be those of patches
-        with axes="xyz". Default: frictionless.
+        with axes="xyz". How rows stick: `frictional_compliance`, `penalty`, `lagrange` and `stabilised` in
+        `contact.formulations`. Default: frictionless.
     name : str
 
     Returns

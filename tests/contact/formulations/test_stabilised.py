@@ -10,7 +10,8 @@ import scipy.sparse as sp
 from oracles import TOP, box, hexahedra, relative, write
 
 import exudyn_partition as ep
-from exudyn_partition.contact.formulations.stabilised import StabilisedContact
+from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.contact.formulations.stabilised import FrictionalStabilised, StabilisedContact
 from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.frames.inertial import InertialKinematics
@@ -205,25 +206,34 @@ def test_plain_solve_dynamic_and_both_solvers_in_turn(nodal):
 
 
 @pytest.fixture
-def law(nodal):
-    """The stabilised law of ball and block, two steps in a closed state old."""
+def gaps(nodal):
+    """Gaps of ball and block."""
     sides = [Side.of(InertialKinematics(body, np.array(p))) for body, p in zip(nodal, (TOP, (0, 0, 0)), strict=True)]
-    return StabilisedContact(PatchGaps(*sides, "node-to-segment"))
+    return PatchGaps(*sides, "node-to-segment")
 
 
-def test_tangent_against_finite_differences(law, nodal):
+@pytest.mark.parametrize("slip", [None, 1e-3, 30.0])
+def test_tangent_against_finite_differences(gaps, nodal, slip):
+    """Two steps in a closed state old; without friction, and with it in stick and in slip, at speeds in m/s."""
+    law = StabilisedContact(gaps) if slip is None else FrictionalStabilised(gaps, ep.Coulomb(0.3))
     q = np.concatenate([-2e-6 * nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
     q_t, step = 1e4 * q, 1e-7
+    if slip is not None:
+        q_t[: nodal[0].n_dofs] += nodal[0].rigid[:, :2] @ np.array([0.6, -0.8]) * slip
     for start in (0.0, 1.0, 2.0):
         law.commit(start)
-        force = law.respond(q * (1 + 0.1 * start), q_t, step)
+        law.respond(q * (1 + 0.1 * start), q_t, step)
     assert law.index.size > 3
+    assert slip is None or (law.state == (STICK if slip < 1 else SLIP)).sum() > 3
     tangents = [law.tangent_matrix(1.0, 0.0), law.tangent_matrix(0.0, 1.0)]
     direction = np.random.default_rng(0).standard_normal(len(q))
     for tangent, moved in zip(tangents, ((1, 0), (0, 1)), strict=True):
         size = 1e-12 / (step if moved[1] else 1)
-        change = law.respond(q * 1.2 + size * moved[0] * direction, q_t + size * moved[1] * direction, step) - force
-        assert relative(-tangent @ (size * direction), change) < 1e-5
+        ahead, back = (
+            law.respond(q * 1.2 + way * moved[0] * direction, q_t + way * moved[1] * direction, step).copy()
+            for way in (size, -size)
+        )
+        assert relative(-2 * tangent @ (size * direction), ahead - back) < (1e-5 if slip is None else 1e-4)
 
 
 class FlatRows(SimpleNamespace):
