@@ -21,7 +21,7 @@ from .frictional import FrictionalRows
 from .law import ContactLaw
 
 _AHEAD = 2.0  # number of steps by which gaps are predicted
-_ALONG = 0.2  # the same along tangents, so that closed rows that slip turn slowly
+_ALONG = 0.8  # the same for slip; twice the share below, for at the same a node that sticks would be unstable
 _SHARE = 0.4  # share of the compliance that a time step sees
 _PATIENCE = 30  # evaluations in a shortened step after which rows no longer open or close
 _CUT = 0.26  # of the longest step: below it, a step counts as shortened
@@ -172,19 +172,17 @@ class StabilisedContact(ContactLaw):
 class FrictionalStabilised(FrictionalRows, StabilisedContact):
     """Stabilised multipliers with Coulomb friction.
 
-    Normal rows are those of `StabilisedContact`. Along the tangents of a row, with v its slip rate and lambda_n the
-    forces at the end of the last step::
+    Normal rows are those of `StabilisedContact`. Along the tangents of a row, with v its slip rate at the end of the
+    step::
 
-        w_t = 0.2 s v + (F (lambda - lambda_n))_t,    |lambda_t| <= mu N,    w_t = 0 where |lambda_t| < mu N,
+        w_t = 0.8 s v + (F (lambda - lambda*))_t,  |lambda_t| <= mu lambda_n,  w_t = 0 where |lambda_t| < mu lambda_n,
 
-    and where |lambda_t| = mu N, with N the normal force, w_t is opposite to lambda_t. F is that of all three
-    directions. Rows that stick have no slip rate under constant forces; otherwise they yield a little, as springs
-    whose flexibility is of second order in the step.
+    and where |lambda_t| = mu lambda_n, w_t is opposite to lambda_t. F is that of all three directions. Rows that stick
+    have no slip rate under constant or steadily changing forces.
 
-    The rate enters, not the place where a row stuck first: a place would need equations of index 3. At a node without
-    neighbours, both terms of w_t answer alike to a change of its force. So Newton's iteration finds the directions of
-    slip; ten times the rate, as gaps have it, makes directions flip from one iteration to the next. With an
-    extrapolated force instead of lambda_n, nodes that stick would become unstable.
+    The rate enters, not the place where a row stuck first: a place would need equations of index 3. With 2 s v, as gaps
+    have it, the directions of slip flip from one iteration to the next, and Newton's method cycles. Below 0.4 s v, a
+    node without neighbours that sticks is unstable in the trapezoidal rule.
 
     Friction takes the mean of the forces at both ends of the step times the mean of the slip rates there. Where
     Newton's iteration cycles, rows keep their state for the rest of the step, and forces are linear in w.
@@ -255,8 +253,7 @@ class FrictionalStabilised(FrictionalRows, StabilisedContact):
         self.remember(self._way() if self.index.size else rates, length)
         self._rates_then[:] = 0.0
         self._rates_then[self.gaps.row_nodes] = self.tangential.in_space(rates) @ self.tangential.axes
-        self._expected, self._evaluations = self._last.copy(), 0
-        self._expected[:, 0] += self._last[:, 0] - then[:, 0]
+        self._expected, self._evaluations = 2 * self._last - then, 0
         self._rates = self._from = None
 
     def _way(self) -> Array:
