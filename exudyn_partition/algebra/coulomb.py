@@ -54,24 +54,26 @@ class Coulomb:
             if kinetic == self.static:
                 raise InputError("decay: has no effect where both coefficients are the same; leave it out")
 
-    def coefficient(self, slips: Array, speed: Array) -> Array:
-        """Coefficients of places, (n,).
-
-        Parameters
-        ----------
-        slips : (n,) bool array
-            Which places slip.
-        speed : (n,) array
-            Their slip speed [m/s].
-        """
-        kinetic = float(self.kinetic)  # type: ignore[arg-type]
-        share = np.exp(-speed / self.decay) if self.decay is not None else 0.0
-        return np.where(slips, kinetic + (self.static - kinetic) * share, self.static)
-
     @property
     def constant(self) -> bool:
         """Whether the coefficient is the same in stick and in slip."""
         return self.kinetic == self.static
+
+
+def coefficients(friction: Coulomb, slips: Array, speed: Array) -> Array:
+    """Coefficients of places, (n,).
+
+    Parameters
+    ----------
+    friction : Coulomb
+    slips : (n,) bool array
+        Which places slip.
+    speed : (n,) array
+        Their slip speed [m/s].
+    """
+    kinetic = friction.static if friction.kinetic is None else friction.kinetic
+    share = np.exp(-speed / friction.decay) if friction.decay is not None else 0.0
+    return np.where(slips, kinetic + (friction.static - kinetic) * share, friction.static)
 
 
 def friction_of(friction: float | Coulomb | None) -> Coulomb | None:

@@ -87,7 +87,8 @@ class FrictionResults(dict[str, Any]):
         InputError
             If the contact is frictionless, or the result was read from a file, which holds no forces of rows.
         """
-        states = np.full((len(result.t), self._patch_size(result)), OPEN, dtype=np.int8)
+        size = self._patch_size(result)
+        states = np.full((len(result.t), size), OPEN, dtype=np.int8)
         for i, nodes, _, _, state in self._kept_samples(result):
             states[i, nodes] = state
         return states
@@ -100,7 +101,8 @@ class FrictionResults(dict[str, Any]):
         InputError
             See `row_states`.
         """
-        forces = np.zeros((len(result.t), self._patch_size(result), 3))
+        size = self._patch_size(result)
+        forces = np.zeros((len(result.t), size, 3))
         for i, nodes, _, traction, _ in self._kept_samples(result):
             forces[i, nodes] = traction
         return forces

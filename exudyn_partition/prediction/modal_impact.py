@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from ..algebra.complementarity import Complementarity, regularised
-from ..algebra.coulomb import Coulomb
+from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import SLIP, FrictionProblem
 from ..support.arrays import Array
 from .default_step import SAFETY, STEPS_A_PERIOD, resolving_step
@@ -152,7 +152,7 @@ class ObliqueImpact(Impact):
             if not self.friction.constant:
                 slip = (h + (problem.F @ last.ravel()).reshape(n, 3))[:, 1:]
                 slides = problem.state == SLIP
-                mu = self.friction.coefficient(slides, np.linalg.norm(slip, axis=1) / step * slides)
+                mu = coefficients(self.friction, slides, np.linalg.norm(slip, axis=1) / step * slides)
             return last.ravel() @ rows, last.sum(axis=0)
 
         return self._integrate(contact, duration, largest_step)

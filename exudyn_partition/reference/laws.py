@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity
-from ..algebra.coulomb import Coulomb
+from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import SLIP, FrictionProblem
 from ..results.history import History, at_times
 from ..support.arrays import Array
@@ -83,7 +83,7 @@ class Frictional(Frictionless):
         h = motion.reshape(-1, 3).copy()
         h[:, 0] += self.rows.gap
         h[:, 1:] -= self._place
-        lam = problem.solve(h, self._friction.coefficient(problem.state == SLIP, self._speed))
+        lam = problem.solve(h, coefficients(self._friction, problem.state == SLIP, self._speed))
         slip = h[:, 1:]
         if problem.index.size:
             slip = slip + (self._compliance @ lam.ravel()).reshape(-1, 3)[:, 1:]

@@ -181,6 +181,12 @@ CALLS = {
         swaps=False,
     ),
     "Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
+    "Coulomb": call(
+        static=v.share.but(**{"per cent": 30.0})(0.3),
+        kinetic=v.number.or_none.but(negative=-0.1, larger=0.4),
+        decay=v.positive.or_none,
+        swaps=False,
+    ),
     "Refine": call(center=v.vector, radius=v.positive(1e-3), h=v.positive(1e-4), swaps=False),
     "generate_mesh": call(
         shape=v.own("shape")(Made(lambda s: s.shape)),
@@ -244,6 +250,8 @@ CALLS = {
         speed=v.positive(1.0),
         duration=v.positive.or_none(1e-5),
         patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1}, (None, None)),
+        friction=Kind({**v.friction.wrong, "alone": 0.3}, None),
+        tangential_speed=v.positive.or_none.but(alone=1.0),
         progress=v.function,
         cache=_cache,
         swaps=False,
@@ -297,6 +305,7 @@ CALLS = {
             {"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "True": True, "a body": Made(_item)}, None
         ),
         stiffness=v.positive.or_none,
+        friction=v.friction(None),
         name=v.text(""),
     ),
     "RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),
@@ -336,6 +345,18 @@ CALLS = {
             "moment_on_slave",
             "edge_reached",
             "depth",
+        )
+    },
+    **{
+        f"PartitionContact.{name}": call(of=lambda s: s.sticking[0], result=v.result(Made(lambda s: s.sticking[1])))
+        for name in (
+            "tangential_force",
+            "stuck_rows",
+            "dissipated_energy",
+            "row_states",
+            "row_tractions",
+            "traction",
+            "slip_path",
         )
     },
     "PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
@@ -529,6 +550,12 @@ CALLS = {
     "plot.energy": call(axes=_axes, result=v.own_result, bodies=_bodies.but("empty"), contacts=_contacts),
     "plot.pressure": call(
         axes=_axes, result=v.own_result, time=v.number.but(beyond=1.0, negative=-1.0)(STEP), contact=_plain_contact
+    ),
+    "plot.stick": call(
+        axes=_axes,
+        result=v.own_result(Made(lambda s: s.sticking[1])),
+        time=v.number.but(beyond=1.0, negative=-1.0)(STEP),
+        contact=_plain_contact,
     ),
     "plot.modes": call(axes=_axes, body=v.item_or_body),
     "plot.pareto": call(axes=_axes, runs=_runs, quantity=v.choice("force")),

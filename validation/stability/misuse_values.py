@@ -73,6 +73,16 @@ class Scene:
         _, item, _, contact = self.model()
         return item, contact
 
+    @cached_property
+    def sticking(self):
+        """Contact of the upper block with a floor, with friction, and the result of its run."""
+        part = ep.Partition.ball(self.fem, (0, 0, 0), 4e-3, axes="xyz")
+        mbs = self.empty()
+        item = ep.CreatePartitionBody(mbs, ep.reduce(self.fem, part, f_cut=60e3), initialVelocity=[0.1, 0, -1])
+        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3)
+        mbs.Assemble()
+        return contact, ep.solve_dynamic(mbs, end_time=20 * STEP, step=STEP)
+
     def apart(self):
         """Model of both bodies without a contact; `striker` and `struck` are those of the last one."""
         mbs = exu.SystemContainer().AddSystem()

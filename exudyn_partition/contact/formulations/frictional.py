@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...algebra.coulomb import Coulomb
+from ...algebra.coulomb import Coulomb, coefficients
 from ...algebra.friction import OPEN, SLIP
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
@@ -82,7 +82,7 @@ class FrictionalRows(ContactLaw):
     def coefficients(self) -> Array:
         """Coefficients of friction of the present rows in this step, (nr,)."""
         nodes = self.gaps.row_nodes
-        return self._law.coefficient(self._slipped[nodes], self._speed[nodes])
+        return coefficients(self._law, self._slipped[nodes], self._speed[nodes])
 
     def remember(self, slips: Array, speeds: Array) -> None:
         """Remember the present forces and states for the next step.
