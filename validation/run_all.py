@@ -248,6 +248,7 @@ CASES = {
     "friction_random_starts": Case("friction/random_starts.py", limits(("failures", "violation", "newton_steps"))),
     "friction_motion": Case("friction/motion.py", limits(
         ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin"))),
+    "friction_kharaz": Case("friction/kharaz.py", limits(("spin", "energy")), figures=("friction_kharaz.png",)),
     "friction_oblique": Case("friction/oblique.py", limits(
         ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step")),
         figures=("friction_oblique.png",)),
