@@ -149,6 +149,7 @@ class Gaps:
     row_points: tuple[Array, Array, Array]  # `mean` as triplets: rows, points and weights
     _flexibility: Array | None = None  # of all present rows
     _flexible_at: Array
+    _flexible_of: tuple[Side, ...] = ()
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _places: list[Array]
@@ -346,10 +347,11 @@ class Gaps:
 
         It changes slowly with the places of the points on their facets. So it is kept while the points move little.
         """
-        stance = self.stance()
-        if self._flexibility is None or abs(stance - self._flexible_at).max() > SAME:
-            self._flexibility, self._flexible_at = self._all_flexibility(), stance
-        return self._flexibility.take(index, axis=0).take(index, axis=1)
+        stance, F = self.stance(), self._flexibility
+        if F is None or self._flexible_of is not self.sides or abs(stance - self._flexible_at).max() > SAME:
+            F = self._all_flexibility()
+            self._flexibility, self._flexible_at, self._flexible_of = F, stance, self.sides
+        return F.take(index, axis=0).take(index, axis=1)
 
     def stance(self) -> Array:
         """Values that the flexibility of the rows depends on, scaled by the size of a facet or by one."""

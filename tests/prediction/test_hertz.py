@@ -222,8 +222,10 @@ def test_bad_input_of_impedances():
 
 def test_an_impact_prints_itself_in_a_line():
     text = str(hertz.impact(0.03, 1.0, 0.01, math.inf, ep.STEEL))
-    assert re.fullmatch(r"HertzImpact\(peak force \d+ N, approach \S+ m, .*, contact radius \S+ m\)", text)
-    assert len(text) < 140
+    assert re.fullmatch(
+        r"HertzImpact\(peak force \d+ N, approach \S+ m, .*, contact radius \S+ m, 10\.6 times the yield stress\)", text
+    )
+    assert len(text) < 170
 
 
 IMPACT = {

@@ -10,7 +10,7 @@ from oracles import TOP
 
 import exudyn_partition as ep
 from exudyn_partition.errors import StoppedRunWarning
-from exudyn_partition.simulation import solve
+from exudyn_partition.simulation import joint_checks, solve
 
 END = 4e-6
 # Runs that end with the first touch have one row closed.
@@ -69,8 +69,8 @@ def test_what_is_kept_is_the_beginning_of_the_whole_run(bodies, with_mass, formu
 
 def test_before_the_first_step(impact, monkeypatch):
     """The checks before a run take a thousandth of it, and Ctrl-C in them left nothing."""
-    checked = solve.check_joints
-    monkeypatch.setattr(solve, "check_joints", lambda *arguments: (ctrl_c(), checked(*arguments))[1])
+    checked = joint_checks.check_joints
+    monkeypatch.setattr(joint_checks, "check_joints", lambda *arguments: (ctrl_c(), checked(*arguments))[1])
     before = signal.getsignal(signal.SIGINT)
     with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
         result = ep.solve_dynamic(impact[0], end_time=1e-3)

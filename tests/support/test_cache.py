@@ -116,6 +116,7 @@ OPTIONS = {"f_cut": 1.001 * F_CUT, "basis": "residual"}
 
 
 IMPACTS = {"tolerance": 0.2, "speed": 2.0, "duration": 1e-4}
+SLIDING = {"friction": 0.2, "tangential_speed": 0.6}
 
 
 def test_the_key_changes_with_all_that_the_body_depends_on(block, top, computed, tmp_path, monkeypatch):
@@ -161,7 +162,11 @@ def test_the_key_changes_with_the_impact_that_a_tolerance_is_for(block, top, tmp
     other = replace(top, patches=(replace(top.patches[0], name="top"),))
     ep.reduce_pair((block, other), (block, top), **options)
     ep.reduce_pair((block, top), (block, other), **options)
-    assert len(set(keys)) == len(keys) == 6
+    rough = replace(top, patches=(replace(top.patches[0], axes="xyz"),))
+    oblique = {**options, "friction": 0.3, "tangential_speed": 0.5}
+    for changed in ({}, *({name: value} for name, value in SLIDING.items()), {"friction": ep.Coulomb(0.3, 0.2)}):
+        ep.reduce_pair((block, rough), (block, rough), **{**oblique, **changed})
+    assert len(set(keys)) == len(keys) == 10
 
 
 def test_no_input_is_forgotten_in_the_tests_above():
@@ -171,7 +176,7 @@ def test_no_input_is_forgotten_in_the_tests_above():
     assert PATCHES.keys() == {f.name for f in dataclasses.fields(Patch)}
     assert INTERFACES.keys() == {f.name for f in dataclasses.fields(Interface)}
     models = {"fem", "partition", "slave", "master", "patches"}  # patches are in the partitions, by number
-    told = OPTIONS.keys() | IMPACTS.keys() | models | {"progress", "cache"}
+    told = OPTIONS.keys() | IMPACTS.keys() | SLIDING.keys() | models | {"progress", "cache"}
     for function in (ep.reduce, ep.reduce_pair):
         assert inspect.signature(function).parameters.keys() <= told
 

@@ -182,7 +182,7 @@ CALLS = {
     ),
     "Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
     "Coulomb": call(
-        static=v.share.but(**{"per cent": 30.0})(0.3),
+        static=v.friction(0.3),
         kinetic=v.number.or_none.but(negative=-0.1, larger=0.4),
         decay=v.positive.or_none,
         swaps=False,

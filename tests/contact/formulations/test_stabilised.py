@@ -309,3 +309,17 @@ def test_a_sliding_tip(nodal):
         np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0]).max())
         forces.append(np.interp(np.linspace(0, 1.5e-6, 16), result.t, contact.force(result)))
     assert relative(*forces) < 0.1
+
+
+@pytest.mark.parametrize("basis", ["craig-bampton"], indirect=True)
+def test_each_step_has_its_own_flexibility(nodal):
+    """Adaptive steps used to keep the flexibility of the first step, as long as pairs were frozen."""
+    sides = [Side.of(InertialKinematics(body, np.array(at))) for body, at in zip(nodal, (TOP, (0, 0, 0)), strict=True)]
+    law, other = (StabilisedContact(PatchGaps(*sides)) for _ in range(2))
+    q = np.concatenate([-1e-6 * nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
+    law.respond(q, np.zeros_like(q), 0.2e-6)
+    first = law.problem.F.copy()
+    law.respond(q, np.zeros_like(q), 0.4e-6)
+    other.respond(q, np.zeros_like(q), 0.4e-6)
+    np.testing.assert_allclose(law.problem.F, other.problem.F, rtol=1e-12)
+    assert relative(first, other.problem.F) > 0.3
