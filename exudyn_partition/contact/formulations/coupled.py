@@ -86,6 +86,7 @@ class CoupledContacts:
         if self._frictional and self._since != since:
             self._since = since
             for law, last in zip(self.laws, self._last, strict=True):
+                last[:] = 0.0
                 last[law.row_nodes] = law.lam
         if self._at is None or not np.array_equal(at, self._at):
             self._at, self._forces, self._inverse = at, self._find(coordinates()), None

@@ -218,8 +218,8 @@ class FrictionalContact(FrictionalRows):
     def _remember(self, step: float) -> None:
         slips = np.zeros((len(self.forces), 2))
         if self.index.size:
-            self._dissipated += self._taken_in_step()
             slips = self.slips()
+            self._dissipated += self._taken_by(slips)
         self.remember(slips, np.linalg.norm(slips, axis=1) / step)
         self.tangential.hold()
 
@@ -236,13 +236,13 @@ class FrictionalContact(FrictionalRows):
         self.tangential.hold()
         return True
 
-    def _taken_in_step(self) -> float:
-        """Energy that the slip since the last accepted step takes [J].
+    def _taken_by(self, slips: Array) -> float:
+        """Energy that slips since the last accepted step, (nr, 2) [m], take [J].
 
         By the trapezoid: the force at the end of the step alone would take too much or too little.
         """
-        return -0.5 * float(np.sum(self.slips() * (self.last_forces() + self.forces)[:, 1:]))
+        return -0.5 * float(np.sum(slips * (self.last_forces() + self.forces)[:, 1:]))
 
     def dissipated(self) -> float:
         """See `Law`."""
-        return self._dissipated + (self._taken_in_step() if self._answered and self.index.size else 0.0)
+        return self._dissipated + (self._taken_by(self.slips()) if self._answered and self.index.size else 0.0)
