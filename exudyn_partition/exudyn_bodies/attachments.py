@@ -19,7 +19,7 @@ from ..support.optional import require
 from .model import BodyItem
 
 _FRAME_MARKERS = ("BodyPosition", "BodyRigid", "BodyCable2DShape", "BodyBeamShape")  # markers on the frame of a body
-_OFFSET = 1e-6  # of a body's size, an offset that is round-off: a thousand times as much changed a reaction by 3 %
+_OFFSET = 1e-6  # of a body's size: smaller offsets are round-off
 _TORN = 0.5  # largest rotation of a body in an inertial frame [rad]; lengths are then wrong by 13 %
 _OF_MASS = ("KineticEnergy", "PotentialEnergy", "Force")
 

@@ -120,7 +120,7 @@ class ModelRun:
 
     @property
     def laws(self) -> dict[int, Law]:
-        """Laws of the contacts, by the numbers that only this module knows."""
+        """Laws of the contacts, by the identity of each contact."""
         return {key: run.law for key, run in self._runs.items()}
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
