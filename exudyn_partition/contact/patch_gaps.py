@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from ..errors import ComplementarityError, EmptyRegionError
 from ..support.arrays import Array
 from ..surfaces.pairs import MovingPairs
-from ..surfaces.points import ContactPoints, contact_points
+from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, directed_matrix, facing, pair_surfaces, rows_of
 from ..surfaces.surface import Projection, closest_points
 from .gaps import BULGE, Gaps, Side, dense
@@ -50,7 +50,7 @@ class PatchGaps(Gaps):
         See `rows.pair_surfaces`.
     """
 
-    def __init__(self, slave: Side, master: Side, kind: str = "integrated") -> None:
+    def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated") -> None:
         self.sides, self._kind = (slave, master), kind
         self._all = contact_points(slave.surface, kind)
         self.n = sum(side.n for side in self.sides)

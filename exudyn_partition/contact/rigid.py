@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
-from ..surfaces.points import contact_points
+from ..surfaces.points import RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps, Side
 
@@ -39,6 +39,10 @@ class RigidPlane:
     point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     normal: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
 
+    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+
+        def __init__(self, point: Vector = ..., normal: Vector = ...) -> None: ...
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", validate_vector("point", self.point))
         object.__setattr__(self, "normal", _unit("normal", self.normal))
@@ -62,6 +66,10 @@ class RigidSphere:
 
     center: Array
     radius: float
+
+    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+
+        def __init__(self, center: Vector, radius: float) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", validate_vector("center", self.center))
@@ -89,6 +97,10 @@ class RigidCylinder:
     point: Array
     axis: Array
     radius: float
+
+    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+
+        def __init__(self, point: Vector, axis: Vector, radius: float) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", validate_vector("point", self.point))
@@ -144,7 +156,7 @@ class RigidGaps(Gaps):
         self,
         slave: Side,
         surface: RigidSurface,
-        kind: str = "integrated",
+        kind: RowKind = "integrated",
         pose: Callable[[], tuple[Array, Array]] | None = None,
         motion: Callable[[], tuple[Array, Array]] | None = None,
     ) -> None:

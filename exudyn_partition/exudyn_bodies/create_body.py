@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError, RunError
 from ..frames.damping import Damping, ModeDamping, Ratios, damping_of
 from ..frames.floating import FloatingKinematics
-from ..frames.inertia_forces import TERMS, InertiaForces
+from ..frames.inertia_forces import TERMS, InertiaForces, InertiaTerm
 from ..frames.inertial import InertialKinematics
+from ..frames.kinematics import FRAMES, FrameChoice
 from ..reduction.body import ReducedBody
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_choice, validate_flag, validate_vector
 from ..support.foreign import (
     Coordinates,
@@ -44,14 +45,14 @@ def CreatePartitionBody(
     body: ReducedBody,
     *,
     name: str = "",
-    frame: str = "inertial",
-    referencePosition: Sequence[float] = (0.0, 0.0, 0.0),
-    referenceRotation: Sequence[Sequence[float]] | None = None,
-    initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
-    initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
-    gravity: Sequence[float] = (0.0, 0.0, 0.0),
+    frame: FrameChoice = "inertial",
+    referencePosition: Vector = (0.0, 0.0, 0.0),
+    referenceRotation: Sequence[Vector] | Array | None = None,
+    initialVelocity: Vector = (0.0, 0.0, 0.0),
+    initialAngularVelocity: Vector = (0.0, 0.0, 0.0),
+    gravity: Vector = (0.0, 0.0, 0.0),
     damping: Ratios | None = None,
-    inertiaTerms: Collection[str] = tuple(TERMS),
+    inertiaTerms: Collection[InertiaTerm] = tuple(TERMS),
     superElement: bool = False,
 ) -> PartitionBody:
     """Add a reduced body to a model.
@@ -114,7 +115,7 @@ def CreatePartitionBody(
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() returns, got {type(body).__name__}")
-    validate_choice("frame", frame, ("inertial", "floating", "auto"))
+    validate_choice("frame", frame, FRAMES)
     position = validate_vector("referencePosition", referencePosition)
     rotation = None if referenceRotation is None else _rotation_vector(referenceRotation)
     velocity = validate_vector("initialVelocity", initialVelocity)
@@ -197,7 +198,7 @@ def _add_floating(
     name: str,
     velocity: Array,
     angular_velocity: Array,
-    terms: Collection[str],
+    terms: Collection[InertiaTerm],
     damping: Damping | None,
 ) -> PartitionBody:
     exu, items = require("exudyn"), require("exudyn.itemInterface")

@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import cumulative_trapezoid
 
-from ..errors import InputError, ModelLimitWarning
-from ..fe.facets import nodal_area
-from ..fe.model import FEModel, node_dofs
+from ..errors import InputError
 from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
+from ..frames.kinematics import Frame
 from ..reduction.body import ReducedBody
-from ..reduction.static_answer import StaticAnswer
-from ..support.arrays import Array
-from ..support.checks import validate_result, validate_type, validate_vector
+from ..support.arrays import Array, Vector
+from ..support.checks import validate_result, validate_vector
 from ..support.foreign import ItemIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex
 from .attachments import add_guard, check_attachments
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
 from .model import Samples, registered
+from .static_part import Static, static_motion, static_part, warn_near_contact
 
 Kinematics = InertialKinematics | FloatingKinematics
-Static = FEModel | StaticAnswer
 
 RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
-_LACKING = 0.02  # largest missing share of a history; its estimate is right within a factor of about two
 _BLOCK = 1000  # number of samples whose patches are recovered at a time
 
 
@@ -59,12 +54,12 @@ class PartitionBody(dict[str, ItemIndex]):
     ) -> None:
         super().__init__(**indices)
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
-        self.point_markers: dict[int, Sequence[float]] = {}
+        self.point_markers: dict[int, Vector] = {}
         self.damping: Damping | None = None
         self.frame_markers: list[int] = []
 
     @property
-    def frame(self) -> str:
+    def frame(self) -> Frame:
         """The frame, "inertial" or "floating"."""
         return "floating" if isinstance(self.kinematics, FloatingKinematics) else "inertial"
 
@@ -133,7 +128,7 @@ class PartitionBody(dict[str, ItemIndex]):
                 self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
         return self[key]
 
-    def CreateNodeMarker(self, mbs: MainSystem, point: Sequence[float]) -> MarkerIndex:
+    def CreateNodeMarker(self, mbs: MainSystem, point: Vector) -> MarkerIndex:
         """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
 
         It moves by the kept shapes. The static answer to forces of contacts and interfaces is exact, but the local dent
@@ -151,7 +146,7 @@ class PartitionBody(dict[str, ItemIndex]):
         node = self.body.nearest_node(validate_vector("point", point))
         return self._point_marker(mbs, point, np.array([node]), np.ones(1))
 
-    def CreatePointMarker(self, mbs: MainSystem, point: Sequence[float]) -> MarkerIndex:
+    def CreatePointMarker(self, mbs: MainSystem, point: Vector) -> MarkerIndex:
         """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
 
         The point moves by the nodes around it, so that a force on it has its exact resultant and moment. Its local dent
@@ -169,7 +164,7 @@ class PartitionBody(dict[str, ItemIndex]):
         """
         return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
 
-    def _point_marker(self, mbs: MainSystem, point: Sequence[float], nodes: Array, weights: Array) -> MarkerIndex:
+    def _point_marker(self, mbs: MainSystem, point: Vector, nodes: Array, weights: Array) -> MarkerIndex:
         self.body.check_nodes(nodes)
         marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
         if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):
@@ -211,7 +206,7 @@ class PartitionBody(dict[str, ItemIndex]):
         validate_result(result)
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
 
-    def displacement(self, result: Samples, point: Array, *, fem: Static | None = None) -> Array:
+    def displacement(self, result: Samples, point: Vector, *, fem: Static | None = None) -> Array:
         """Displacement of the node nearest to `point`, (n, 3) [m].
 
         Parameters
@@ -236,11 +231,11 @@ class PartitionBody(dict[str, ItemIndex]):
         q = self.coordinates(result)
         kept = self._node(point).displacements(q)[:, 0]
         if fem is not None:
-            return kept + self._lacking(result, point, fem)
-        self._warn_near_contact(result, point, kept, "displacement", lambda force: force)
+            return kept + static_motion(self, result, point, fem)
+        warn_near_contact(self, result, point, kept, "displacement", lambda force: force)
         return kept
 
-    def velocity(self, result: Samples, point: Array, *, fem: Static | None = None) -> Array:
+    def velocity(self, result: Samples, point: Vector, *, fem: Static | None = None) -> Array:
         """Velocity of the node nearest to `point`, (n, 3) [m/s]; see `displacement`.
 
         The part that `fem` adds is the rate of change of the static answer from sample to sample.
@@ -251,9 +246,9 @@ class PartitionBody(dict[str, ItemIndex]):
             return kept
         rate = partial(np.gradient, axis=0)
         if fem is not None:
-            value: Array = kept + rate(self._lacking(result, point, fem), result.t)
+            value: Array = kept + rate(static_motion(self, result, point, fem), result.t)
             return value
-        self._warn_near_contact(result, point, kept, "velocity", lambda force: rate(force, result.t))
+        warn_near_contact(self, result, point, kept, "velocity", lambda force: rate(force, result.t))
         return kept
 
     def recover(self, result: Samples, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
@@ -268,13 +263,13 @@ class PartitionBody(dict[str, ItemIndex]):
         fem : FEModel or recovery.StaticAnswer, optional
         """
         kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
-        return kept if fem is None else kept + self._static_part(result, rows, fem)
+        return kept if fem is None else kept + static_part(self, result, rows, fem)
 
     def momentum(self, result: Samples) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""
         return self.kinematics.momentum(self.coordinates_t(result))
 
-    def angular_momentum(self, result: Samples, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+    def angular_momentum(self, result: Samples, point: Vector = (0.0, 0.0, 0.0)) -> Array:
         """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
 
         Raises
@@ -327,63 +322,6 @@ class PartitionBody(dict[str, ItemIndex]):
         blocks = np.array_split(q, len(q) // _BLOCK + 1)  # not all at once: a long run would need too much memory
         return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
 
-    def _lacking(self, result: Samples, point: Array, fem: Static) -> Array:
-        """Static part of a node's displacement that the kept shapes do not have, (n, 3) [m]."""
-        own = node_dofs(np.array([self.body.nearest_node(point)]))
-        select = sp.csr_matrix((np.ones(3), (np.arange(3), own)), shape=(3, self.body.fe_dofs))
-        axes = self.kinematics.frame(self.coordinates(result))[1]
-        value: Array = np.einsum("tab,tb->ta", axes, self._static_part(result, select, fem))
-        return value
-
-    def _warn_near_contact(
-        self, result: Samples, point: Array, kept: Array, what: str, of_force: Callable[[Array], Array]
-    ) -> None:
-        """Warn if the static answer that is missing in `kept`, (n, 3), may matter at a point.
-
-        The patch, of radius a, yields to a force by its residual flexibility. A point at a distance d yields by about
-        a / (a + d) of that, like the surface of a half-space (Boussinesq).
-        """
-        lacking = 0.0
-        for contact in result.contacts:
-            for item, number in contact.sides:
-                if item is self and self.body.basis.flexibility is not None and contact.compliant:
-                    patch = self.body.partition.patches[number]
-                    area = nodal_area(self.body.points, patch.facets)[patch.nodes]
-                    load = np.kron(area / area.sum(), patch.direction if patch.axes == "xyz" else 1.0)
-                    radius = np.sqrt(area.sum() / np.pi)
-                    away = np.linalg.norm(self.body.points[patch.nodes] - point, axis=1).min()
-                    compliance = load @ self.body.flexibility(number) @ load * radius / (radius + away)
-                    lacking += compliance * float(np.linalg.norm(of_force(contact.force(result))))
-        size = float(np.linalg.norm(kept - kept[0])) if len(kept) else 0.0
-        if lacking > _LACKING * size > 0:
-            warnings.warn(
-                f"body {self.name!r}: near a contact the {what} of a point lacks its static answer to the contact's "
-                f"force; at {point} this is about {lacking / size:.2g} of it. Give the FE model: {what}(..., fem=fem)",
-                ModelLimitWarning,
-                stacklevel=3,
-            )
-
-    def _static_part(self, result: Samples, rows: sp.csr_matrix, fem: Static) -> Array:
-        """Rows, (k, 3 nodes), times the static answer to contact forces that the kept shapes do not have, (n, k)."""
-        if not isinstance(fem, StaticAnswer):
-            validate_type("fem", fem, FEModel, "fe_model()")
-        total = np.zeros((len(result.t), rows.shape[0]))
-        own = [c for c in result.contacts if c.compliant and any(item is self for item, _ in c.sides)]
-        if self.body.basis.flexibility is None or not own:
-            return total
-        answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, self.body)
-        answer.check(self.body)
-        # The flexibility is symmetric: the rows act as loads, and their answers are taken at the loaded nodes.
-        loaded = self.body.partition.patch_nodes
-        fields = np.array([answer(row.toarray().reshape(-1, 3), loaded) for row in rows])
-        axes = self.kinematics.frame(self.coordinates(result))[1]
-        for contact in own:
-            for (item, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
-                if item is self:
-                    at_patch = fields[:, np.searchsorted(loaded, self.body.partition.patches[patch].nodes)]
-                    total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
-        return total
-
     def _coordinates(self, q: Array) -> Array:
         """Check coordinates q, (n, n_dofs); infinite values pass, as an unstable run may have them."""
         if not isinstance(q, np.ndarray) or q.dtype.kind != "f" or q.ndim != 2 or q.shape[1] != self.body.n_dofs:
@@ -391,7 +329,7 @@ class PartitionBody(dict[str, ItemIndex]):
             raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
         return q
 
-    def _node(self, point: Array) -> Kinematics:
+    def _node(self, point: Vector) -> Kinematics:
         return self.kinematics.at(np.array([self.body.nearest_node(point)]))
 
 

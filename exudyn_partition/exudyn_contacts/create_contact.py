@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+from typing import Literal, get_args
 
 import numpy as np
 
 from ..algebra.coulomb import Coulomb, friction_of
-from ..contact.formulations.choices import TwoPasses, formulation_of
+from ..contact.formulations.choices import FormulationName, TwoPasses, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps, Side
 from ..contact.patch_gaps import PatchGaps
@@ -19,7 +20,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_choice
 from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
-from ..surfaces.points import ROWS
+from ..surfaces.points import ROWS, RowKind
 from .contact_elements import add_element, add_links
 from .coupling import solve_together
 from .model_run import Runs, runs_of
@@ -27,7 +28,8 @@ from .partition_contact import PartitionContact, partition_items
 
 _log = logging.getLogger(__name__)
 
-PASSES = ("finer", "given", "two")
+Passes = Literal["finer", "given", "two"]
+PASSES: tuple[Passes, ...] = get_args(Passes)
 
 _DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
@@ -38,9 +40,9 @@ def CreatePartitionContact(
     slave: PartitionBody,
     master: PartitionBody | RigidSurface,
     *,
-    formulation: str | Formulation = "compliance",
-    rows: str | None = None,
-    passes: str = "finer",
+    formulation: FormulationName | Formulation = "compliance",
+    rows: RowKind | None = None,
+    passes: Passes = "finer",
     slavePatch: int | str | None = None,
     masterPatch: int | str | None = None,
     masterBody: ObjectIndex | None = None,

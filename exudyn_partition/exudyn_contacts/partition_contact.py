@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..support.arrays import Vector
 from ..support.checks import validate_vector
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
@@ -51,7 +52,7 @@ class PartitionContact(ContactResults):
         """Exudyn nodes of slave and master."""
         return [node for item, _ in self.sides for node in item.nodes]
 
-    def AddMomentSensor(self, mbs: MainSystem, point: Sequence[float] = (0.0, 0.0, 0.0)) -> SensorIndex:
+    def AddMomentSensor(self, mbs: MainSystem, point: Vector = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
         Extra, for it costs the places of the patch's nodes in every sample.

@@ -9,17 +9,21 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError, LockingError, MeshError, UnitsWarning
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import read_only, validate_array, validate_vector
 from .facets import facet_corners
 from .material import Material
 from .walls import Wall, weakest_wall
+
+MassKind = Literal["consistent", "lumped"]
+MASSES: tuple[MassKind, ...] = get_args(MassKind)
 
 # Local faces of an element by its number of nodes, outward for positive volume: corners, then the mid-side nodes of
 # edges 01, 12, 20.
@@ -272,7 +276,7 @@ class FEModel:
         facets = np.column_stack(np.divmod(of_surface, number.shape[1]))
         return weakest_wall(self.points, corners, facets, number, self.order, self.material)
 
-    def nearest_node(self, point: Array) -> int:
+    def nearest_node(self, point: Vector) -> int:
         """Index of the node nearest to `point`, (3,) [m]; see `nearest_node`."""
         return nearest_node(self.points, point)
 
@@ -309,7 +313,7 @@ def node_dofs(nodes: Array) -> Array:
     return (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
 
 
-def nearest_node(points: Array, point: Array) -> int:
+def nearest_node(points: Array, point: Vector) -> int:
     """Index of the node of a body, points (n, 3), that is nearest to `point`, (3,) [m].
 
     Raises

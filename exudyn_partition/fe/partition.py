@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import EmptyRegionError, InputError
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import (
     check_floats,
     check_indices,
@@ -22,7 +23,7 @@ from ..support.checks import (
 from .faces import middle
 from .facets import area_vectors, facet_corners, nodal_area
 from .model import FEModel, rigid_modes, same_mesh
-from .patches import AXES, KINDS, Interface, Patch
+from .patches import AXES, KINDS, Interface, InterfaceKind, Patch, PatchAxes
 
 _FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
 
@@ -184,12 +185,12 @@ class Partition:
     def ball(
         cls,
         fem: FEModel,
-        center: Array,
+        center: Vector,
         radius: float,
         *,
         contact_radius: float | None = None,
-        direction: Array | None = None,
-        axes: str = "normal",
+        direction: Vector | None = None,
+        axes: PatchAxes = "normal",
         name: str = "",
     ) -> Partition:
         """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
@@ -264,7 +265,13 @@ class Partition:
 
     @classmethod
     def interface(
-        cls, fem: FEModel, name: str, nodes: Array | str, *, kind: str = "rigid", position: Array | None = None
+        cls,
+        fem: FEModel,
+        name: str,
+        nodes: Sequence[int] | Array | str,
+        *,
+        kind: InterfaceKind = "rigid",
+        position: Vector | None = None,
     ) -> Partition:
         """Interface for joints, springs and loads: a named node set with six resultants.
 
@@ -326,7 +333,7 @@ class Partition:
         return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes, fem.fingerprint)
 
 
-def _checked_place(fem: FEModel, name: str, mean: Array, position: Array) -> Array:
+def _checked_place(fem: FEModel, name: str, mean: Array, position: Vector) -> Array:
     """Return an interface's point that the user gave."""
     place = validate_vector("position", position)
     away, size = np.linalg.norm(place - mean), np.ptp(fem.points, axis=0).max()
@@ -338,7 +345,7 @@ def _checked_place(fem: FEModel, name: str, mean: Array, position: Array) -> Arr
     return place
 
 
-def _facing(normals: Array, within: Array, direction: Array | None) -> Array:
+def _facing(normals: Array, within: Array, direction: Vector | None) -> Array:
     """Facets within reach that face a given direction, (nf,) bool; all facets if there are none.
 
     On a thin sheet, nodes of the other side may be nearer to the center than those of this side.
@@ -351,7 +358,7 @@ def _facing(normals: Array, within: Array, direction: Array | None) -> Array:
     return facing if facing.any() else everywhere
 
 
-def _direction(normals: Array, direction: Array | None) -> Array:
+def _direction(normals: Array, direction: Vector | None) -> Array:
     total = normals.sum(axis=0)
     mean: Array = total / np.linalg.norm(total)
     if direction is None:

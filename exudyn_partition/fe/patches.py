@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -18,8 +19,11 @@ from ..support.checks import (
 )
 from .model import FEModel, rigid_modes
 
-AXES = ("normal", "xyz")
-KINDS = ("rigid", "averaged")
+PatchAxes = Literal["normal", "xyz"]
+InterfaceKind = Literal["rigid", "averaged"]
+
+AXES: tuple[PatchAxes, ...] = get_args(PatchAxes)
+KINDS: tuple[InterfaceKind, ...] = get_args(InterfaceKind)
 
 _UNIT = 1e-9  # allowed error of a unit vector's length
 
@@ -46,7 +50,7 @@ class Patch:
     facets: Array
     direction: Array
     rim: Array
-    axes: str = "normal"
+    axes: PatchAxes = "normal"
     direction_given: bool = False
     name: str = ""
 
@@ -97,7 +101,7 @@ class Interface:
 
     name: str
     nodes: Array
-    kind: str
+    kind: InterfaceKind
     position: Array
     weights: Array
     motion: Array

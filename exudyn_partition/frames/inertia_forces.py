@@ -20,7 +20,7 @@ Shabana, Dynamics of Multibody Systems (2013), chapter 5; mean axes: Agrawal and
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -28,7 +28,9 @@ from ..reduction.inertia import PLACE
 from ..support.arrays import Array
 from .rotations import skew
 
-TERMS = {
+InertiaTerm = Literal["gyroscopic", "coriolis", "centrifugal", "coupling"]
+
+TERMS: dict[InertiaTerm, str] = {
     "gyroscopic": "gyroscopic torque omega x J omega: the axis of rotation stays where it is in the body",
     "coriolis": "Coriolis forces of vibration and rotation on each other",
     "centrifugal": "centrifugal forces: rotation does not stretch the body",
@@ -93,7 +95,7 @@ class InertiaForces:
         self,
         inertia: Inertia,
         elastic: Callable[[Array], Array],
-        terms: Collection[str] = tuple(TERMS),
+        terms: Collection[InertiaTerm] = tuple(TERMS),
     ) -> None:
         self.tensor, self._inertia = inertia.tensor, inertia
         self.elastic = elastic

@@ -10,7 +10,7 @@ rotation (`floating`). Coordinates q are those of the body's Exudyn nodes, (n_do
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,6 +19,9 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 
 Rows = Array | sp.csr_matrix  # dense where bodies move by shapes, sparse where they move by nodes
+Frame = Literal["inertial", "floating"]
+FrameChoice = Literal[Frame, "auto"]
+FRAMES: tuple[FrameChoice, ...] = get_args(FrameChoice)
 NO_NODES = np.empty(0, dtype=np.int64)
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError, MemoryLimitError, UnitsWarning
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
 from ..support.machine import available_memory
 
@@ -38,6 +39,10 @@ class Refine:
     center: Array
     radius: float
     h: float
+
+    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+
+        def __init__(self, center: Vector, radius: float, h: float) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", validate_vector("center", self.center))

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 
 from ..errors import InputError
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_choice, validate_positive
 
-_WINDOWS = ("none", "hann")
+Window = Literal["none", "hann"]
+_WINDOWS: tuple[Window, ...] = get_args(Window)
 _LARGEST = 1e150  # the transform of larger numbers may not be finite
 _FINE = 2**19  # least number of samples with added zeros, which make the bins of the spectrum narrow
 
 
-def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window: str = "none") -> float:
+def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window: Window = "none") -> float:
     """Twice the highest frequency of a signal, up to which a body's modes are to be kept (paper, section 5.2).
 
     The highest frequency is the lowest f_h at which an ideal low-pass changes the signal by `tolerance` in the L2 norm,
@@ -74,7 +77,7 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
     return float(2 * highest)
 
 
-def amplitude_spectrum(t: Array, x: Array, *, window: str = "none") -> tuple[Array, Array]:
+def amplitude_spectrum(t: Array, x: Array, *, window: Window = "none") -> tuple[Array, Array]:
     """Magnitude of the Fourier integral of a signal, |X(f)| = |int x(t) exp(-2 pi i f t) dt|.
 
     Parameters

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Literal, get_args
 from xml.etree import ElementTree
 
 import numpy as np
@@ -31,7 +32,7 @@ from ..support.progress import Progress, shown
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
 Load = tuple[PartitionContact, list[Array]]  # a contact, and its forces on the nodes of each side's patch, (n, np, 3)
 
-FIELDS = (
+Field = Literal[
     "displacement",
     "deformation",
     "velocity",
@@ -40,7 +41,8 @@ FIELDS = (
     "contact_pressure",
     "contact_traction",
     "contact_state",
-)
+]
+FIELDS: tuple[Field, ...] = get_args(Field)
 _OF_STRESS = {"stress", "von_mises"}
 _FRAMES = 50
 _LONGEST_STEM = 40  # characters of a body's name in file names, which may have 255 bytes
@@ -54,7 +56,7 @@ def write_paraview(
     result: Result,
     bodies: Sequence[Shown] | None = None,
     *,
-    fields: str | Iterable[str] = ("displacement",),
+    fields: Field | Iterable[Field] = ("displacement",),
     times: Sequence[float] | Array | int = _FRAMES,
     contacts: Sequence[PartitionContact] | None = None,
     surface: bool = True,
@@ -146,7 +148,7 @@ def validate_contacts(contacts: Iterable[PartitionContact]) -> list[PartitionCon
     return validate_items("contacts", contacts, PartitionContact, "CreatePartitionContact()")
 
 
-def _field_names(fields: str | Iterable[str]) -> list[str]:
+def _field_names(fields: Field | Iterable[Field]) -> list[Field]:
     """Names of fields without repetition."""
     if not isinstance(fields, Iterable):
         raise InputError(f"fields: expected names, {', '.join(map(repr, FIELDS))}, got {fields!r}")

@@ -19,7 +19,7 @@ from ..prediction.spectrum import amplitude_spectrum
 from ..reduction.body import ReducedBody
 from ..results.compare import Comparison, front, validate_runs
 from ..results.history import History
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_integer, validate_positive, validate_type
 from ..support.foreign import Axes, Figure
 from ..support.optional import require
@@ -77,7 +77,7 @@ def force(
 
 def velocity(
     axes: Axes,
-    point: str | Sequence[float] | Array,
+    point: str | Vector,
     run: History | Result,
     reference: History | None = None,
     *,
@@ -116,7 +116,7 @@ def velocity(
 def spectrum(
     axes: Axes,
     run: History | Result,
-    point: str | Sequence[float] | Array | None = None,
+    point: str | Vector | None = None,
     *,
     axis: int = 2,
     contact: PartitionContact | None = None,

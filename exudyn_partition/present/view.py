@@ -14,6 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,7 +25,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import partition_items
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import (
     validate_array,
     validate_choice,
@@ -41,7 +42,8 @@ from .output import BodyFields, Shown, contact_loads, shown_bodies
 GraphicsData = dict[str, object]  # in the format of Exudyn
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
 
-UNITS = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
+ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
+UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 _COLOURS = "viridis"
 _WINDOW = (1024, 768)
 _MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
@@ -54,7 +56,7 @@ def CreatePartitionView(
     mbs: MainSystem,
     bodies: Sequence[PartitionBody] | None = None,
     *,
-    field: str = "deformation",
+    field: ViewField = "deformation",
     scale: float = 1.0,
     limits: Sequence[float] | None = None,
 ) -> ObjectIndex:
@@ -113,10 +115,10 @@ def picture(
     time: float,
     bodies: Sequence[Shown] | None = None,
     *,
-    field: str = "deformation",
+    field: ViewField = "deformation",
     scale: float = 1.0,
     limits: Sequence[float] | None = None,
-    rotation: Sequence[float] = (-1.2, 0.0, 0.3),
+    rotation: Vector = (-1.2, 0.0, 0.3),
     size: tuple[int, int] = _WINDOW,
 ) -> Array:
     """Picture of a run's bodies by Exudyn's software raytracer, which needs no screen.
@@ -171,7 +173,7 @@ def show(
     result: Result,
     bodies: Sequence[Shown] | None = None,
     *,
-    field: str = "deformation",
+    field: ViewField = "deformation",
     scale: float = 1.0,
     limits: Sequence[float] | None = None,
     times: Sequence[float] | Array | int = 200,
@@ -221,7 +223,7 @@ def show(
     SC.renderer.Stop()
 
 
-def _pieces(bodies: Sequence[Shown], field: str) -> list[BodyFields]:
+def _pieces(bodies: Sequence[Shown], field: ViewField) -> list[BodyFields]:
     validate_choice("field", field, UNITS)
     return [BodyFields(entry, ("displacement", "deformation", field), surface=True) for entry in bodies]
 
@@ -237,7 +239,7 @@ def _scene(
     result: Result,
     now: Callable[[], int],
     bodies: Sequence[Shown] | None,
-    field: str,
+    field: ViewField,
     scale: float,
     limits: Sequence[float] | None,
     turn: Rotation | None = None,
@@ -263,7 +265,7 @@ def _add(
     mbs: MainSystem,
     pieces: list[BodyFields],
     fields: Fields,
-    field: str,
+    field: ViewField,
     scale: float,
     limits: Sequence[float] | None,
     turn: Rotation | None = None,
@@ -287,7 +289,7 @@ def _add(
 def _graphics(
     pieces: list[BodyFields],
     fields: Callable[[BodyFields], dict[str, Array]],
-    field: str,
+    field: ViewField,
     scale: float,
     limits: Array | None,
     turn: Rotation,

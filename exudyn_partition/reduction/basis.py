@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -18,13 +19,15 @@ import scipy.linalg
 from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import RitzPairs, eigenmodes, orthonormal_complement
 from ..errors import FrequencyRangeError, InputError, UnitsWarning
-from ..fe.model import FEModel, node_dofs
+from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ..support.progress import Progress
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
 from .loads import interface_loads, patch_rows
+
+BasisName = Literal["contact-adapted", "residual", "craig-bampton", "free"]
 
 _FAR_BELOW = 0.01  # of the frequency of longitudinal waves; impacts of compact bodies last about ten of their periods
 _ROUND_OFF = 10 * np.finfo(float).eps  # of the pivots of rigid modes, by the largest stiffness over mass of a dof
@@ -64,14 +67,14 @@ class ReducedBasis:
     labels: tuple[str, ...]
     rigid: Array
     nodal: Array
-    mass: str
+    mass: MassKind
     flexibility: Array | None = None
     left_out: tuple[str, ...] = field(default=())
     shape_nodes: Array | None = None
 
     def __post_init__(self) -> None:
         validate_text("name", self.name)
-        validate_choice("mass", self.mass, ("consistent", "lumped"))
+        validate_choice("mass", self.mass, MASSES)
         check_floats("shapes", self.shapes, (None, None))
         n_dofs, n_shapes = self.shapes.shape
         check_floats("omega", self.omega, (n_shapes,))

@@ -15,7 +15,7 @@ from ..fe.model import nearest_node, node_dofs, rigid_modes
 from ..fe.partition import Partition
 from ..fe.patches import Interface, Patch
 from ..support.archive import Format
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import (
     check_floats,
     check_indices,
@@ -282,11 +282,11 @@ class ReducedBody:
         u[self.basis.nodal] += q[self.n_shapes :].reshape(-1, 3)
         return u
 
-    def nearest_node(self, point: Array) -> int:
+    def nearest_node(self, point: Vector) -> int:
         """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `model.nearest_node`."""
         return nearest_node(self.points, point)
 
-    def surface(self, position: Array, patch: int | str = 0) -> Surface:
+    def surface(self, position: Vector, patch: int | str = 0) -> Surface:
         """Contact patch `patch`, by number or name, with the body shifted by `position`, (3,) [m].
 
         Raises

@@ -10,7 +10,7 @@ import numpy as np
 from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import BlockKrylov, FreeBodyFlexibility, RitzPairs, mass_normalised, orthonormal_complement
 from ..errors import InputError
-from ..fe.model import FEModel
+from ..fe.model import FEModel, MassKind
 from ..fe.partition import Partition
 from ..support.arrays import Array
 from ..support.progress import Progress
@@ -60,7 +60,7 @@ class FreeBody:
         If a rigid interface holds all nodes.
     """
 
-    def __init__(self, fem: FEModel, partition: Partition, mass: str = "consistent") -> None:
+    def __init__(self, fem: FEModel, partition: Partition, mass: MassKind = "consistent") -> None:
         self.fem, self.partition = fem, partition
         self.model = tie(fem, partition, mass)
         if self.model.n == 6:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..fe.model import FEModel
+from ..fe.model import FEModel, MassKind
 from ..support.arrays import Array
 from ..support.checks import check_floats, read_only
 
@@ -42,7 +42,7 @@ class InertiaIntegrals:
 
     @classmethod
     def of(
-        cls, fem: FEModel, shapes: Array, mass: str = "consistent", nodal: Sequence[int] | Array = ()
+        cls, fem: FEModel, shapes: Array, mass: MassKind = "consistent", nodal: Sequence[int] | Array = ()
     ) -> InertiaIntegrals:
         """Integrals with the mass of an FE model, which must be the same in all three directions.
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,7 +28,7 @@ from ..errors import InputError, MeshError
 from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.shapes import TET_NODES, tetrahedron_functions
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import (
     read_only,
     validate_array,
@@ -91,6 +92,10 @@ class StrainGauge:
     direction: Array
     length: float
     name: str = ""
+
+    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+
+        def __init__(self, position: Vector, direction: Vector, length: float, name: str = "") -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", validate_vector("position", self.position))

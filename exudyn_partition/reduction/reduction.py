@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NotRequired, TypedDict
@@ -22,7 +22,7 @@ from ..support.cache import cached
 from ..support.checks import validate_callable, validate_choice, validate_positive, validate_type
 from ..support.progress import Progress, shown
 from . import basis as bases
-from .basis import ReducedBasis
+from .basis import BasisName, ReducedBasis
 from .body import FILE, ReducedBody
 from .estimate import Estimate, Sliding, grow_to_tolerance, warn_if_missed
 from .inertia import InertiaIntegrals
@@ -34,7 +34,7 @@ _SPEED = 1.0  # m/s
 _FASTEST = 1e30  # m/s: bound of the speed, so that numbers stay finite
 _OVERSIZE = 2  # size of Netgen's largest elements, by maxh
 
-BASES = {
+BASES: dict[BasisName, Callable[[FEModel, Partition, float, Progress | None], ReducedBasis]] = {
     "free": bases.free,
     "craig-bampton": bases.craig_bampton,
     "residual": bases.residual,
@@ -48,7 +48,7 @@ def reduce(
     *,
     f_cut: float | None = None,
     tolerance: float | None = None,
-    basis: str = "contact-adapted",
+    basis: BasisName = "contact-adapted",
     speed: float | None = None,
     duration: float | None = None,
     progress: Progress | None = None,
@@ -291,7 +291,9 @@ def _impact_options(tolerance: float | None, speed: float, duration: float | Non
     }
 
 
-def _reduce(fem: FEModel, partition: Partition, f_cut: float, basis: str, progress: Progress | None) -> ReducedBody:
+def _reduce(
+    fem: FEModel, partition: Partition, f_cut: float, basis: BasisName, progress: Progress | None
+) -> ReducedBody:
     begin = time.perf_counter()
     with watched([(fem, partition)], basis), one_blas_thread():
         reduced = BASES[basis](fem, partition, f_cut, progress)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..fe.model import FEModel, node_dofs
+from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..support.arrays import Array
 from ..support.checks import read_only
@@ -52,7 +52,7 @@ class TiedModel:
         return np.arange(np.count_nonzero(self.column >= 0), self.n)
 
 
-def tie(fem: FEModel, partition: Partition, mass: str = "consistent") -> TiedModel:
+def tie(fem: FEModel, partition: Partition, mass: MassKind = "consistent") -> TiedModel:
     """Tie the rigid interfaces of `partition`.
 
     Parameters

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..fe.model import FEModel, node_dofs
+from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_type, validate_vector
 from ..surfaces.surface import Surface
 
@@ -42,8 +43,20 @@ class FullBody:
     partition: Partition
     position: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     velocity: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
-    mass: str = "consistent"
+    mass: MassKind = "consistent"
     patch: int | str | None = None
+
+    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+
+        def __init__(
+            self,
+            fem: FEModel,
+            partition: Partition,
+            position: Vector = ...,
+            velocity: Vector = ...,
+            mass: MassKind = ...,
+            patch: int | str | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         validate_type("fem", self.fem, FEModel, "fe_model()")
@@ -51,7 +64,7 @@ class FullBody:
         self.partition.check_mesh(self.fem)
         object.__setattr__(self, "position", validate_vector("position", self.position))
         object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
-        validate_choice("mass", self.mass, ("consistent", "lumped"))
+        validate_choice("mass", self.mass, MASSES)
         object.__setattr__(self, "patch", self.partition.patch(self.patch))
 
     @property

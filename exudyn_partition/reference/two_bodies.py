@@ -13,7 +13,7 @@ from ..algebra.coulomb import Coulomb, friction_of
 from ..algebra.factorisation import one_blas_thread
 from ..errors import InputError, StoppedRunWarning
 from ..results.history import History
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import (
     validate_callable,
     validate_choice,
@@ -26,7 +26,7 @@ from ..support.checks import (
 )
 from ..support.interrupt import interruptible
 from ..support.progress import Progress
-from ..surfaces.points import ROWS
+from ..surfaces.points import ROWS, RowKind
 from ..surfaces.rows import ContactRows, pair_surfaces
 from .full_body import FullBody, rows_on_dofs
 from .integrator import HHT
@@ -43,9 +43,9 @@ def simulate(
     *,
     end_time: float,
     step: float = 1e-6,
-    points: Mapping[str, tuple[int, Array]] | None = None,
+    points: Mapping[str, tuple[int, Vector]] | None = None,
     alpha: float = 0.1,
-    rows: str | ContactRows = "integrated",
+    rows: RowKind | ContactRows = "integrated",
     friction: float | Coulomb | None = None,
     progress: Progress | None = None,
 ) -> History:
@@ -180,7 +180,7 @@ def _count(end_time: float, step: float) -> int:
     return round(end_time / step)
 
 
-def _validate_points(points: Mapping[str, tuple[int, Array]] | None) -> dict[str, tuple[int, Array]]:
+def _validate_points(points: Mapping[str, tuple[int, Vector]] | None) -> dict[str, tuple[int, Array]]:
     """Return the points with the number of their body."""
     expected = "points: expected a dict of name: (number of the body, 0 or 1, and a point, (3,) [m])"
     if points is None:

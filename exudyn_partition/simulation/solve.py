@@ -9,12 +9,11 @@ import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
 from ..algebra.factorisation import one_blas_thread
-from ..contact.formulations.formulation import Law, Method
+from ..contact.formulations.formulation import INTEGRATORS, Integrator, Law
 from ..errors import (
     InputError,
     ModelLimitWarning,
@@ -54,7 +53,7 @@ def solve_dynamic(
     *,
     end_time: float,
     step: float | None = None,
-    method: str = "explicit",
+    method: Integrator = "explicit",
     sample_period: float | None = None,
     spectral_radius: float = 0.9,
     adaptive: bool = False,
@@ -159,7 +158,7 @@ def _run(
     *,
     end_time: float,
     step: float | None,
-    method: str,
+    method: Integrator,
     sample_period: float | None,
     spectral_radius: float,
     adaptive: bool,
@@ -171,7 +170,7 @@ def _run(
 ) -> tuple[Result, OpenJoints]:
     """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start."""
     exu = require("exudyn")
-    validate_choice("method", method, ("explicit", "implicit"))
+    validate_choice("method", method, INTEGRATORS)
     validate_flag("adaptive", adaptive)
     if not 0 <= validate_number("spectral_radius", spectral_radius) <= 1:
         raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
@@ -228,14 +227,14 @@ def _run(
 
     _log.info("%s steps of %.4g s to %.6g s, %s", steps, step, end_time, "adaptive" if adaptive else "equal")
     status, message = "finished", f"reached {end_time:.6g} s"
-    runs, kind = runs_of(mbs), cast(Method, method)
+    runs = runs_of(mbs)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
         one_blas_thread(),
         bar as report,
         runs.sensors_alone(),
-        closed_joints(mbs, kind),
-        begun(mbs, start, kind),
+        closed_joints(mbs, method),
+        begun(mbs, start, method),
         watched(mbs, start, end_time, step, report) as watch,
         controlled(mbs, control, settings),
     ):
@@ -259,7 +258,7 @@ def _run(
     return replace(result, status=status, message=message), open_joints
 
 
-def _checked_step(mbs: MainSystem, step: float | None, method: str) -> float:
+def _checked_step(mbs: MainSystem, step: float | None, method: Integrator) -> float:
     bodies, _ = partition_items(mbs)
     limit = stability_limit(mbs) if method == "explicit" else float("inf")
     if step is None:
@@ -276,7 +275,7 @@ def _checked_step(mbs: MainSystem, step: float | None, method: str) -> float:
     return step
 
 
-def _warn_of_many_steps(duration: float, longest: float, method: str) -> None:
+def _warn_of_many_steps(duration: float, longest: float, method: Integrator) -> None:
     if duration / longest > _MANY_STEPS:
         remedy = "method='implicit', whose steps stability does not limit" if method == "explicit" else "free_step="
         warnings.warn(
@@ -311,7 +310,7 @@ def _impact_steps(mbs: MainSystem, limit: float) -> Iterator[float]:
 def _step_control(
     mbs: MainSystem,
     step: float,
-    method: str,
+    method: Integrator,
     free_step: float | None,
     sample_period: float | None,
     gap_tolerance: float | None,

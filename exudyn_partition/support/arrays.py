@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]  # docstrings say shapes, and where it is not floats
+Vector = Sequence[float] | Array  # three numbers from a user, in a tuple, list or array
 
 
 def consecutive(sizes: Sequence[int]) -> list[slice]:

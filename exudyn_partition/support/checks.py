@@ -17,6 +17,7 @@ from ..errors import InputError
 from .arrays import Array
 
 Item = TypeVar("Item")
+Choice = TypeVar("Choice", bound=str)
 
 _LONGEST_SHOWN = 120  # characters of a wrong value in a message
 
@@ -178,12 +179,12 @@ def validate_callable(name: str, value: object, expected: str) -> None:
         raise InputError(f"{name}: expected {expected}, got {_called(value)}")
 
 
-def validate_choice(name: str, value: object, choices: Iterable[str]) -> str:
+def validate_choice(name: str, value: object, choices: Iterable[Choice]) -> Choice:
     """Return `value` if it is one of `choices`."""
     options = list(choices)
     if not isinstance(value, str) or value not in options:
         raise InputError(f"{name}: expected one of {', '.join(map(repr, options))}, got {_called(value)}")
-    return value
+    return options[options.index(value)]
 
 
 def read_only(*arrays: Array) -> None:

@@ -12,6 +12,7 @@ over the slave's facets. Quadratic triangles are split into the four between the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,7 +24,8 @@ from ..support.arrays import Array
 from ..support.checks import validate_choice
 from .surface import Surface
 
-ROWS = ("integrated", "node-to-segment")
+RowKind = Literal["integrated", "node-to-segment"]
+ROWS: tuple[RowKind, ...] = get_args(RowKind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,7 @@ _NO_AREA = 1e-9  # a facet has no area if it is below this, by the square of the
 _LEAST_SHARE = 1e-3  # a row is dropped if less than this share of its area is left
 
 
-def contact_points(surface: Surface, rows: str) -> ContactPoints:
+def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
     """Contact points of a slave's patch.
 
     Parameters

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from ..errors import EmptyRegionError, PenetrationError
 from ..support.arrays import Array
 from ..support.checks import read_only
-from .points import ContactPoints, contact_points
+from .points import ContactPoints, RowKind, contact_points
 from .surface import Projection, Surface, closest_points
 
 EDGE_TOLERANCE = 0.02  # of a facet's size: a point that projects past the patch's edge by less is paired
@@ -107,7 +107,7 @@ def facing(projection: Projection, direction: Array, size: float) -> Array:
 
 
 def pair_surfaces(
-    slave: Surface, master: Surface, rows: str = "integrated", placed_by: str = "referencePosition"
+    slave: Surface, master: Surface, rows: RowKind = "integrated", placed_by: str = "referencePosition"
 ) -> ContactRows:
     """Pair every contact point of the slave with the point of the master's patch that it will touch.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,7 +25,8 @@ from .law import ElasticContact
 from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
 from .two_pass import TwoPass
 
-NAMES = ("compliance", "lagrange", "penalty")
+FormulationName = Literal["compliance", "lagrange", "penalty"]
+NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
 _OF_A_FORMULATION = ("check", "law", "couples", "together", "rows", "both_passes")
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; contacts are not coupled below it
@@ -205,7 +206,7 @@ class TwoPasses(Formulation):
         return self.half.couples(law, other, shared)
 
 
-def formulation_of(choice: str | Formulation, stiffness: float | None = None) -> Formulation:
+def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:
     """Return the formulation with the name `choice`, or `choice` itself if it is a formulation.
 
     Raises

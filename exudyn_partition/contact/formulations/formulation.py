@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import scipy.sparse as sp
 
@@ -18,9 +18,12 @@ from ...errors import InputError
 from ...frames.kinematics import Rows
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
+from ...surfaces.points import RowKind
 from ..gaps import Gaps
 
-Method = Literal["explicit", "implicit", "static"]
+Integrator = Literal["explicit", "implicit"]
+INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
+Method = Literal[Integrator, "static"]
 
 
 class Motion(Protocol):
@@ -257,7 +260,7 @@ class Formulation(Protocol):
         Whether it works in two passes, each with half of the forces and another body as slave.
     """
 
-    rows: str = "integrated"
+    rows: RowKind = "integrated"
     both_passes: bool = False
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:

@@ -1,0 +1,84 @@
+"""Names of the package for checkers of types and editors; `__init__.py` imports the same ones on first use."""
+
+from . import errors, reference
+from ._version import __version__ as __version__
+from .algebra.coulomb import Coulomb
+from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
+from .exudyn_bodies.create_body import CreatePartitionBody
+from .exudyn_bodies.partition_body import PartitionBody
+from .exudyn_contacts.create_contact import CreatePartitionContact
+from .exudyn_contacts.partition_contact import PartitionContact
+from .fe.material import ALUMINIUM, STEEL, Material
+from .fe.model import FEModel
+from .fe.partition import Partition
+from .frames.damping import Rayleigh
+from .meshing.mesh_size import Refine
+from .meshing.netgen_mesh import generate_mesh
+from .meshing.ngsolve_fem import fe_model
+from .prediction import hertz
+from .prediction.spectrum import amplitude_spectrum, truncation_frequency
+from .present import output, plot, view
+from .present.view import CreatePartitionView
+from .reduction import recovery
+from .reduction.body import ReducedBody, load_body
+from .reduction.estimate import Estimate
+from .reduction.recovery import StrainGauge
+from .reduction.reduction import reduce, reduce_pair
+from .results import compare as report
+from .results.compare import Comparison, compare, versions
+from .results.history import History
+from .simulation.collect import collect
+from .simulation.result import Result
+from .simulation.solve import solve_dynamic
+from .simulation.stability import stability_limit
+from .simulation.statics import solve_static
+from .simulation.step_control import time_to_contact
+from .support.progress import progress
+
+__all__ = [
+    "ALUMINIUM",
+    "STEEL",
+    "Comparison",
+    "Coulomb",
+    "CreatePartitionBody",
+    "CreatePartitionContact",
+    "CreatePartitionView",
+    "Estimate",
+    "FEModel",
+    "History",
+    "Material",
+    "Partition",
+    "PartitionBody",
+    "PartitionContact",
+    "Rayleigh",
+    "ReducedBody",
+    "Refine",
+    "Result",
+    "RigidCylinder",
+    "RigidPlane",
+    "RigidSphere",
+    "StrainGauge",
+    "amplitude_spectrum",
+    "collect",
+    "compare",
+    "errors",
+    "fe_model",
+    "generate_mesh",
+    "hertz",
+    "load_body",
+    "output",
+    "plot",
+    "progress",
+    "recovery",
+    "reduce",
+    "reduce_pair",
+    "reference",
+    "report",
+    "solve_dynamic",
+    "solve_static",
+    "stability_limit",
+    "time_to_contact",
+    "truncation_frequency",
+    "versions",
+    "view",
+]
