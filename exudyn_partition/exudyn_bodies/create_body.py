@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError, RunError
-from ..frames.damping import Damping, ModeDamping, Ratios, damping_of
+from ..errors import InputError
+from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of
 from ..frames.floating import FloatingKinematics
 from ..frames.inertia_forces import TERMS, InertiaForces, InertiaTerm
 from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import FRAMES, FrameChoice
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_choice, validate_flag, validate_vector
-from ..support.foreign import (
-    Coordinates,
-    Exudyn,
-    ItemIndex,
-    MainSystem,
-    MatrixContainer,
-    NodeIndex,
-    ObjectIndex,
-    UserFunction,
-)
+from ..support.checks import validate_array, validate_choice, validate_flag, validate_number, validate_vector
+from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
-from .model import coordinate_slices, registered, validate_model, validate_new_name
-from .partition_body import RIGID, PartitionBody
-
-Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
+from .markers import EXUDYN_COLOUR
+from .model import registered, validate_model, validate_new_name
+from .partition_body import PartitionBody
+from .user_functions import RIGID, Functions, coupling_functions, inertia_functions
 
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that counts as round-off
 # Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
@@ -45,15 +36,20 @@ def CreatePartitionBody(
     body: ReducedBody,
     *,
     name: str = "",
-    frame: FrameChoice = "inertial",
+    frame: FrameChoice | None = None,
     referencePosition: Vector = (0.0, 0.0, 0.0),
-    referenceRotation: Sequence[Vector] | Array | None = None,
+    referenceRotationMatrix: Sequence[Vector] | Array | None = None,
     initialVelocity: Vector = (0.0, 0.0, 0.0),
     initialAngularVelocity: Vector = (0.0, 0.0, 0.0),
     gravity: Vector = (0.0, 0.0, 0.0),
     damping: Ratios | None = None,
+    massProportionalDamping: float = 0.0,
+    stiffnessProportionalDamping: float = 0.0,
     inertiaTerms: Collection[InertiaTerm] = tuple(TERMS),
     superElement: bool = False,
+    color: Vector | None = None,
+    superElementRigidMarkersOffsets: Sequence[Vector] | Array | None = None,
+    referenceRotation: Sequence[Vector] | Array | None = None,
 ) -> PartitionBody:
     """Add a reduced body to a model.
 
@@ -73,13 +69,14 @@ def CreatePartitionBody(
     mbs : exudyn.MainSystem
     body : ReducedBody
     name : str
-    frame : {"inertial", "floating", "auto"}
+    frame : {"inertial", "floating", "auto"}, optional
         "inertial": rotations of the body are small, translations may be large. "floating": the axes rotate with the
         body, by any angle. "auto": floating if an initial angular velocity or a reference rotation is given, inertial
-        otherwise. A body that other bodies will turn needs "floating".
+        otherwise. A body that other bodies will turn needs "floating". Default: "floating" with superElement=True, as
+        Exudyn's own reduced bodies have it, and "inertial" otherwise.
     referencePosition : (3,)
         Place of the origin of the body's mesh in space [m].
-    referenceRotation : (3, 3), optional
+    referenceRotationMatrix : (3, 3), optional
         Rotation matrix from the axes of the body's mesh to the global axes; needs a floating frame.
     initialVelocity : (3,)
         Velocity of the centre of mass [m/s].
@@ -94,13 +91,23 @@ def CreatePartitionBody(
         Damping of vibration: one ratio for all kept modes, one ratio for each elastic mode, a function from frequencies
         [Hz] to ratios, or `Rayleigh(alpha, beta)`. Bases that keep nodes need Rayleigh. Rigid motion is not damped.
         Default: none. Damping lowers the explicit stability limit.
+    massProportionalDamping, stiffnessProportionalDamping : float
+        Exudyn's names for `damping=Rayleigh(alpha, beta)` [1/s], [s]; instead of `damping`.
     superElement : bool
         Whether to add at once the object for Exudyn's superelement markers and sensors, `oFFRFreducedOrder`, and a
         marker for each interface. The result then has the keys of `mbs.CreateFFRFReducedOrderObject` and of
         `ObjectFFRFreducedOrderInterface.AddObjectFFRFreducedOrder`. If False, they are added when first asked for.
+        Exudyn then draws the body's surface, until a `CreatePartitionView` does.
         With superElement=True the rigid node has the axes of the mesh, so that markers that a model itself attaches to
         FE nodes have them too. But near zero rotation Exudyn keeps only 8 digits of it, and forces of stiff joints are
         noisy with steps of microseconds.
+    color : (4,), optional
+        Red, green, blue and opacity of the body that superElement=True draws, each 0 to 1. Default: Exudyn's.
+    superElementRigidMarkersOffsets : (n, 3), optional
+        Offsets of the markers from the points of the n interfaces, in the axes of the mesh [m]; needs
+        superElement=True. Each marker is fixed to its interface, and turns with it.
+    referenceRotation : (3, 3), optional
+        Another name of `referenceRotationMatrix`.
 
     Returns
     -------
@@ -110,14 +117,22 @@ def CreatePartitionBody(
     ------
     InputError
         If `mbs` is no model, an argument is out of range, or the model has an item of that name. Also if the frame is
-        floating and the body has no inertia about some axis.
+        floating and the body has no inertia about some axis; if something is given by two names; or if an argument has
+        no effect.
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() returns, got {type(body).__name__}")
+    validate_flag("superElement", superElement)
+    if frame is None:
+        frame = "floating" if superElement else "inertial"
     validate_choice("frame", frame, FRAMES)
     position = validate_vector("referencePosition", referencePosition)
-    rotation = None if referenceRotation is None else _rotation_vector(referenceRotation)
+    if referenceRotation is not None and referenceRotationMatrix is not None:
+        raise InputError("referenceRotation: is another name of referenceRotationMatrix; give only one of them")
+    turned = "referenceRotation" if referenceRotationMatrix is None else "referenceRotationMatrix"
+    matrix = referenceRotation if referenceRotationMatrix is None else referenceRotationMatrix
+    rotation = None if matrix is None else _rotation_vector(turned, matrix)
     velocity = validate_vector("initialVelocity", initialVelocity)
     angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
     acceleration = validate_vector("gravity", gravity)
@@ -125,14 +140,15 @@ def CreatePartitionBody(
         raise InputError(f"inertiaTerms: expected a collection of {', '.join(TERMS)}, got {inertiaTerms!r}")
     for term in inertiaTerms:
         validate_choice("inertiaTerms", term, TERMS)
-    validate_flag("superElement", superElement)
+    damping = _damping(damping, massProportionalDamping, stiffnessProportionalDamping)
+    color, offsets = _look(body, superElement, color, superElementRigidMarkersOffsets)
     if frame == "auto":
         rotates = rotation is not None or angular_velocity.any()
         frame = "floating" if rotates else "inertial"
     validate_new_name(mbs, name, ("Object",) if frame == "inertial" else ("Object", "Node"))
     if frame == "inertial":
         if rotation is not None:
-            raise InputError("referenceRotation: an inertial frame keeps the axes of the mesh; take frame='floating'")
+            raise InputError(f"{turned}: an inertial frame keeps the axes of the mesh; take frame='floating'")
         kinematics = InertialKinematics(body, position)
         loss = None if damping is None else damping_of(kinematics, damping)
         item = _add_inertial(mbs, kinematics, name, body.rigid @ np.r_[velocity, angular_velocity], loss)
@@ -157,19 +173,53 @@ def CreatePartitionBody(
         ]
     registered(mbs).bodies[int(item["oGenericODE2"])] = item
     if superElement:
-        item._super_element(mbs)
+        item._super_element(mbs, color, offsets)
         for interface in body.partition.interfaces:
             item.CreateInterfaceMarker(mbs, interface.name)
     return item
 
 
-def _rotation_vector(matrix: object) -> Array:
+def _damping(damping: Ratios | None, of_mass: float, of_stiffness: float) -> Ratios | None:
+    """Return the damping that is given in one of two ways."""
+    given = {"massProportionalDamping": of_mass, "stiffnessProportionalDamping": of_stiffness}
+    for name, value in given.items():
+        if validate_number(name, value, "a finite number, zero or above") < 0:
+            raise InputError(f"{name}: expected a finite number, zero or above, got {value!r}")
+    named = [name for name, value in given.items() if value]
+    if not named:
+        return damping
+    if damping is not None:
+        raise InputError(f"damping: expected one kind of damping, got {damping!r} and {' and '.join(named)}")
+    return Rayleigh(of_mass, of_stiffness)
+
+
+def _look(
+    body: ReducedBody, drawn: bool, color: Vector | None, offsets: Sequence[Vector] | Array | None
+) -> tuple[Array, Array | None]:
+    """Return colour, (4,), and offsets of markers, (n, 3) [m], if they are given; both need superElement=True."""
+    for name, value, instead in (
+        ("color", color, "; CreatePartitionView draws fields"),
+        ("superElementRigidMarkersOffsets", offsets, ", or position= of Partition.interface"),
+    ):
+        if value is not None and not drawn:
+            raise InputError(f"{name}: has no effect without superElement=True; take that{instead}")
+    n = len(body.partition.interfaces)
+    if offsets is not None:
+        offsets = validate_array("superElementRigidMarkersOffsets", offsets, (n, 3))
+    if color is not None:
+        color = validate_array("color", color, (4,))
+        if not ((color >= 0) & (color <= 1)).all():
+            raise InputError(f"color: expected red, green, blue and opacity from 0 to 1, got {color.tolist()}")
+    return np.array(EXUDYN_COLOUR) if color is None else color, offsets
+
+
+def _rotation_vector(name: str, matrix: object) -> Array:
     """Rotation vector, (3,) [rad], of the rotation matrix from the user."""
-    A = validate_array("referenceRotation", matrix, (3, 3))
+    A = validate_array(name, matrix, (3, 3))
     defect = abs(A @ A.T - np.eye(3)).max()
     if defect > _ORTHONORMAL or np.linalg.det(A) < 0:
         raise InputError(
-            f"referenceRotation: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
+            f"{name}: expected a rotation matrix, got one with determinant {np.linalg.det(A):.6g} whose "
             f"product with its transpose differs from the identity by {defect:.3g}"
         )
     value: Array = Rotation.from_matrix(np.array(A)).as_rotvec()  # SciPy 1.13 needs a writable array
@@ -187,7 +237,7 @@ def _add_inertial(
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions = {}
     if "nNodal" in indices:
-        functions = _coupling_functions(exu, item, body.stiffness - diagonal, damping)
+        functions = coupling_functions(exu, item, body.stiffness - diagonal, damping)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
     return item
 
@@ -224,11 +274,11 @@ def _add_floating(
     )
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
-        functions = _inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness, damping)
+        functions = inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness, damping)
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
-        functions = _inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms))
+        functions = inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms))
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item
@@ -267,108 +317,3 @@ def _add_object(
             **functions,
         )
     )
-
-
-def _runs_verlet(mbs: MainSystem, t: float) -> bool:
-    """Whether the solver that asks for forces at t is VelocityVerlet."""
-    solver = mbs.sys.get("dynamicSolver")
-    if solver is None:
-        raise RunError(
-            "mbs: a body with frame='floating' needs to know Exudyn's solver; leave storeSolver=True in "
-            "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']"
-        )
-    return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
-
-
-def _inertia_functions(
-    exu: Exudyn,
-    nodes: list[NodeIndex],
-    forces: InertiaForces,
-    stiffness: Callable[[], Array] | None = None,
-    damping: Damping | None = None,
-) -> Functions:
-    """User functions for inertia forces of a floating frame; with elastic forces and damping if they are given."""
-    start_of_step = exu.ConfigurationType.StartOfStep
-
-    def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
-        """Velocities at the end of a step of VelocityVerlet, from those in its middle, which the solver gives.
-
-        Inertia forces from the velocities in the middle would be of first order, and add energy to modes of equal
-        frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
-        forces are updated, because they change fast and their change is known.
-        """
-        data = mbs.systemData
-        rigid, *modal = (mbs.GetNodeODE2Index(node) for node in nodes)
-        own = np.concatenate([np.arange(rigid + 3, rigid + RIGID), *(np.arange(len(z)) + at for at in modal)])
-        q, q_t, q_tt = (
-            get(start_of_step, copy=False)[own]
-            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
-        )
-        half_step = (t - data.GetTime(start_of_step)) / 2
-        v = middle + half_step * q_tt
-        v[3:] -= half_step * forces.elastic(z - q[3:])
-        v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
-        value: Array = v
-        return value
-
-    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
-        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
-        result = np.zeros(RIGID + len(z))
-        if stiffness is not None:
-            result[RIGID:] = -forces.elastic(z)
-        if v.any():  # zero in a static solution
-            if damping is not None:
-                result -= damping.force(np.asarray(q_t))
-            if _runs_verlet(mbs, t):
-                v = end_velocities(mbs, t, z, v)
-            result[3:] += forces.force(v[:3], z, v[3:])
-        return result
-
-    def jacobian(
-        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
-    ) -> MatrixContainer:
-        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
-        by_z, by_velocity = forces.derivatives(v[:3], z, v[3:])
-        result = np.zeros((RIGID + len(z),) * 2)
-        result[3:, 3:] = -fODE2_t * by_velocity
-        result[3:, RIGID:] -= fODE2 * by_z
-        if stiffness is not None:
-            result[RIGID:, RIGID:] += fODE2 * stiffness()
-        if damping is not None:
-            result += fODE2_t * damping.matrix()
-        return exu.MatrixContainer(sp.csr_matrix(result))
-
-    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
-
-
-def _coupling_functions(
-    exu: Exudyn, item: PartitionBody, stiffness: sp.csr_matrix, damping: Damping | None
-) -> Functions:
-    """User functions for the part of stiffness and damping that is not diagonal.
-
-    The force reads Exudyn's coordinates in place, because converting the list that a user function receives costs more
-    than the product itself.
-    """
-    stiffness = sp.csr_matrix(stiffness)
-    stiffness.eliminate_zeros()
-    damping_matrix = None if damping is None else damping.matrix()
-
-    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
-        slices = coordinate_slices(mbs, item)
-        coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        result = -(stiffness @ np.concatenate([coordinates[s] for s in slices]))
-        if damping is not None:
-            velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
-            result -= damping.force(np.concatenate([velocities[s] for s in slices]))
-        value: Array = result
-        return value
-
-    def jacobian(
-        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
-    ) -> MatrixContainer:
-        result = fODE2 * stiffness
-        if damping_matrix is not None:
-            result = result + fODE2_t * damping_matrix
-        return exu.MatrixContainer(sp.csr_matrix(result))
-
-    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import InputError
+from ..fe.facets import FLAT_TRIANGLES
 from ..fe.model import node_dofs
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
@@ -27,13 +28,21 @@ from ..support.optional import require
 
 Kinematics = InertialKinematics | FloatingKinematics
 
+EXUDYN_COLOUR = (-1.0,) * 4  # which Exudyn takes for the colour of its visualization settings
+
 _TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the least number that has a rotation
 _SMALL = 1e-6  # mass of the small body at an interface, relative to the body's mass
 _NEAR = 12  # nodes for the interpolation of a point's motion: more than lie on one face of a tetrahedron or hexahedron
 
 
 def add_super_element(
-    mbs: MainSystem, kinematics: Kinematics, nodes: Mapping[str, ItemIndex], name: str
+    mbs: MainSystem,
+    kinematics: Kinematics,
+    nodes: Mapping[str, ItemIndex],
+    name: str,
+    *,
+    color: Array | None = None,
+    offsets: Array | None = None,
 ) -> tuple[dict[str, ItemIndex], list[int]]:
     """Add the super element of a body.
 
@@ -44,6 +53,10 @@ def add_super_element(
     nodes : dict
         Exudyn nodes of the body: `nModal` if it has elastic coordinates, `nRigid` if its frame is floating.
     name : str
+    color : (4,) array, optional
+        Red, green, blue and opacity of the surface; below zero for that of Exudyn's settings. Default: not drawn.
+    offsets : (n, 3) array, optional
+        Of the markers from the points of the n interfaces [m].
 
     Returns
     -------
@@ -65,13 +78,14 @@ def add_super_element(
             "MarkerObjectODE2Coordinates of its 'oGenericODE2'"
         )
     rigid, held = (nodes["nRigid"], []) if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
-    places, rows = mesh(kinematics)
+    places, rows = mesh(kinematics, offsets)
     turn = kinematics.node_axes
     rows = (turn.T @ rows.reshape(len(places), 3, rows.shape[1])).reshape(rows.shape)
     if "nModal" in nodes:
         modal, integral = nodes["nModal"], kinematics.mass_integral
     else:
         modal, rows, integral = _add_idle_node(mbs), np.zeros((len(rows), 1)), np.zeros((3, 1))
+    triangles = body.facets[:, FLAT_TRIANGLES[body.facets.shape[1]]].reshape(-1, 3)
     nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
     number = mbs.AddObject(
         items.ObjectFFRFreducedOrder(
@@ -84,7 +98,9 @@ def add_super_element(
             mPhitTPsi=integral,
             modeBasis=rows,
             referencePositions=(places @ turn).ravel(),
-            visualization=items.VObjectFFRFreducedOrder(show=False),
+            visualization=items.VObjectFFRFreducedOrder(
+                show=color is not None, triangleMesh=triangles, color=EXUDYN_COLOUR if color is None else color
+            ),
         )
     )
     return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}, held
@@ -132,17 +148,22 @@ def _add_idle_node(mbs: MainSystem) -> NodeIndex:
     return node
 
 
-def mesh(kinematics: Kinematics) -> tuple[Array, Array]:
-    """Places of the super element's mesh nodes, (m, 3) [m], and their modes, (3m, n), in the body's axes."""
+def mesh(kinematics: Kinematics, offsets: Array | None = None) -> tuple[Array, Array]:
+    """Places of the super element's mesh nodes, (m, 3) [m], and their modes, (3m, n), in the body's axes.
+
+    `offsets`, (k, 3) [m], are those of the markers from the points of the k interfaces.
+    """
     body = kinematics.body
     known = np.arange(len(body.points)) if body.basis.shape_nodes is None else body.basis.shape_nodes
     of_known = np.asarray(kinematics.at(known).rows)
     of_all = np.full((3 * len(body.points), of_known.shape[1]), np.nan)  # unknown displacements must not look like zero
     of_all[node_dofs(known)] = of_known
     places, rows = [body.points - body.centre_of_mass], [of_all]
-    for interface in body.partition.interfaces:
+    interfaces = body.partition.interfaces
+    offsets = np.zeros((len(interfaces), 3)) if offsets is None else offsets
+    for interface, offset in zip(interfaces, offsets, strict=True):
         motion = interface.motion @ kinematics.at(interface.nodes).rows
-        arms = np.ptp(body.points, axis=0).max() * _TRIANGLE  # short arms would turn round-off into moments
+        arms = offset + np.ptp(body.points, axis=0).max() * _TRIANGLE  # short arms would turn round-off into moments
         places.append(interface.position - body.centre_of_mass + arms)
         turning = np.cross(motion[3:].T[None], arms[:, None])  # (3, n, 3)
         rows.append((motion[:3] + turning.swapaxes(1, 2)).reshape(-1, motion.shape[1]))

@@ -21,10 +21,10 @@ from .attachments import add_guard, check_attachments
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
 from .model import Samples, registered
 from .static_part import Static, static_motion, static_part, warn_near_contact
+from .user_functions import RIGID
 
 Kinematics = InertialKinematics | FloatingKinematics
 
-RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
 _BLOCK = 1000  # number of samples whose patches are recovered at a time
 
 
@@ -171,11 +171,13 @@ class PartitionBody(dict[str, ItemIndex]):
             self.point_markers[int(marker)] = point
         return marker
 
-    def _super_element(self, mbs: MainSystem) -> ObjectIndex:
+    def _super_element(self, mbs: MainSystem, color: Array | None = None, offsets: Array | None = None) -> ObjectIndex:
         """Add the object that carries markers, when it is first needed."""
         self._check_model(mbs)
         if "oFFRFreducedOrder" not in self:
-            indices, self.frame_markers = add_super_element(mbs, self.kinematics, self, self.name)
+            indices, self.frame_markers = add_super_element(
+                mbs, self.kinematics, self, self.name, color=color, offsets=offsets
+            )
             self.update(indices, FFRFReducedOrderObjectDict=indices)
             add_guard(mbs, self, check_model)
         return self["oFFRFreducedOrder"]

@@ -107,6 +107,9 @@ def CreatePartitionView(
         )
         return piece.fields(q, q_t)
 
+    for piece in pieces:
+        if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it
+            mbs.SetObjectParameter(piece.item["oFFRFreducedOrder"], "Vshow", False)
     return _add(mbs, pieces, fields, field, scale, limits)
 
 

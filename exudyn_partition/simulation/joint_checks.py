@@ -13,7 +13,8 @@ import scipy.sparse.linalg
 from ..errors import InputError, ModelLimitWarning, RunError
 from ..exudyn_bodies.joints import mass_and_rows
 from ..exudyn_bodies.model import coordinate_slices, validate_model
-from ..exudyn_bodies.partition_body import RIGID, PartitionBody, check_model
+from ..exudyn_bodies.partition_body import PartitionBody, check_model
+from ..exudyn_bodies.user_functions import RIGID
 from ..exudyn_contacts.partition_contact import partition_items
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array

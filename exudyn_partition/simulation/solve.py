@@ -52,6 +52,7 @@ def solve_dynamic(
     mbs: MainSystem,
     *,
     end_time: float,
+    start_time: float | None = None,
     step: float | None = None,
     method: Integrator = "explicit",
     sample_period: float | None = None,
@@ -73,9 +74,11 @@ def solve_dynamic(
     mbs : exudyn.MainSystem
         Assembled.
     end_time : float
-        When the run ends [s]. It begins at `settings.timeIntegration.startTime`, from the model's initial values; to go
-        on from where the last run ended, make its state the initial one:
-        `mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)`.
+        When the run ends [s].
+    start_time : float, optional
+        When the run begins [s], from the model's initial values. To go on from where the last run ended, make its state
+        the initial one: `mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(),
+        exu.ConfigurationType.Initial)`. Default: `settings.timeIntegration.startTime`, which is 0 by default.
     step : float, optional
         [s]. Default: 25 steps a period of the highest `f_cut`, and 32 in the first impact as bodies fly at the start
         (`step_control.impact_step`), where patches are flat more; explicit at most 0.9 of `stability_limit`.
@@ -101,7 +104,7 @@ def solve_dynamic(
         Share of the bodies' energy that vibration may have in free flight without an adaptive run resolving it; steps
         then are longer, and damp it. Default: 1e-4.
     settings : exudyn.SimulationSettings, optional
-        Everything else; end time, number of steps, spectral radius and the period of samples are set in it, and those
+        Everything else; start, end, number of steps, spectral radius and the period of samples are set in it, and those
         of adaptive steps.
     progress : callable, optional
         Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
@@ -135,6 +138,7 @@ def solve_dynamic(
         result, open_joints = _run(
             mbs,
             end_time=end_time,
+            start_time=start_time,
             step=step,
             method=method,
             sample_period=sample_period,
@@ -157,6 +161,7 @@ def _run(
     mbs: MainSystem,
     *,
     end_time: float,
+    start_time: float | None,
     step: float | None,
     method: Integrator,
     sample_period: float | None,
@@ -179,9 +184,11 @@ def _run(
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
-    start = 0.0 if settings is None else float(settings.timeIntegration.startTime)
+    begins, start = "timeIntegration.startTime", 0.0 if settings is None else float(settings.timeIntegration.startTime)
+    if start_time is not None:
+        begins, start = "start_time", validate_number("start_time", start_time, "a finite number in s")
     if not start < end_time:
-        raise InputError(f"end_time: expected more than timeIntegration.startTime, {start:.6g} s, got {end_time:.6g} s")
+        raise InputError(f"end_time: expected more than {begins}, {start:.6g} s, got {end_time:.6g} s")
     step = _checked_step(mbs, step, method)
     if not (end_time - start) / step < _MOST_STEPS:
         raise InputError(
@@ -209,6 +216,7 @@ def _run(
             f"end_time: a run of {end_time - start:.4g} s is too short for Exudyn, whose solvers stop 1e-10 s before "
             f"the end; expected at least {_EARLY / _MOST_STEPS:.2g} s"
         )
+    integration.startTime = start
     integration.endTime, integration.numberOfSteps = end_time + beyond * step, steps + beyond
     integration.generalizedAlpha.spectralRadius = spectral_radius
     integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them

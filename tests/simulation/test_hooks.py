@@ -120,3 +120,5 @@ def test_the_user_s_settings_are_kept(impact, tmp_path):
     settings.timeIntegration.startTime = 1.0
     with pytest.raises(InputError, match=r"end_time: expected more than timeIntegration.startTime, 1 s, got 6e-05 s"):
         ep.solve_dynamic(mbs, end_time=END, settings=settings)
+    with pytest.raises(InputError, match=r"end_time: expected more than start_time, 2 s, got 6e-05 s"):
+        ep.solve_dynamic(mbs, end_time=END, start_time=2.0, settings=settings)

@@ -29,11 +29,13 @@ def settings_from(start):
 
 @pytest.mark.parametrize("options", [
     {"method": "explicit", "step": 0.25e-6}, {"method": "implicit", "step": 0.25e-6},
-    {"method": "explicit", "step": 0.25e-6, "adaptive": True},
+    {"method": "explicit", "step": 0.25e-6, "adaptive": True}, {"step": 0.25e-6, "start_time": HALF},
 ])  # fmt: skip
 def test_a_run_that_goes_on_in_the_middle_of_an_impact(impact, options):
     """Times go on, and force, momentum and energy are those of one run."""
     mbs, striker, target, contact = impact
+    options = dict(options)
+    begins = options.pop("start_time", None)  # wins over that of the settings
     whole = ep.solve_dynamic(mbs, end_time=END, settings=settings_from(0.0), **options)
     force = contact.force(whole)
     momentum = striker.momentum(whole)[-1]
@@ -41,7 +43,8 @@ def test_a_run_that_goes_on_in_the_middle_of_an_impact(impact, options):
     start = contact.force(first)[-1]
     go_on(mbs)
     shares = []
-    second = ep.solve_dynamic(mbs, end_time=END, settings=settings_from(HALF), progress=shares.append, **options)
+    again = {"settings": settings_from(HALF if begins is None else 0.7 * END), "start_time": begins}
+    second = ep.solve_dynamic(mbs, end_time=END, progress=shares.append, **again, **options)
     assert second.status == "finished"
     assert (second.t[0], second.t[-1]) == (pytest.approx(HALF), pytest.approx(END))
     assert shares[0] < 0.1

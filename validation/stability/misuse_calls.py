@@ -167,6 +167,16 @@ _size = Kind(
     {**v.NOTHING, "one": (1,), "negative": (-1, 5), "halves": (1.5, 2.5), "huge": (10**6, 10**6), "nan": (v.nan, 1)},
     (32, 24),
 )
+_rotation = Kind(
+    {
+        "text": "x",
+        "vector": (0, 0, 0),
+        "mirror": -np.eye(3),
+        "zeros": np.zeros((3, 3)),
+        "nan": np.full((3, 3), v.nan),
+    },
+    None,
+)
 _refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ())
 
 _runnable = _ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right})
@@ -273,24 +283,20 @@ CALLS = {
         mbs=_new,
         body=v.body,
         name=v.text(""),
-        frame=v.choice("floating"),
+        frame=v.choice.or_none("floating"),
         referencePosition=v.vector,
-        referenceRotation=Kind(
-            {
-                "text": "x",
-                "vector": (0, 0, 0),
-                "mirror": -np.eye(3),
-                "zeros": np.zeros((3, 3)),
-                "nan": np.full((3, 3), v.nan),
-            },
-            None,
-        ),
+        referenceRotation=_rotation,
+        referenceRotationMatrix=_rotation,
         initialVelocity=v.vector,
         initialAngularVelocity=v.vector,
         gravity=v.vector,
         damping=Kind({"text": "x", "negative": -0.1, "nan": v.nan, "too many": [0.1] * 999, "dict": {}}, 0.0),
         inertiaTerms=Kind({"None": None, "number": 1, "unknown": ["x"], "text": "coriolis"}, ("coriolis",)),
         superElement=v.flag,
+        massProportionalDamping=v.number.but(negative=-1.0)(0.0),
+        stiffnessProportionalDamping=v.number.but(negative=-1e-9)(0.0),
+        color=Kind({"text": "red", "three": (1, 0, 0), "beyond": (0, 0, 0, 255), "nan": (0, 0, v.nan, 1)}, None),
+        superElementRigidMarkersOffsets=Kind({"text": "x", "vector": (0, 0, 0), "nan": [[v.nan] * 3]}, None),
     ),
     "CreatePartitionContact": call(
         mbs=v.mbs(Made(lambda s: s.apart())),
@@ -373,6 +379,7 @@ CALLS = {
     "solve_dynamic": call(
         mbs=_runnable,
         end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
+        start_time=v.number.or_none.but(**{"beyond the end": 1.0, "1e-30": -1e30}),
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
         method=v.choice("explicit"),
         sample_period=v.positive.or_none,

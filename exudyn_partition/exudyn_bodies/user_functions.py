@@ -1,0 +1,122 @@
+"""Forces of a partition body that Exudyn calls in each step: inertia, elastic coupling and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import RunError
+from ..frames.damping import Damping
+from ..frames.inertia_forces import InertiaForces
+from ..support.arrays import Array
+from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, NodeIndex, UserFunction
+from .model import BodyItem, coordinate_slices
+
+Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
+
+RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
+
+
+def _runs_verlet(mbs: MainSystem, t: float) -> bool:
+    """Whether the solver that asks for forces at t is VelocityVerlet."""
+    solver = mbs.sys.get("dynamicSolver")
+    if solver is None:
+        raise RunError(
+            "mbs: a body with frame='floating' needs to know Exudyn's solver; leave storeSolver=True in "
+            "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']"
+        )
+    return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
+
+
+def inertia_functions(
+    exu: Exudyn,
+    nodes: list[NodeIndex],
+    forces: InertiaForces,
+    stiffness: Callable[[], Array] | None = None,
+    damping: Damping | None = None,
+) -> Functions:
+    """User functions for inertia forces of a floating frame; with elastic forces and damping if they are given."""
+    start_of_step = exu.ConfigurationType.StartOfStep
+
+    def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
+        """Velocities at the end of a step of VelocityVerlet, from those in its middle, which the solver gives.
+
+        Inertia forces from the velocities in the middle would be of first order, and add energy to modes of equal
+        frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
+        forces are updated, because they change fast and their change is known.
+        """
+        data = mbs.systemData
+        rigid, *modal = (mbs.GetNodeODE2Index(node) for node in nodes)
+        own = np.concatenate([np.arange(rigid + 3, rigid + RIGID), *(np.arange(len(z)) + at for at in modal)])
+        q, q_t, q_tt = (
+            get(start_of_step, copy=False)[own]
+            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
+        )
+        half_step = (t - data.GetTime(start_of_step)) / 2
+        v = middle + half_step * q_tt
+        v[3:] -= half_step * forces.elastic(z - q[3:])
+        v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
+        value: Array = v
+        return value
+
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
+        result = np.zeros(RIGID + len(z))
+        if stiffness is not None:
+            result[RIGID:] = -forces.elastic(z)
+        if v.any():  # zero in a static solution
+            if damping is not None:
+                result -= damping.force(np.asarray(q_t))
+            if _runs_verlet(mbs, t):
+                v = end_velocities(mbs, t, z, v)
+            result[3:] += forces.force(v[:3], z, v[3:])
+        return result
+
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
+        by_z, by_velocity = forces.derivatives(v[:3], z, v[3:])
+        result = np.zeros((RIGID + len(z),) * 2)
+        result[3:, 3:] = -fODE2_t * by_velocity
+        result[3:, RIGID:] -= fODE2 * by_z
+        if stiffness is not None:
+            result[RIGID:, RIGID:] += fODE2 * stiffness()
+        if damping is not None:
+            result += fODE2_t * damping.matrix()
+        return exu.MatrixContainer(sp.csr_matrix(result))
+
+    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
+
+
+def coupling_functions(exu: Exudyn, item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None) -> Functions:
+    """User functions for the part of stiffness and damping that is not diagonal.
+
+    The force reads Exudyn's coordinates in place, because converting the list that a user function receives costs more
+    than the product itself.
+    """
+    stiffness = sp.csr_matrix(stiffness)
+    stiffness.eliminate_zeros()
+    damping_matrix = None if damping is None else damping.matrix()
+
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+        slices = coordinate_slices(mbs, item)
+        coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
+        result = -(stiffness @ np.concatenate([coordinates[s] for s in slices]))
+        if damping is not None:
+            velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
+            result -= damping.force(np.concatenate([velocities[s] for s in slices]))
+        value: Array = result
+        return value
+
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        result = fODE2 * stiffness
+        if damping_matrix is not None:
+            result = result + fODE2_t * damping_matrix
+        return exu.MatrixContainer(sp.csr_matrix(result))
+
+    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
