@@ -12,6 +12,7 @@ from .fe.material import ALUMINIUM, STEEL, Material
 from .fe.model import FEModel
 from .fe.partition import Partition
 from .frames.damping import Rayleigh
+from .meshing.feminterface import from_feminterface
 from .meshing.mesh_size import Refine
 from .meshing.netgen_mesh import generate_mesh
 from .meshing.ngsolve_fem import fe_model
@@ -63,6 +64,7 @@ __all__ = [
     "compare",
     "errors",
     "fe_model",
+    "from_feminterface",
     "generate_mesh",
     "hertz",
     "load_body",

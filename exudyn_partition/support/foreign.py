@@ -25,6 +25,7 @@ SensorIndex = _Unknown
 ItemEntry = dict[str, _Unknown]  # what Exudyn tells of an item, by its own keys
 Coordinates = _Unknown  # what Exudyn hands to a user function: a list of numbers
 MatrixContainer = _Unknown
+FEMinterface = _Unknown  # exudyn.FEM.FEMinterface
 UserFunction = Callable[..., _Unknown]  # what Exudyn calls in a step
 
 # NGSolve and Netgen.

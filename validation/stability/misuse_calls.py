@@ -10,8 +10,10 @@ from itertools import combinations
 from types import ModuleType
 from typing import Any
 
+import netgen.occ as occ
 import numpy as np
 import scipy.sparse as sp
+from exudyn.FEM import FEMinterface
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.choices import Penalty
@@ -177,6 +179,16 @@ _rotation = Kind(
     },
     None,
 )
+
+
+def _feminterface(scene):
+    """Exudyn's import of a block with linear elements."""
+    mesh = ep.generate_mesh(occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), maxh=0.01)
+    fem = FEMinterface()
+    fem.ImportMeshFromNGsolve(mesh, ep.STEEL.rho, ep.STEEL.E, ep.STEEL.nu, meshOrder=1, boundaryNamesList=[])
+    return fem
+
+
 _refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ())
 
 _runnable = _ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right})
@@ -265,6 +277,10 @@ CALLS = {
         progress=v.function,
         cache=_cache,
         swaps=False,
+    ),
+    "from_feminterface": call(
+        fem=Kind({**v.NOTHING, "number": 1, "a model of ours": Made(lambda s: s.fem)}, Made(_feminterface)),
+        material=v.material,
     ),
     "load_body": call(path=v.path_in(Made(lambda s: s.folder / "body.npz"))),
     "ReducedBody.save": call(

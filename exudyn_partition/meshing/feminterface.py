@@ -1,0 +1,158 @@
+"""FE models from Exudyn's FEMinterface: matrices that NGSolve, Abaqus or ANSYS assembled, and Exudyn imported."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from ..errors import InputError, MeshError
+from ..fe.material import Material
+from ..fe.mesh_quality import check_mesh
+from ..fe.model import FEModel
+from ..fe.shapes import TET_EDGES, integration_gradients
+from ..support.arrays import Array
+from ..support.checks import validate_type
+from ..support.foreign import FEMinterface
+
+_NODES = {"Tet4": 4, "Tet10": 10, "Hex8": 8}  # of an element, by Exudyn's name
+_WEIGHT = {4: 1 / 6, 10: 1 / 24, 8: 1.0}  # of each integration point, by an element's nodes
+_FLIPPED = {  # order of nodes that turns an element of negative volume
+    4: [1, 0, 2, 3],
+    10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9],
+    8: [4, 5, 6, 7, 0, 1, 2, 3],
+}
+_EQUAL = 0.01  # relative difference of mass, or of the energy of uniform strain, that curved sides may make
+
+
+def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
+    """FE model with the mesh and the matrices of Exudyn's FEMinterface.
+
+    Nodes keep their numbers, so that node lists of an existing model go on working. Node sets whose nodes span facets
+    of the surface become boundaries with the same names. Mass and stiffness are taken as they are. They are compared
+    with the material: by the total mass, and by the energy of uniform strains, which any element integrates exactly.
+
+    Parameters
+    ----------
+    fem : exudyn.FEM.FEMinterface
+        With nodes, one kind of elements (Tet4, Tet10 or Hex8), mass and stiffness matrix. Of a quadratic mesh from
+        NGSolve, Exudyn keeps the corners of the elements only; their mid-side nodes are found at the edges.
+    material : Material
+        What the matrices were made with, for waves, contact and stresses.
+
+    Returns
+    -------
+    FEModel
+
+    Raises
+    ------
+    InputError
+        If `fem` is no FEMinterface, something in it is missing, or the material is not that of the matrices.
+    MeshError
+        If elements are of several or other kinds, or mesh and matrices do not fit together.
+
+    Warns
+    -----
+    MeshQualityWarning
+        If the mesh looks damaged, see `mesh_quality.check_mesh`.
+    """
+    validate_type("material", material, Material, "ep.Material()")
+    mass, stiffness, points = _parts(fem)
+    cells = _cells(fem, points)
+    gradients = integration_gradients(cells.shape[1])
+    jacobian = np.einsum("qnd,cnx->cqdx", gradients, points[cells])
+    volume = _WEIGHT[cells.shape[1]] * np.linalg.det(jacobian).sum(axis=1)
+    flip = volume < 0
+    cells[flip] = cells[flip][:, _FLIPPED[cells.shape[1]]]
+    cell_mass, total = material.rho * abs(volume), float(mass.sum()) / 3
+    if abs(total - cell_mass.sum()) > _EQUAL * total:
+        raise InputError(
+            f"material: the mass matrix has {total:.6g} kg, elements of a volume of {abs(volume).sum():.6g} m3 with "
+            f"rho = {material.rho:.6g} kg/m3 have {cell_mass.sum():.6g} kg. Expected the material, and the units, that "
+            "the matrices were made with"
+        )
+    try:
+        model = FEModel(points, cells, mass, stiffness, cell_mass * total / cell_mass.sum(), material, {})
+    except MeshError as error:
+        if cells.shape[1] != _NODES["Tet4"]:
+            raise
+        raise MeshError(
+            f"{error}. Linear elements must be assembled on straight sides: mesh.Curve(1) before ImportMeshFromNGsolve"
+        ) from error
+    _check_strain_energy(model, float(abs(volume).sum()))
+    for nodes in fem.nodeSets:
+        facets = np.flatnonzero(np.isin(model.facets, np.asarray(nodes["NodeNumbers"], dtype=np.int64)).all(axis=1))
+        if len(facets):
+            model.boundaries[str(nodes["Name"])] = facets
+    check_mesh(model)
+    return model
+
+
+def _parts(fem: FEMinterface) -> tuple[sp.csr_matrix, sp.csr_matrix, Array]:
+    """Mass and stiffness, and places of the nodes."""
+    needed = ("massMatrix", "stiffnessMatrix", "nodes", "elements", "nodeSets")
+    if isinstance(fem, type) or not all(hasattr(fem, name) for name in needed):
+        raise InputError(f"fem: expected a FEMinterface of exudyn.FEM, got {type(fem).__name__}")
+    if set(fem.nodes) != {"Position"}:
+        raise InputError(f"fem: expected nodes with positions only, got {', '.join(fem.nodes) or 'none'}")
+    points = np.array(fem.nodes["Position"], dtype=float)
+    matrices = []
+    for name in needed[:2]:
+        matrix = getattr(fem, name)
+        if matrix is None or not sp.issparse(matrix):
+            raise InputError(
+                f"fem: has no sparse {name}, got {type(matrix).__name__}; import it by ImportMeshFromNGsolve, or read "
+                "it from the files of Abaqus or ANSYS"
+            )
+        matrix = sp.csr_matrix(matrix, dtype=float)
+        if matrix.shape != (points.size,) * 2:
+            raise MeshError(f"fem: {name} has shape {matrix.shape}, expected {(points.size,) * 2} for its nodes")
+        matrix = ((matrix + matrix.T) / 2).tocsr()  # round-off of text files
+        matrix.sort_indices()
+        matrices.append(matrix)
+    return matrices[0], matrices[1], points
+
+
+def _cells(fem: FEMinterface, points: Array) -> Array:
+    """Elements in VTK order, with mid-side nodes if other nodes than corners are left over."""
+    found = [(kind, value) for entry in fem.elements for kind, value in entry.items() if kind != "Name"]
+    if len(found) != 1 or found[0][0] not in _NODES:
+        raise MeshError(
+            f"fem: expected elements of one kind, {', '.join(_NODES)}, got {', '.join(k for k, _ in found) or 'none'}"
+        )
+    kind, value = found[0]
+    cells = np.array(value, dtype=np.int64)
+    if cells.ndim != 2 or cells.shape[1] != _NODES[kind] or cells.min() < 0 or cells.max() >= len(points):
+        raise MeshError(
+            f"fem: expected {kind} of shape (n, {_NODES[kind]}) with node numbers from 0 to {len(points) - 1}, got "
+            f"shape {cells.shape}"
+        )
+    beside = np.setdiff1d(np.arange(len(points)), cells)
+    if kind != "Tet4" or not len(beside):
+        return cells
+    ends = np.sort(cells[:, TET_EDGES], axis=2).reshape(-1, 2)
+    edges, number = np.unique(ends, axis=0, return_inverse=True)
+    nearest = cKDTree(points[beside]).query(points[edges].mean(axis=1))[1]
+    if len(np.unique(nearest)) != len(beside) or len(edges) != len(beside):
+        raise MeshError(
+            f"fem: {len(beside)} nodes belong to no Tet4, whose {len(edges)} edges expect one mid-side node each; are "
+            "the elements those of the nodes?"
+        )
+    return np.hstack([cells, beside[nearest][number.reshape(-1, 6)]])
+
+
+def _check_strain_energy(model: FEModel, volume: float) -> None:
+    """Compare the energy of a uniform uniaxial strain and of a shear along each axis with that of the material."""
+    lame, shear = model.material.lame, model.material.shear_modulus
+    for axis, name in enumerate("xyz"):
+        for along, modulus in ((axis, lame + 2 * shear), ((axis + 1) % 3, shear)):
+            motion = np.zeros_like(model.points)
+            motion[:, along] = model.points[:, axis]
+            stored = float(motion.ravel() @ (model.stiffness @ motion.ravel()))
+            if abs(stored - modulus * volume) > _EQUAL * modulus * volume:
+                kind = "strain along" if along == axis else "shear across"
+                raise InputError(
+                    f"material: a uniform {kind} {name} stores {stored / volume / 2:.6g} J/m3 by the stiffness matrix, "
+                    f"but {modulus / 2:.6g} J/m3 by E = {model.material.E:.6g} Pa and nu = {model.material.nu:.6g}. "
+                    "Expected the material, and the units, that the matrices were made with"
+                )
