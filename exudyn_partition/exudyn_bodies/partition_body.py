@@ -15,12 +15,13 @@ from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import Frame
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_result, validate_vector
-from ..support.foreign import ItemIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex
+from ..support.checks import validate_result, validate_text, validate_vector
+from ..support.foreign import ItemIndex, LoadIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex, UserFunction
 from .attachments import add_guard, check_attachments
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
 from .model import Samples, registered
 from .static_part import Static, static_motion, static_part, warn_near_contact
+from .surface_loads import loaded_area, surface_load
 from .user_functions import RIGID
 
 Kinematics = InertialKinematics | FloatingKinematics
@@ -40,8 +41,8 @@ class PartitionBody(dict[str, ItemIndex]):
     three is under `FFRFReducedOrderObjectDict`, and markers of interfaces are under `name:interface`.
 
     `point_markers` has the points of node and point markers outside of rigid interfaces, by the markers' numbers.
-    `frame_markers` hold the rigid node of an inertial frame. `kinematics` is the motion of the body in space;
-    `kinematics.at(nodes)` is that of nodes.
+    `offset_markers` names the interfaces whose markers have offsets. `frame_markers` hold the rigid node of an inertial
+    frame. `kinematics` is the motion of the body in space; `kinematics.at(nodes)` is that of nodes.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class PartitionBody(dict[str, ItemIndex]):
         self.point_markers: dict[int, Vector] = {}
         self.damping: Damping | None = None
         self.frame_markers: list[int] = []
+        self.offset_markers: set[str] = set()
 
     @property
     def frame(self) -> Frame:
@@ -128,6 +130,52 @@ class PartitionBody(dict[str, ItemIndex]):
                 self[key] = add_interface_marker(mbs, self._super_element(mbs), self.kinematics, interface, name)
         return self[key]
 
+    def CreateSurfaceLoad(
+        self,
+        mbs: MainSystem,
+        interface: str,
+        loadVector: Vector,
+        *,
+        bodyFixed: bool = False,
+        loadVectorUserFunction: UserFunction | None = None,
+        name: str = "",
+    ) -> LoadIndex:
+        """Uniform traction on the face of an averaged interface; the body's static answer to it is that of the FE mesh.
+
+        A pressure p on a flat face with the outward normal n is loadVector=-p n with bodyFixed=True.
+
+        Parameters
+        ----------
+        mbs : exudyn.MainSystem
+        interface : str
+            Name of an interface with kind="averaged" whose nodes are those of a face, and without `position`.
+        loadVector : (3,)
+            Force on each square metre [Pa], in global axes, or with `bodyFixed` in those of the interface.
+        bodyFixed : bool
+            Whether the traction turns with the interface.
+        loadVectorUserFunction : callable, optional
+            Function f(mbs, t, loadVector) that returns the traction at time t [Pa].
+        name : str
+
+        Returns
+        -------
+        exudyn.LoadIndex
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong, there is no such interface, or its point is not the mean of its face.
+        """
+        joint = self.body.partition.find_interface(interface)
+        area = loaded_area(self.body, joint)
+        if interface in self.offset_markers:
+            raise InputError(
+                f"interface: the marker of {interface!r} has an offset, about which a traction has a moment; leave it "
+                "out of superElementRigidMarkersOffsets"
+            )
+        load = surface_load(area, loadVector, bodyFixed, loadVectorUserFunction, validate_text("name", name))
+        return load(mbs, self.CreateInterfaceMarker(mbs, interface))
+
     def CreateNodeMarker(self, mbs: MainSystem, point: Vector) -> MarkerIndex:
         """Position marker of the FE node nearest to `point`, (3,) in the body's own coordinates [m].
 
@@ -179,6 +227,9 @@ class PartitionBody(dict[str, ItemIndex]):
                 mbs, self.kinematics, self, self.name, color=color, offsets=offsets
             )
             self.update(indices, FFRFReducedOrderObjectDict=indices)
+            if offsets is not None:
+                names = [interface.name for interface in self.body.partition.interfaces]
+                self.offset_markers = {name for name, offset in zip(names, offsets, strict=True) if offset.any()}
             add_guard(mbs, self, check_model)
         return self["oFFRFreducedOrder"]
 

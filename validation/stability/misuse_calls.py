@@ -334,6 +334,15 @@ CALLS = {
     "RigidSphere": call(center=v.vector, radius=v.positive(1.0)),
     "RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), swaps=False),
     "PartitionBody.CreateInterfaceMarker": call(of=_item, mbs=v.mbs, interface=v.choice("pin")),
+    "PartitionBody.CreateSurfaceLoad": call(
+        of=_item,
+        mbs=v.mbs,
+        interface=v.choice("pin"),
+        loadVector=v.vector,
+        bodyFixed=v.flag,
+        loadVectorUserFunction=v.function,
+        name=v.text(""),
+    ),
     "PartitionBody.CreateNodeMarker": call(of=_item, mbs=v.mbs, point=v.vector),
     "PartitionBody.CreatePointMarker": call(of=_item, mbs=v.mbs, point=v.vector.but(outside=(1, 1, 1))((0, 0, 5e-3))),
     **{
