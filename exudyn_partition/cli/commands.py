@@ -157,7 +157,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--speed", type=_positive, help="of the impact that --tolerance judges [m/s]; 1 unless given")
     one.add_argument("--basis", default="contact-adapted", choices=BASES)
     one.add_argument("--scale", type=_positive, default=1.0, help="factor on the file's lengths: 1e-3 for millimetres")
-    one.add_argument("--order", type=int, choices=(1, 2), help="of the elements")
+    one.add_argument("--order", type=int, choices=(1, 2, 3), help="of the elements")
     one.add_argument("--maxh", type=_positive, metavar="M", help="largest element, for STEP files [m]")
     one.add_argument("--h", type=_positive, metavar="M", help="elements within the impact region, for STEP files [m]")
     one.add_argument("--no-inside", action="store_true", help="leave out the shapes inside the body: a smaller file")

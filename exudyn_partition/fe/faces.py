@@ -25,7 +25,7 @@ def middle(points: Array, facets: Array) -> Array:
     ----------
     points : (n, 3) array
         Nodes of the body [m].
-    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+    facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array
         The face's.
     """
     mean = area_mean(points, facets)

@@ -11,11 +11,19 @@ FLAT_TRIANGLES = {
     3: np.array([[0, 1, 2]]),
     4: np.array([[0, 1, 2], [0, 2, 3]]),
     6: np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]),
+    10: np.array([[0, 3, 8], [3, 4, 9], [4, 1, 5], [8, 9, 7], [9, 5, 6], [7, 6, 2], [3, 9, 8], [4, 5, 9], [9, 6, 7]]),
+}
+# Share of each node in a uniform pressure on a facet; corners of quadratic facets have none.
+NODAL_SHARES = {
+    3: np.full(3, 1 / 3),
+    4: np.full(4, 1 / 4),
+    6: np.r_[np.zeros(3), np.full(3, 1 / 3)],
+    10: np.r_[np.full(3, 1 / 30), np.full(6, 3 / 40), 9 / 20],
 }
 
 
 def facet_corners(facets: Array) -> Array:
-    """Corners, on axis 1, of triangles (nf, 3, ...), quadratic triangles (nf, 6, ...) or quads (nf, 4, ...)."""
+    """Corners, on axis 1, of triangles (nf, 3, ...), (nf, 6, ...) or (nf, 10, ...), or of quads (nf, 4, ...)."""
     return facets[:, : 4 if facets.shape[1] == 4 else 3]
 
 
@@ -27,10 +35,9 @@ def area_vectors(points: Array, facets: Array) -> Array:
 
 
 def nodal_area(points: Array, facets: Array) -> Array:
-    """(n,) array: area [m2] of each of n points under a uniform traction on `facets`.
-
-    Only the mid-side nodes of a quadratic triangle have a share, a third each.
-    """
+    """(n,) array: area [m2] of each of n points under a uniform traction on `facets`, see `NODAL_SHARES`."""
     area = np.linalg.norm(area_vectors(points, facets), axis=1)
-    n_loaded = facet_corners(facets).shape[1]
-    return np.bincount(facets[:, -n_loaded:].ravel(), np.repeat(area / n_loaded, n_loaded), minlength=len(points))
+    shares = NODAL_SHARES[facets.shape[1]]
+    loaded = shares > 0
+    parts = area[:, None] / (1 / shares[loaded])
+    return np.bincount(facets[:, loaded].ravel(), parts.ravel(), minlength=len(points))

@@ -9,11 +9,11 @@ import numpy as np
 from ..errors import MeshError, MeshQualityWarning
 from ..support.arrays import Array
 from .model import FEModel
-from .shapes import TET_EDGES, shape_functions
+from .shapes import TET_EDGES, nodes_on_edges, shape_functions
 
 _VOLUME, _INERTIA = 1e-6, 1e-3  # allowed relative difference of elements and surface
 _FAR = 3.0  # largest distance of a node from its nearest neighbour, by the longest edge opposite to it
-_BENT = 0.35  # largest distance of a mid-side node from the middle of its edge, by the edge's length
+_BENT = 0.35  # largest distance of a node from its place on a straight edge, by the edge's length
 _FLAT = 0.01  # least shape quality of an element, by the mean of its neighbours
 _EDGES = {8: np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])}
 
@@ -43,7 +43,7 @@ def check_mesh(fem: FEModel) -> None:
             *_far_nodes(fem),
         ),
         (f"elements have less than {_FLAT:g} of the shape quality of their neighbours", *_flat_cells(fem)),
-        (f"elements have a mid-side node {_BENT:g} of an edge away from its middle", *_bent_cells(fem)),
+        (f"elements have a node {_BENT:g} of an edge away from where it is on a straight one", *_bent_cells(fem)),
     ):
         if len(found):
             x, y, z = points[0]
@@ -122,12 +122,13 @@ def _flat_cells(fem: FEModel) -> tuple[Array, Array]:
 
 
 def _bent_cells(fem: FEModel) -> tuple[Array, Array]:
-    """Quadratic elements with a mid-side node far from the middle of its edge, and their centres."""
-    if fem.cells.shape[1] != 10:
+    """Elements with a node far from where it would be if its edge were straight, and their centres."""
+    if fem.order == 1:
         return np.empty(0, dtype=int), np.empty((0, 3))
     nodes = fem.points[fem.cells]
     ends = nodes[:, TET_EDGES]
-    off = np.linalg.norm(nodes[:, 4:] - ends.mean(axis=2), axis=2)
-    length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+    straight = ends.mean(axis=2) if fem.order == 2 else nodes_on_edges(nodes[:, :4], TET_EDGES)
+    off = np.linalg.norm(nodes[:, 4 : 4 + straight.shape[1]] - straight, axis=2)
+    length = np.repeat(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), fem.order - 1, axis=1)
     bent = np.flatnonzero((off > _BENT * length).any(axis=1))
     return bent, nodes[bent].mean(axis=1)

@@ -20,23 +20,22 @@ from ..support.arrays import Array, Vector
 from ..support.checks import read_only, validate_array, validate_vector
 from .facets import facet_corners
 from .material import Material
+from .shapes import CELL_FACES, ORDERS
 from .walls import Wall, weakest_wall
 
 MassKind = Literal["consistent", "lumped"]
 MASSES: tuple[MassKind, ...] = get_args(MassKind)
 
-# Local faces of an element by its number of nodes, outward for positive volume: corners, then the mid-side nodes of
-# edges 01, 12, 20.
-_FACES = {
-    4: np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
-    10: np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
-    8: np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
-}
 # Share of an element's mass that each node carries, HRZ lumping (Hinton, Rock, Zienkiewicz 1976): the diagonal of
-# the consistent element mass, scaled to the element's mass. It is positive for quadratic elements too.
-_HRZ_SHARE = {4: np.full(4, 1 / 4), 10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)], 8: np.full(8, 1 / 8)}
-# Volume of the regular tetrahedron or of the cube with edges of length one.
-_UNIT_VOLUME = {4: 2**-0.5 / 6, 10: 2**-0.5 / 6, 8: 1.0}
+# the consistent element mass, scaled to the element's mass. It is positive for quadratic and cubic elements too.
+_HRZ_SHARE = {
+    4: np.full(4, 1 / 4),
+    10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)],
+    20: np.r_[np.full(4, 4), np.full(12, 27), np.full(4, 108)] / 772,
+    8: np.full(8, 1 / 8),
+}
+# Volume of the regular tetrahedron, and of the cube, with edges of length one.
+_TETRAHEDRON, _CUBE = 2**-0.5 / 6, 1.0
 
 # Speeds of waves in bars, sqrt(E / rho), in metres and in millimetres a second: from foam to beyond diamond.
 _WAVE_SPEEDS = ((10.0, 2e4), (1e6, 2e7))
@@ -57,8 +56,8 @@ class FEModel:
     ----------
     points : (n, 3) array
         Nodal positions in the body's reference configuration [m].
-    cells : (ne, 4), (ne, 10) or (ne, 8) int array
-        Tetrahedra, linear or quadratic, or linear hexahedra, in VTK order with positive volume.
+    cells : (ne, 4), (ne, 10), (ne, 20) or (ne, 8) int array
+        Tetrahedra, linear, quadratic or cubic, or linear hexahedra, in VTK order with positive volume.
     mass, stiffness : (3n, 3n) csr matrix
         Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z.
     cell_mass : (ne,) array
@@ -91,7 +90,7 @@ class FEModel:
         cells = np.array(self.cells)
         if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
             raise MeshError(
-                f"cells: expected integers of shape (ne, 4), (ne, 10) or (ne, 8), got {cells.dtype} {cells.shape}"
+                f"cells: expected integers of shape (ne, 4), (ne, 10), (ne, 20) or (ne, 8), got {cells.dtype} {cells.shape}"
             )
         if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
             raise MeshError(
@@ -101,9 +100,10 @@ class FEModel:
         object.__setattr__(self, "cell_mass", validate_array("cell_mass", self.cell_mass, (len(cells),)))
         if not (self.cell_mass > 0).all():
             raise MeshError(f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative")
-        if self.cells.shape[1] not in _FACES:
+        if self.cells.shape[1] not in CELL_FACES:
             raise MeshError(
-                f"cells: expected tetrahedra with 4 or 10 nodes or hexahedra with 8, got {self.cells.shape[1]} nodes"
+                "cells: expected tetrahedra with 4, 10 or 20 nodes or hexahedra with 8, got "
+                f"{self.cells.shape[1]} nodes"
             )
         for name, matrix in (("mass", self.mass), ("stiffness", self.stiffness)):
             if matrix.shape != (3 * len(points),) * 2:
@@ -185,12 +185,12 @@ class FEModel:
 
     @property
     def order(self) -> int:
-        """Polynomial order of the elements, 1 or 2."""
-        return 2 if self.cells.shape[1] == 10 else 1
+        """Polynomial order of the elements, 1, 2 or 3."""
+        return ORDERS[self.cells.shape[1]]
 
     @cached_property
     def facets(self) -> Array:
-        """(nf, 3), (nf, 6) or (nf, 4) int array: outward surface triangles, corners before mid-sides, or quads."""
+        """(nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array: outward surface triangles, see `FACET_NODES`, or quads."""
         faces, number = self._faces
         facets: Array = faces[np.bincount(number.ravel())[number.ravel()] == 1]
         read_only(facets)
@@ -199,7 +199,7 @@ class FEModel:
     @cached_property
     def _faces(self) -> tuple[Array, Array]:
         """Faces of all elements, (6 ne or 4 ne, k), and the number, (ne, 6 or 4), that equal faces have in common."""
-        local = _FACES[self.cells.shape[1]]
+        local = CELL_FACES[self.cells.shape[1]]
         faces = self.cells[:, local].reshape(-1, local.shape[1])
         corners = np.sort(facet_corners(faces), axis=1)
         number = np.unique(corners, axis=0, return_inverse=True)[1]
@@ -217,7 +217,7 @@ class FEModel:
 
     @cached_property
     def lumped_mass(self) -> Array:
-        """(n,) array: nodal masses [kg] by HRZ lumping, positive for both orders (paper, section 2.1)."""
+        """(n,) array: nodal masses [kg] by HRZ lumping, positive for all orders (paper, section 2.1)."""
         share = self.cell_mass[:, None] * _HRZ_SHARE[self.cells.shape[1]]
         lumped = np.bincount(self.cells.ravel(), share.ravel(), minlength=self.n_nodes)
         read_only(lumped)
@@ -252,7 +252,7 @@ class FEModel:
     def max_size(self) -> float:
         """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m]."""
         volume = self.cell_mass.max() / self.material.rho
-        return float((volume / _UNIT_VOLUME[self.cells.shape[1]]) ** (1 / 3))
+        return float((volume / (_CUBE if self.cells.shape[1] == 8 else _TETRAHEDRON)) ** (1 / 3))
 
     @property
     def resolved_frequency(self) -> float:

@@ -18,6 +18,7 @@ from ..support.checks import (
     validate_text,
 )
 from .model import FEModel, rigid_modes
+from .shapes import FACET_NODES
 
 PatchAxes = Literal["normal", "xyz"]
 InterfaceKind = Literal["rigid", "averaged"]
@@ -34,7 +35,7 @@ class Patch:
 
     Parameters
     ----------
-    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+    facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array
         Surface facets, as nodes of the body.
     direction : (3,) array
         Unit outward normal, area-weighted mean: the line of contact.
@@ -56,8 +57,8 @@ class Patch:
 
     def __post_init__(self) -> None:
         check_indices("facets", self.facets, (None, None))
-        if self.facets.shape[1] not in (3, 4, 6) or not len(self.facets):
-            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        if self.facets.shape[1] not in FACET_NODES or not len(self.facets):
+            raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {self.facets.shape}")
         check_floats("direction", self.direction, (3,))
         if abs(np.linalg.norm(self.direction) - 1) > _UNIT:
             raise InputError(f"direction: expected a unit vector, got {self.direction}")

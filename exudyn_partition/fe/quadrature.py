@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.optimize
 
 from ..support.arrays import Array
 from .facets import FLAT_TRIANGLES
-from .shapes import shape_functions
+from .shapes import FACET_NODES, shape_functions
 
 Rule = tuple[Array, Array, Array]
 
@@ -34,12 +35,38 @@ def _triangle_rule() -> Rule:
 
 def _split_triangle_rule() -> Rule:
     """Three points in each of the four triangles between the nodes of a quadratic one."""
-    nodes = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)])
+    nodes = FACET_NODES[6]
     triangles = FLAT_TRIANGLES[6]
     _, weight, barycentric = _triangle_rule()
     local = (barycentric @ nodes[triangles]).reshape(-1, 2)
     hats = (barycentric @ np.eye(6)[triangles]).reshape(-1, 6)
     return local, np.tile(weight / 4, 4), hats
+
+
+def _cubic_triangle_rule() -> Rule:
+    """Points in each of the nine triangles between the nodes of a cubic one: degree 3 in all, degree 2 in each.
+
+    A uniform pressure then makes the exact nodal forces. Three points have degree 2; their errors of degree 3 in the
+    six triangles that stand upright are twice those in the other three. So these have a fourth point in their middle,
+    of such a weight w that their errors are minus twice as large.
+    """
+    _, _, three = _triangle_rule()
+
+    def excess(w: float) -> tuple[Array, float]:
+        """Four points of degree 2, and their error of the integral of 27 times the product of the coordinates."""
+        # Mean squares of the coordinates are 1/6: (1 - w) (6 a^2 - 4 a + 1) / 3 + w / 9 = 1 / 6.
+        a = (2 - np.sqrt(4 - 6 * (1 - (0.5 - w / 3) / (1 - w)))) / 6
+        points = np.vstack([np.full((3, 3), a) + (1 - 3 * a) * np.eye(3), np.full((1, 3), 1 / 3)])
+        return points, float((1 - w) * 27 * a * a * (1 - 2 * a) + w - 0.45)
+
+    w = scipy.optimize.brentq(lambda w: excess(w)[1] - 2 * excess(0.0)[1], 0.0, 0.5, xtol=1e-15)
+    four, _ = excess(w)
+    nodes, triangles = FACET_NODES[10], FLAT_TRIANGLES[10]
+    parts = [(three, np.full(3, 1 / 3), triangles[:6]), (four, np.r_[np.full(3, (1 - w) / 3), w], triangles[6:])]
+    local = [(barycentric @ nodes[corners]).reshape(-1, 2) for barycentric, _, corners in parts]
+    hats = [(barycentric @ np.eye(10)[corners]).reshape(-1, 10) for barycentric, _, corners in parts]
+    weights = [np.tile(share / 18, len(corners)) for _, share, corners in parts]
+    return np.vstack(local), np.concatenate(weights), np.vstack(hats)
 
 
 def _square_rule() -> Rule:
@@ -51,4 +78,4 @@ def _square_rule() -> Rule:
 
 
 # By the number of a facet's nodes: points, their weights, and the nodes' hat functions there, (nq, k).
-RULES = {3: _triangle_rule(), 4: _square_rule(), 6: _split_triangle_rule()}
+RULES = {3: _triangle_rule(), 4: _square_rule(), 6: _split_triangle_rule(), 10: _cubic_triangle_rule()}

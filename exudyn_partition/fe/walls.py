@@ -12,8 +12,10 @@ from .material import Material
 _STEPS = 40  # elements that a ray may cross before it leaves a wall
 _OPPOSITE = -0.9  # cosine between the normals of the two sides of a wall
 _THICK = 2.0  # a wall with more elements than this across it counts as solid
-_SEEN, _FOLLOWED = 1.3, 4.0  # quadratic elements in the length of a bending wave
+# Elements in the length of a bending wave that is seen at all, and in that of one that is followed, by their order.
+_SEEN, _FOLLOWED = {2: 1.3, 3: 0.87}, {2: 4.0, 3: 1.2}
 _LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # elements lock if they are longer than this many thicknesses
+_LOCKING = {2: 2, 3: 1}  # power of that ratio by which a wave needs more elements
 _SHEAR = 5 / 6  # Mindlin's shear coefficient
 
 
@@ -27,7 +29,7 @@ class Wall:
         [m]
     element : float
         Length of its elements along it [m].
-    order : {1, 2}
+    order : {1, 2, 3}
         Of the elements.
     material : Material
     """
@@ -40,18 +42,18 @@ class Wall:
     @property
     def frequency(self) -> float:
         """Highest frequency of bending waves that its elements resolve at all, however inaccurately [Hz]."""
-        return float(_resolved(self.element, self.thickness, self.order, self.material, _SEEN))
+        return float(_resolved(self.element, self.thickness, self.order, self.material, accurate=False))
 
     @property
     def accurate_frequency(self) -> float:
         """Frequency up to which its elements give bending waves a frequency within 8 % [Hz]."""
-        return float(_resolved(self.element, self.thickness, self.order, self.material, _FOLLOWED))
+        return float(_resolved(self.element, self.thickness, self.order, self.material, accurate=True))
 
     def element_for(self, frequency: float) -> float:
         """Length of elements that resolve bending waves up to `frequency` [Hz], in [m]."""
         lengths = self.element * np.geomspace(1, 1e-4, 1000)
         return float(
-            lengths[_resolved(lengths, self.thickness, self.order, self.material, _SEEN) >= frequency].max(
+            lengths[_resolved(lengths, self.thickness, self.order, self.material, accurate=False) >= frequency].max(
                 initial=lengths[-1]
             )
         )
@@ -63,7 +65,8 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
     Let L be the length of a quadratic element and t the thickness of the wall. A bending wave needs at least 1.3
     elements in its length to be resolved, little more than two nodes. It needs four to be accurate, or two where
     several elements span the wall. Beyond L = 5 t the elements lock in shear, and a wave needs (L / 5 t)^2 times as
-    many. `tests/fe/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and with a free plate.
+    many. Cubic elements need 0.87 and 1.2 in its length, and beyond L = 5 t they need L / 5 t times as many.
+    `tests/fe/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and with a free plate.
     Linear elements lock at once. If they are longer than t, no wave is accurate; beyond L = 3 t they are refused.
 
     Parameters
@@ -75,7 +78,7 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
         Cell of each surface facet and its face there.
     number : (ne, faces of a cell) int array
         Numbers that equal faces have in common.
-    order : {1, 2}
+    order : {1, 2, 3}
         Of the elements.
     material : Material
 
@@ -85,20 +88,21 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
     """
     length = _lengths(points, corners[facets[:, 0], facets[:, 1]])
     thickness = _thickness(points, corners, facets, number, _THICK * length)
-    worst = int(_resolved(length, thickness, order, material, _SEEN).argmin())
+    worst = int(_resolved(length, thickness, order, material, accurate=False).argmin())
     return Wall(float(thickness[worst]), float(length[worst]), order, material)
 
 
 def _resolved(
-    length: Array | float, thickness: Array | float, order: int, material: Material, elements: float
+    length: Array | float, thickness: Array | float, order: int, material: Material, *, accurate: bool
 ) -> Array:
-    """Frequency of bending waves with that many elements in their length [Hz]; long elements need more."""
+    """Frequency of bending waves that elements follow, or at least see, [Hz]; long elements need more of them."""
     ratio = length / thickness
-    needed = np.clip(elements * ratio, min(2.0, elements), elements) * np.maximum(1, (ratio / _LOCKS) ** 2)
-    frequency = bending_frequency(2 * np.pi / (needed * length), thickness, material)
     if order == 1:
-        return np.where(ratio > (_LOCKS_LINEAR if elements == _SEEN else 1.0), 0.0, np.inf)
-    return frequency
+        return np.where(ratio > (1.0 if accurate else _LOCKS_LINEAR), 0.0, np.inf)
+    elements = (_FOLLOWED if accurate else _SEEN)[order]
+    needed = np.clip(elements * ratio, min(2.0, elements), elements)
+    needed *= np.maximum(1, (ratio / _LOCKS) ** _LOCKING[order])
+    return bending_frequency(2 * np.pi / (needed * length), thickness, material)
 
 
 def bending_frequency(wavenumber: Array | float, thickness: Array | float, material: Material) -> Array:

@@ -17,9 +17,9 @@ from ..support.machine import available_memory
 _MOST_POINTS = 1e7  # of a ball's grid: no FE model in memory has so many nodes
 # Netgen's elements in a volume maxh^3, and on a surface maxh^2 of walls thinner than an element.
 _A_VOLUME, _A_SURFACE = 4.5, 3.5
-# Nodes per element; peak memory of an FE model per node, and of its mesh per element [byte].
-_NODES = {1: 0.22, 2: 1.5}
-_A_NODE, _AN_ELEMENT = 19e3, 1.2e3
+# By order: nodes per element, and peak memory of an FE model per node [byte]; that of its mesh per element.
+_NODES = {1: 0.22, 2: 1.5, 3: 4.9}
+_A_NODE, _AN_ELEMENT = {1: 19e3, 2: 19e3, 3: 30e3}, 1.2e3
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def check_memory_of_mesh(
         Of the body [m], [m3], [m2].
     maxh, regions, grading :
         As `generate_mesh` takes them.
-    order : {1, 2}
+    order : {1, 2, 3}
         Of the FE model that is made of it.
 
     Raises
@@ -136,7 +136,7 @@ def check_memory_of_mesh(
     n = max(_A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2)
     for region in regions:
         n += min(region.n_elements(maxh, grading), _A_VOLUME * volume / min(region.h, maxh) ** 3)
-    needed, available = n * (_NODES[order] * _A_NODE + _AN_ELEMENT), available_memory()[0]
+    needed, available = n * (_NODES[order] * _A_NODE[order] + _AN_ELEMENT), available_memory()[0]
     if needed > available:
         raise MemoryLimitError(
             f"maxh: elements of {maxh:.4g} m in a body of {size:.4g} m would be about {n:.2g}"
@@ -146,14 +146,14 @@ def check_memory_of_mesh(
         )
 
 
-def check_memory_of_model(n_nodes: int) -> None:
+def check_memory_of_model(n_nodes: int, order: int) -> None:
     """Refuse an FE model whose matrices would not fit into memory, before they are assembled.
 
     Raises
     ------
     MemoryLimitError
     """
-    needed, available = n_nodes * _A_NODE, available_memory()[0]
+    needed, available = n_nodes * _A_NODE[order], available_memory()[0]
     if needed > available:
         raise MemoryLimitError(
             f"mesh: the matrices of {n_nodes} nodes would take about {_gb(needed)}, of {_gb(available)} that are free. "

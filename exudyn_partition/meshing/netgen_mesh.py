@@ -72,7 +72,7 @@ def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), g
 
 
 def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: int) -> NGSolveMesh:
-    """Do the work of `generate_mesh`, also for `fe_model`; warnings name the line that called either."""
+    """Do the work of `generate_mesh`, also for `fe_model`, of some order; warnings name the line that called either."""
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
     maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
     if not _GRADINGS[0] <= grading <= _GRADINGS[1]:
@@ -112,7 +112,7 @@ def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: i
                 UnitsWarning,
                 stacklevel=3,
             )
-    mesh.Curve(2)
+    mesh.Curve(max(order, 2))
     _LOG.info(
         "mesh: %d elements, %d vertices, elements up to %.4g m, finer in %d balls", mesh.ne, mesh.nv, maxh, len(regions)
     )

@@ -16,7 +16,7 @@ from ..fe.facets import facet_corners
 from ..fe.material import Material
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
-from ..fe.shapes import TET_EDGES
+from ..fe.shapes import ORDERS, TET_EDGES
 from ..support.arrays import Array, consecutive
 from ..support.checks import validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
@@ -26,6 +26,7 @@ from .input_decks import refuse_regions
 from .mesh_files import VolumeMesh, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
+from .nodal_basis import NodalBasis
 from .step_files import ENDINGS
 
 _LOG = logging.getLogger(__name__)
@@ -50,15 +51,16 @@ def fe_model(
     ----------
     source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
-        curved to its geometry must be curved with order 2 beforehand, as `generate_mesh` does.
+        curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
         A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra or linear
         hexahedra, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of a
         mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces become boundaries.
     material : Material
         In units that fit the geometry's, SI unless all are chosen otherwise.
-    order : {1, 2}, optional
-        Linear elements with straight sides, or quadratic ones that follow the mesh's curvature. Default: 2, or that of
-        a mesh file. Linear tetrahedra of a file can be raised to order 2; the mid-side nodes then follow its own nodes.
+    order : {1, 2, 3}, optional
+        Linear elements with straight sides, or quadratic or cubic ones that follow the mesh's curvature. Default: 2, or
+        that of a mesh file. Linear tetrahedra of a file can be raised; the other nodes then lie on straight edges. Thin
+        bodies need far fewer nodes with order 3 (`validation/mesh/order.py`).
     maxh, refine, grading :
         For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
     scale : float
@@ -92,8 +94,8 @@ def fe_model(
     Threads take turns, because NGSolve and Netgen allow one at a time.
     """
     ngsolve = require("ngsolve")
-    if isinstance(order, bool) or order not in (None, 1, 2):
-        raise InputError(f"order: expected 1 or 2, got {order!r}")
+    if isinstance(order, bool) or order not in (None, 1, 2, 3):
+        raise InputError(f"order: expected 1, 2 or 3, got {order!r}")
     if not isinstance(material, Material):
         raise InputError(f"material: expected an ep.Material, such as ep.STEEL, got {type(material).__name__}")
     scale = validate_positive("scale", scale)
@@ -128,7 +130,7 @@ def fe_model(
     check_mesh(fem)
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
-    if is_shape and fem.order == 2:
+    if is_shape and fem.order > 1:
         missed = fem.total_mass / material.rho / shape.mass - 1
         if abs(missed) > _VOLUME_MISSED:
             warnings.warn(
@@ -179,22 +181,23 @@ def _from_mesh(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: i
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
     _check_regions("mesh", mesh.GetMaterials())
     curve_order = mesh.GetCurveOrder()
-    if order == 2 and curve_order > 2:
+    if order > 1 and curve_order > order:
         raise MeshError(
-            f"mesh: it is curved with order {curve_order}, expected at most 2, that of the elements; mesh.Curve(2)"
+            f"mesh: it is curved with order {curve_order}, expected at most {order}, that of the elements; "
+            f"mesh.Curve({order})"
         )
     if order == 1:
         mesh.Curve(1)
     try:
-        to_hierarchical, edges = _nodal_basis(ngsolve, mesh, order)
+        basis = NodalBasis(ngsolve, mesh, order)
         position = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
         with ngsolve.TaskManager():
             position.Set(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z)))
-        points = np.column_stack(_nodal_values(position.vec, to_hierarchical))
+        points = basis.nodal_values(position.vec)
         corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
-        cells = _cells(corners, edges, points, mesh.nv)
+        cells = basis.cells(corners, points)
         _check_volume(points, cells)
-        fem = _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
+        fem = _assemble(ngsolve, mesh, material, points, cells, basis.to_hierarchical)
     finally:
         if order == 1:
             mesh.Curve(curve_order)
@@ -229,10 +232,11 @@ def _from_file(
         fem = _isoparametric(ngsolve, file, material)
     else:
         mesh = _volume_mesh(ngsolve, file.points, file.cells)
-        if order == 2:
-            fem = _from_mesh(ngsolve, mesh, material, 2)
+        if order in (2, 3):
+            fem = _from_mesh(ngsolve, mesh, material, order)
         else:
-            fem = _assemble(ngsolve, mesh, material, file.points, file.cells, _nodal_basis(ngsolve, mesh, 1)[0])
+            basis = NodalBasis(ngsolve, mesh, 1)
+            fem = _assemble(ngsolve, mesh, material, file.points, file.cells, basis.to_hierarchical)
     fem.boundaries.update(_boundaries(fem.facets, file.faces))
     return fem
 
@@ -251,13 +255,14 @@ def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FE
     vertices, corners = np.unique(cells[:, :4], return_inverse=True)
     corners = corners.reshape(-1, 4)
     mesh = _volume_mesh(ngsolve, points[vertices], corners)
-    to_hierarchical, edges = _nodal_basis(ngsolve, mesh, 2)
-    numbers = np.hstack([corners, _middle_nodes(corners, edges, mesh.nv)])
+    basis = NodalBasis(ngsolve, mesh, 2)
+    to_hierarchical = basis.to_hierarchical
+    numbers = basis.numbers(corners)
     number_of = np.empty(len(points), dtype=np.int64)
     number_of[cells] = numbers
     if len(points) != to_hierarchical.shape[0] or (number_of[cells] != numbers).any():
         raise MeshError(
-            f"mesh: {len(edges)} edges have {len(points) - mesh.nv} mid-side nodes, expected one each that all "
+            f"mesh: {len(basis.edges)} edges have {len(points) - mesh.nv} mid-side nodes, expected one each that all "
             "elements on an edge share. Merge coincident nodes or mesh anew"
         )
     to_hierarchical = to_hierarchical[:, number_of]
@@ -274,8 +279,9 @@ def _assemble(
     ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
 ) -> FEModel:
     """Assemble by NGSolve; change from its hierarchical basis to nodal values, and from x..y..z.. to xyz order."""
-    check_memory_of_model(len(points))
-    space = ngsolve.VectorH1(mesh, order=2 if cells.shape[1] == 10 else 1)
+    order = ORDERS[cells.shape[1]]
+    check_memory_of_model(len(points), order)
+    space = ngsolve.VectorH1(mesh, order=order)
     u, v = space.TnT()
 
     def strain(w: NGSolveObject) -> NGSolveObject:
@@ -298,56 +304,6 @@ def _assemble(
         material=material,
         boundaries={},
     )
-
-
-def _nodal_basis(ngsolve: NGSolve, mesh: NGSolveMesh, order: int) -> tuple[sp.csr_matrix, Array]:
-    """Matrix from nodal values to NGSolve's hierarchical coefficients of one component, and the mesh's edges.
-
-    At order 2 an edge function is c times the nodal one, so u_mid = (u_1 + u_2) / 2 + c b, b = (u_mid - ...) / c.
-    """
-    nv = mesh.nv
-    if order == 1:
-        return sp.identity(nv, format="csr"), np.empty((0, 2), dtype=np.int64)
-    edges = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
-    scalar = ngsolve.H1(mesh, order=2)
-    if scalar.ndof != nv + len(edges):
-        raise MeshError("mesh: expected one dof for each vertex and each edge in its space of order 2")
-    element = ngsolve.ElementId(ngsolve.VOL, 0)
-    midpoint_values = scalar.GetFE(element).CalcShape(0.5, 0.5, 0.0)
-    c = float(max(np.array(midpoint_values)[4:], key=abs))
-    ne = len(edges)
-    rows = nv + np.arange(ne)
-    weights = sp.csr_matrix((np.full(2 * ne, -0.5 / c), (np.r_[rows, rows], edges.T.ravel())), shape=(nv + ne, nv + ne))
-    return (weights + sp.diags(np.r_[np.ones(nv), np.full(ne, 1 / c)])).tocsr(), edges
-
-
-def _nodal_values(vector: NGSolveObject, to_hierarchical: sp.csr_matrix) -> list[Array]:
-    """Nodal values of a VectorH1 function's components; off its diagonal `to_hierarchical` reads only vertices."""
-    coefficients = np.array(vector).reshape(3, -1)
-    diagonal = to_hierarchical.diagonal()
-    below = to_hierarchical - sp.diags(diagonal)
-    return [(c - below @ c) / diagonal for c in coefficients]
-
-
-def _cells(corners: Array, edges: Array, points: Array, nv: int) -> Array:
-    """Tetrahedra of positive volume, with their mid-side nodes if there are edges, in VTK order."""
-    a, b, c, d = (points[corners[:, i]] for i in range(4))
-    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
-    if not (volume != 0).all():
-        raise MeshError(f"mesh: {np.count_nonzero(volume == 0)} elements have no volume")
-    flip = volume < 0
-    corners[flip, :2] = corners[flip, 1::-1]
-    if not len(edges):
-        return corners
-    return np.hstack([corners, _middle_nodes(corners, edges, nv)])
-
-
-def _middle_nodes(corners: Array, edges: Array, nv: int) -> Array:
-    """(ne, 6) numbers of the tetrahedra's mid-side nodes in VTK order, where edge i has node nv + i."""
-    key = np.sort(edges, axis=1) @ [nv, 1]
-    order = np.argsort(key)
-    wanted = np.sort(corners[:, TET_EDGES], axis=2) @ [nv, 1]
-    return nv + order[np.searchsorted(key[order], wanted)]
 
 
 def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:

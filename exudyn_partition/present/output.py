@@ -21,6 +21,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.model import FEModel
+from ..fe.shapes import linear_shares
 from ..meshing.mesh_files import write_vtu
 from ..reduction.recovery import nodal_stress, von_mises
 from ..reduction.static_answer import StaticAnswer
@@ -47,8 +48,8 @@ _OF_STRESS = {"stress", "von_mises"}
 _FRAMES = 50
 _LONGEST_STEM = 40  # characters of a body's name in file names, which may have 255 bytes
 _LIST = "run.pvd"
-_FACETS = {3: "triangle", 6: "triangle6", 4: "quad"}
-_CELLS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}
+_FACETS = {3: "triangle", 6: "triangle6", 10: "VTK_LAGRANGE_TRIANGLE", 4: "quad"}
+_CELLS = {4: "tetra", 10: "tetra10", 20: "VTK_LAGRANGE_TETRAHEDRON", 8: "hexahedron"}
 
 
 def write_paraview(
@@ -229,8 +230,8 @@ class BodyFields:
                 field = np.zeros(len(self.body.points))
                 for facets, nodes, values in pressures:
                     field[nodes] = values[i].toarray()[0]
-                    if facets.shape[1] == 6:  # pressures are linear between corners
-                        field[facets[:, 3:]] = (field[facets[:, :3]] + field[facets[:, [1, 2, 0]]]) / 2
+                    if facets.shape[1] > 4:  # pressures are linear between corners
+                        field[facets[:, 3:]] = field[facets[:, :3]] @ linear_shares(facets.shape[1])[3:].T
                 data["contact_pressure"] = field[self.nodes]
             for name, nodes, values in tangential:
                 field = np.zeros((len(self.body.points), *values.shape[2:]))

@@ -14,6 +14,7 @@ from ..fe.material import Material
 from ..fe.model import nearest_node, node_dofs, rigid_modes
 from ..fe.partition import Partition
 from ..fe.patches import Interface, Patch
+from ..fe.shapes import FACET_NODES
 from ..support.archive import Format
 from ..support.arrays import Array, Vector
 from ..support.checks import (
@@ -44,7 +45,7 @@ class ReducedBody:
     partition : Partition
     points : (n, 3) array
         Nodes of the FE model [m].
-    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+    facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array
         Its surface for pictures, as `FEModel.facets`.
     mass, stiffness : (n_dofs, n_dofs) csr matrix
         T' M T and T' K T (paper, eq. 16).
@@ -89,8 +90,8 @@ class ReducedBody:
         check_floats("points", self.points, (None, 3))
         n_nodes, nodal = len(self.points), self.basis.nodal
         check_indices("facets", self.facets, (None, None), n_nodes)
-        if self.facets.shape[1] not in (3, 4, 6):
-            raise InputError(f"facets: expected shape (n, 3), (n, 4) or (n, 6), got {self.facets.shape}")
+        if self.facets.shape[1] not in FACET_NODES:
+            raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {self.facets.shape}")
         if self.partition.n_nodes != n_nodes:
             raise InputError(f"partition: it is of a mesh with {self.partition.n_nodes} nodes, the body has {n_nodes}")
         shape_nodes = self.basis.shape_nodes

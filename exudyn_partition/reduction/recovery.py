@@ -242,7 +242,7 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     x = fem.points[fem.cells]
     cells = np.arange(len(x))
     total, weight = np.zeros((fem.n_nodes, 6)), np.zeros((fem.n_nodes, 1))
-    for local, nodes in zip(TET_NODES, fem.cells.T, strict=False):  # 4 or 10 of them; corners come first
+    for local, nodes in zip(TET_NODES[fem.cells.shape[1]], fem.cells.T, strict=True):
         gradient = _gradients(x, np.broadcast_to(local, (len(x), 3)))
         strain = np.einsum("vab,mab->mv", _VOIGT, np.einsum("mka,mkb->mab", u, gradient))
         gather = sp.csr_matrix((fem.cell_mass, (nodes, cells)), shape=(fem.n_nodes, len(x)))
@@ -320,8 +320,8 @@ def _gradients(nodes: Array, local: Array) -> Array:
 
 def _validate_tetrahedra(fem: FEModel) -> None:
     validate_type("fem", fem, FEModel, "fe_model()")
-    if fem.cells.shape[1] not in (4, 10):
-        raise MeshError(f"cells: recovery expects tetrahedra with 4 or 10 nodes, got {fem.cells.shape[1]} nodes")
+    if fem.cells.shape[1] not in TET_NODES:
+        raise MeshError(f"cells: recovery expects tetrahedra with 4, 10 or 20 nodes, got {fem.cells.shape[1]} nodes")
 
 
 def _locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]".format) -> tuple[Array, Array]:

@@ -4,9 +4,9 @@ Node-to-segment (paper, section 3) has a row for each node of the patch. On quad
 pressure has no share at the vertices, so forces vary strongly from node to node.
 
 Integrated rows take a weighted mean of the gap for each node; the weight is a hat function. The Kuhn-Tucker conditions
-hold for each mean. Multipliers are then piecewise linear, displacements linear or quadratic, and integrals are those
-over the slave's facets. Quadratic triangles are split into the four between their nodes, so that all hats are positive
-(Puso, Laursen and Solberg 2008).
+hold for each mean. Multipliers are then piecewise linear, displacements linear, quadratic or cubic, and integrals are
+those over the slave's facets. Quadratic triangles are split into the four between their nodes, cubic ones into nine, so
+that all hats are positive (Puso, Laursen and Solberg 2008).
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import MeshError
-from ..fe.facets import facet_corners
+from ..fe.facets import NODAL_SHARES, facet_corners
 from ..fe.quadrature import RULES, facet_integration
+from ..fe.shapes import linear_shares
 from ..support.arrays import Array
 from ..support.checks import validate_choice
 from .surface import Surface
@@ -164,23 +165,18 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
         weights=np.ones((n, 1)),
         mean=sp.identity(n, format="csr"),
         row_nodes=np.arange(n),
-        area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), _NODAL_SHARES[k]).ravel(), minlength=n),
+        area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), NODAL_SHARES[k]).ravel(), minlength=n),
         pressures=sp.csr_matrix(inverse @ of_corners),
         facets=sp.csr_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
     )
 
 
 def corner_hats(surface: Surface) -> sp.csr_matrix:
-    """Hat functions of the corners at all nodes, (np, np): one at the corner, one half at its mid-side nodes."""
+    """Hat functions of the corners at all nodes, (np, np): one at the corner, linear along edges of its facets."""
     n, facets = len(surface.points), surface.facets
     hats = sp.lil_matrix((n, n))
-    corners = np.unique(facet_corners(facets))
-    hats[corners, corners] = 1.0
-    for ends, middle in zip(((0, 1), (1, 2), (2, 0)), facets[:, 3:].T if facets.shape[1] == 6 else (), strict=False):
-        for end in ends:
-            hats[facets[:, end], middle] = 0.5
+    shares = linear_shares(facets.shape[1])
+    for node, of_corners in enumerate(shares):
+        for corner in np.flatnonzero(of_corners):
+            hats[facets[:, corner], facets[:, node]] = of_corners[corner]
     return sp.csr_matrix(hats)
-
-
-# Share of each node in a uniform pressure on a facet; corners of quadratic facets have none.
-_NODAL_SHARES = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: np.r_[np.zeros(3), np.full(3, 1 / 3)]}

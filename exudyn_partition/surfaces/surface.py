@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.patches import Patch
-from ..fe.shapes import SECOND_DERIVATIVES, corners_of, shape_functions
+from ..fe.shapes import corners_of, curvature, shape_functions
 from ..support.arrays import Array
 
 _NEWTON_STEPS = 30
@@ -100,8 +100,8 @@ class Projection:
         Facet that each point projects to.
     local : (k, 2) array
         Coordinates of the closest point in the facet.
-    weights : (k, 3), (k, 6) or (k, 4) array
-        Shape functions at the closest point.
+    weights : (k, n) array
+        Shape functions at the closest point, of the n nodes of a facet.
     normal : (k, 3) array
         Unit outward normal of the facet there.
     gap : (k,) array
@@ -155,7 +155,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     ----------
     points : (k, 3) array
         Places of the points [m].
-    facets : (nf, 3, 3), (nf, 6, 3) or (nf, 4, 3) array
+    facets : (nf, n, 3) array
         Positions of the facets' nodes [m].
 
     Returns
@@ -175,7 +175,9 @@ def closest_points(points: Array, facets: Array) -> Projection:
     left = np.arange(len(targets))  # points that have not converged
     for _ in range(_NEWTON_STEPS):
         frame = shape_functions(local[left], n_nodes) @ nodes[left]
-        step, (rr, rs, ss), _ = newton_step(frame, targets[left] - frame[:, 0], nodes[left])
+        miss = targets[left] - frame[:, 0]
+        bends = curvature(local[left], np.einsum("knd,kd->kn", nodes[left], miss))
+        step, (rr, rs, ss), _ = newton_step(frame, miss, bends)
         there = _clip(local[left], step, np.stack([rr, rs, rs, ss], axis=1).reshape(-1, 2, 2), domain)
         change = abs(there - local[left]).max(axis=1)
         local[left] = there
@@ -188,7 +190,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
 
 
-def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[Array, tuple[Array, ...], Array]:
+def newton_step(frame: Array, miss: Array, bends: Array | None = None) -> tuple[Array, tuple[Array, ...], Array]:
     """Newton's step towards the closest point.
 
     Where the distance is not convex, as inside a curved surface, it is the step of Gauss and Newton, which takes the
@@ -201,8 +203,8 @@ def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[
         Place and tangents on the facet [m].
     miss : (k, 3) array
         Vector from the place to the point [m].
-    nodes : (k, n, 3) array, optional
-        Positions of the nodes of each point's facet, for its curvature [m]. Default: flat facets.
+    bends : (3, k) array, optional
+        Second derivatives rr, rs and ss of the place, times `miss` [m2]. Default: flat facets.
 
     Returns
     -------
@@ -217,9 +219,8 @@ def newton_step(frame: Array, miss: Array, nodes: Array | None = None) -> tuple[
     aa, ab, bb, am, bm = (np.einsum("kd,kd->k", x, y) for x, y in ((a, a), (a, b), (b, b), (a, miss), (b, miss)))
     rr, rs, ss = aa, ab, bb
     squared = det = aa * bb - ab * ab
-    if nodes is not None:
-        curved = (np.einsum("knd,kd->kn", nodes, miss) @ SECOND_DERIVATIVES[nodes.shape[1]]).T
-        rr, rs, ss = np.stack([aa, ab, bb]) - curved
+    if bends is not None:
+        rr, rs, ss = np.stack([aa, ab, bb]) - bends
         det = rr * ss - rs * rs
         convex = (det > _CONVEX * squared) & (rr > _CONVEX * aa)
         rr, rs, ss, det = (np.where(convex, *p) for p in ((rr, aa), (rs, ab), (ss, bb), (det, squared)))

@@ -53,7 +53,7 @@ def test_a_mid_side_node_off_its_edge(block, tmp_path):
     def change(points):
         points[node] += [0.4 * np.linalg.norm(along), 0, 0]
 
-    with pytest.warns(MeshQualityWarning, match=r"mesh: \d elements have a mid-side node 0.35 of an edge away"):
+    with pytest.warns(MeshQualityWarning, match=r"mesh: \d elements have a node 0.35 of an edge away"):
         changed(block, tmp_path / "bent.vtu", change)
 
 

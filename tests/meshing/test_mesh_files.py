@@ -54,7 +54,7 @@ def frequencies(fem, f_max):
 @pytest.fixture(scope="module")
 def small():
     """Linear and quadratic models of a box with few elements."""
-    return {order: ep.fe_model(box(*SIZE), ep.STEEL, order=order, maxh=0.01) for order in (1, 2)}
+    return {order: ep.fe_model(box(*SIZE), ep.STEEL, order=order, maxh=0.01) for order in (1, 2, 3)}
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -86,12 +86,13 @@ def test_quadratic_elements_keep_their_own_mid_side_nodes(tmp_path):
     assert uniform @ fem.mass @ uniform == pytest.approx(fem.total_mass, rel=1e-12)
 
 
-def test_linear_tetrahedra_can_be_raised(small, tmp_path):
+@pytest.mark.parametrize("order", [2, 3])
+def test_linear_tetrahedra_can_be_raised(small, order, tmp_path):
     linear = small[1]
-    fem = ep.fe_model(write(tmp_path / "box.vtu", linear.points, linear.cells), ep.STEEL, order=2)
+    fem = ep.fe_model(write(tmp_path / "box.vtu", linear.points, linear.cells), ep.STEEL, order=order)
     np.testing.assert_allclose(fem.points[: linear.n_nodes], linear.points, atol=1e-16)
-    assert fem.order == 2
-    assert_same_matrices(fem, small[2], np.arange(fem.n_nodes))
+    assert fem.order == order
+    assert_same_matrices(fem, small[order], np.arange(fem.n_nodes))
 
 
 def test_mass_and_facets_of_distorted_hexahedra(tmp_path):

@@ -23,6 +23,24 @@ def test_quadratic_elements_follow_a_sphere():
     assert mesh.GetCurveOrder() == 2  # the caller's mesh is left as it was
 
 
+def test_cubic_elements_follow_a_sphere_more_closely():
+    """Mass and inertia about the centre of spheres of few elements, by order."""
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), 0.01)
+    mass = 4 / 3 * np.pi * 0.01**3 * 7800
+    missed = []
+    for order in (2, 3):
+        fem = ep.fe_model(shape, ep.STEEL, order=order, maxh=8e-3)
+        inertia = np.diag(fem.rigid_modes.T @ (fem.mass @ fem.rigid_modes))
+        missed.append(abs(inertia / ([mass] * 3 + [0.4 * mass * 0.01**2] * 3) - 1).max())
+        assert fem.order == order
+    assert missed[1] < 5e-4 < 2e-3 < missed[0]
+    assert fem.total_mass == pytest.approx(mass, rel=3e-4)
+    mesh = ep.generate_mesh(shape, maxh=8e-3)  # curved with order 2, which cubic elements hold
+    quadratic, cubic = (ep.fe_model(mesh, ep.STEEL, order=order) for order in (2, 3))
+    assert cubic.total_mass == pytest.approx(quadratic.total_mass, rel=1e-12)
+    np.testing.assert_allclose(cubic.centre_of_mass, quadratic.centre_of_mass, atol=1e-12)
+
+
 def test_boundaries_keep_their_names():
     shape = box(0.01, 0.02, 0.03)
     shape.faces.Max(occ.Z).name = "top"
@@ -45,7 +63,7 @@ def test_other_systems_of_units_do_not_warn(E, rho):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"order": 3, "maxh": 1e-3}, "order: expected 1 or 2"),
+        ({"order": 4, "maxh": 1e-3}, "order: expected 1, 2 or 3"),
         ({}, "maxh"),
         ({"maxh": -1.0}, "maxh: expected a finite number above zero"),
     ],

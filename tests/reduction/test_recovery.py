@@ -49,17 +49,20 @@ def points_in_ball(n, radius):
     return unit * radius * np.minimum(1.5 * rng.random((n, 1)), 1)
 
 
-@pytest.fixture(scope="module", params=["block, linear", "block, quadratic", "ball, faceted", "ball, curved"])
+KINDS = ["block, linear", "block, quadratic", "ball, faceted", "ball, curved", "ball, cubic"]
+
+
+@pytest.fixture(scope="module", params=KINDS)
 def sample(request, block):
     """An FE model and points in it."""
     if request.param.startswith("block"):
         linear = request.param.endswith("linear")
         fem = ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, order=1, maxh=6e-3) if linear else block
         return fem, points_in_box(200, 0.01, 0.02, 0.03)
-    curved = request.param.endswith("curved")
+    order = ["faceted", "curved", "cubic"].index(request.param.split()[-1]) + 1
     shape = occ.Sphere(occ.Pnt(0, 0, 0), RADIUS)
-    fem = ep.fe_model(shape, ep.ALUMINIUM, order=1 + curved, maxh=4e-3)
-    return fem, points_in_ball(200, RADIUS if curved else 0.85 * RADIUS)
+    fem = ep.fe_model(shape, ep.ALUMINIUM, order=order, maxh=8e-3 if order == 3 else 4e-3)
+    return fem, points_in_ball(200, RADIUS if order > 1 else 0.85 * RADIUS)
 
 
 @pytest.fixture(scope="module")
@@ -385,5 +388,5 @@ def test_wrong_shapes(block, top):
 def test_other_elements_are_refused(block):
     cube = copy.copy(block)
     object.__setattr__(cube, "cells", np.arange(8)[None])
-    with pytest.raises(MeshError, match="recovery expects tetrahedra with 4 or 10 nodes, got 8"):
+    with pytest.raises(MeshError, match="recovery expects tetrahedra with 4, 10 or 20 nodes, got 8"):
         recovery.strain_rows(cube, [(0, 0, 0)])

@@ -4,9 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracles import box
 
+import exudyn_partition as ep
 from exudyn_partition.errors import MeshError
+from exudyn_partition.fe.facets import nodal_area
 from exudyn_partition.surfaces.points import ROWS, contact_points
+from exudyn_partition.surfaces.surface import Surface
 
 
 @pytest.mark.parametrize("kind", ROWS)
@@ -39,6 +43,20 @@ def test_integrated_rows_turn_uniform_pressure_into_consistent_nodal_forces(roun
     corners, middles = np.unique(facets[:, :3]), np.unique(facets[:, 3:])
     assert on_nodes.sum() == pytest.approx(points.area.sum(), rel=1e-12)
     assert abs(on_nodes[corners]).max() < 0.02 * on_nodes[middles].max()
+
+
+def test_integrated_rows_of_cubic_facets_make_the_exact_forces_of_a_uniform_pressure():
+    fem = ep.fe_model(box(0.01, 0.01, 0.005), ep.STEEL, order=3, maxh=6e-3)
+    patch = ep.Partition.ball(fem, (0, 0, 0.005), 0.01).patches[0]
+    surface = Surface.of(fem.points, patch, np.zeros(3))
+    points = contact_points(surface, "integrated")
+    on_nodes = np.zeros(len(patch.nodes))
+    np.add.at(on_nodes, points.nodes, points.weights * (points.mean.T @ points.area)[:, None])
+    np.testing.assert_allclose(on_nodes, nodal_area(surface.points, surface.facets), atol=1e-12 * on_nodes.max())
+    nodal = contact_points(surface, "node-to-segment")
+    np.testing.assert_allclose(nodal.area, on_nodes, atol=1e-12 * on_nodes.max())
+    inner = np.setdiff1d(surface.facets[:, :3], surface.rim)
+    np.testing.assert_allclose((nodal.pressures @ nodal.area)[inner], 1.0, rtol=0.15)
 
 
 @pytest.mark.parametrize("kind", ROWS)

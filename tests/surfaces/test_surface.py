@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from oracles import dome
 
-from exudyn_partition.fe.shapes import shape_functions
+from exudyn_partition.fe.shapes import FACET_NODES, shape_functions
 from exudyn_partition.surfaces.surface import Surface, closest_points
 
 
@@ -16,7 +16,13 @@ def saddle(height=0.1):
     return np.array([[0.0, 0, height], [1, 0, -height], [1.1, 0.9, height], [0, 1, -height]])
 
 
-@pytest.mark.parametrize("facet", [dome, saddle])
+def wave(height=0.1):
+    """One cubic triangle that bends to both sides."""
+    flat = FACET_NODES[10]
+    return np.column_stack([flat, height * np.sin(4 * flat[:, 0] + 2 * flat[:, 1])])
+
+
+@pytest.mark.parametrize("facet", [dome, saddle, wave])
 @settings(max_examples=60, deadline=None)
 @given(
     foot=arrays(float, 2, elements=st.floats(-0.4, 1.2)),

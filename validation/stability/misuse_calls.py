@@ -219,7 +219,7 @@ CALLS = {
     "fe_model": call(
         source=v.path_in.but("folder").but(folder=Made(lambda s: s.folder))(Made(lambda s: s.shape)),
         material=v.material,
-        order=v.count.or_none.but(three=3),
+        order=v.count.or_none.but(four=4),
         maxh=v.positive(8e-3),
         refine=_refine,
         grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
