@@ -90,7 +90,7 @@ class FEModel:
         cells = np.array(self.cells)
         if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
             raise MeshError(
-                f"cells: expected integers of shape (ne, 4), (ne, 10), (ne, 20) or (ne, 8), got {cells.dtype} {cells.shape}"
+                f"cells: expected integers, (ne, 4), (ne, 10), (ne, 20) or (ne, 8), got {cells.dtype} {cells.shape}"
             )
         if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
             raise MeshError(

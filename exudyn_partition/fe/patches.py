@@ -56,9 +56,7 @@ class Patch:
     name: str = ""
 
     def __post_init__(self) -> None:
-        check_indices("facets", self.facets, (None, None))
-        if self.facets.shape[1] not in FACET_NODES or not len(self.facets):
-            raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {self.facets.shape}")
+        check_facets(self.facets)
         check_floats("direction", self.direction, (3,))
         if abs(np.linalg.norm(self.direction) - 1) > _UNIT:
             raise InputError(f"direction: expected a unit vector, got {self.direction}")
@@ -119,3 +117,15 @@ class Interface:
     def rigid_motion(self, fem: FEModel) -> Array:
         """(3k, 6) array: displacements of the nodes by unit translations and rotations about `position`."""
         return rigid_modes(fem.points[self.nodes] - self.position)
+
+
+def check_facets(facets: Array, n_nodes: int | None = None) -> None:
+    """Refuse what are no facets of known kinds, or facets with nodes beyond `n_nodes`.
+
+    Raises
+    ------
+    InputError
+    """
+    check_indices("facets", facets, (None, None), n_nodes)
+    if facets.shape[1] not in FACET_NODES or not len(facets):
+        raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {facets.shape}")

@@ -13,8 +13,7 @@ from ..errors import InputError
 from ..fe.material import Material
 from ..fe.model import nearest_node, node_dofs, rigid_modes
 from ..fe.partition import Partition
-from ..fe.patches import Interface, Patch
-from ..fe.shapes import FACET_NODES
+from ..fe.patches import Interface, Patch, check_facets
 from ..support.archive import Format
 from ..support.arrays import Array, Vector
 from ..support.checks import (
@@ -89,9 +88,7 @@ class ReducedBody:
                 validate_type(name, getattr(self, name), kind, source)
         check_floats("points", self.points, (None, 3))
         n_nodes, nodal = len(self.points), self.basis.nodal
-        check_indices("facets", self.facets, (None, None), n_nodes)
-        if self.facets.shape[1] not in FACET_NODES:
-            raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {self.facets.shape}")
+        check_facets(self.facets, n_nodes)
         if self.partition.n_nodes != n_nodes:
             raise InputError(f"partition: it is of a mesh with {self.partition.n_nodes} nodes, the body has {n_nodes}")
         shape_nodes = self.basis.shape_nodes
