@@ -81,20 +81,36 @@ class FreeBodyFlexibility:
     stiffness, mass : (n, n) csr matrix
     rigid : (n, 6) array
         Mass-normalised rigid modes.
+
+    Attributes
+    ----------
+    free : (n - 6,) int array
+        Dofs that are not held.
     """
 
     def __init__(self, stiffness: sp.csr_matrix, mass: sp.spmatrix, rigid: Array) -> None:
         self._rigid, self._mass_rigid = rigid, mass @ rigid
         _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
-        self._free = np.delete(np.arange(len(rigid)), np.sort(held[: rigid.shape[1]]))
-        self._factor = Factorisation(stiffness[self._free][:, self._free])
+        self.free = np.delete(np.arange(len(rigid)), np.sort(held[: rigid.shape[1]]))
+        self._factor = Factorisation(stiffness[self.free][:, self.free])
 
     def __call__(self, loads: Array) -> Array:
         """Elastic displacements of `loads`, (n, k)."""
-        balanced = loads - self._mass_rigid @ (self._rigid.T @ loads)
-        result = np.zeros(loads.shape, order="F")
-        result[self._free] = self._factor.solve(balanced[self._free])
+        result = self.held(loads - self._mass_rigid @ (self._rigid.T @ loads))
         result -= self._rigid @ (self._mass_rigid.T @ result)
+        return result
+
+    def held(self, loads: Array) -> Array:
+        """Displacements of `loads`, (n, k), with the six dofs held."""
+        result = np.zeros(loads.shape, order="F")
+        result[self.free] = self._factor.solve(loads[self.free])
+        return result
+
+    def balanced(self, held: Array, dofs: Array) -> Array:
+        """Elastic flexibility of some dofs, (k,), from that of the held body at them, (k, k)."""
+        at, moved = self._rigid[dofs], self.held(self._mass_rigid)
+        mixed = moved[dofs] @ at.T
+        result: Array = held - mixed - mixed.T + at @ (self._mass_rigid.T @ moved) @ at.T
         return result
 
 

@@ -23,6 +23,7 @@ from ..support.arrays import Array, consecutive
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from ..surfaces.surface import Surface
+from .plasticity.zone_run import ZoneMotion
 
 if TYPE_CHECKING:
     from typing import Self
@@ -44,11 +45,14 @@ class Side:
         Kinematics of the patch's nodes.
     flexibility : (d np, d np) array or None
         Residual flexibility of the patch's nodes [m/N]: d = 1 along `surface.direction`, d = 3 along the body's axes.
+    zone : ZoneMotion or None
+        What may yield beneath the patch.
     """
 
     surface: Surface
     kinematics: Kinematics
     flexibility: Array | None = None
+    zone: ZoneMotion | None = None
 
     @property
     def n(self) -> int:
@@ -66,7 +70,8 @@ class Side:
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
         own = kinematics.at(body.partition.patches[patch].nodes)
-        side = cls(surface, own, None if body.basis.flexibility is None else body.flexibility(patch))
+        flexibility = None if body.basis.flexibility is None else body.flexibility(patch)
+        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch))
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
 

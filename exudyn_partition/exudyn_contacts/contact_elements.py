@@ -32,7 +32,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         begin = time.perf_counter()
         run = runs.advanced(mbs, t, contact)
         f = run.evaluate(mbs, t, q)
-        if floating and run.law.index.size:
+        if floating and f.any():
             f, now = f.copy(), np.asarray(q)
             for own, kinematics in floating:
                 f[own] = kinematics.on_constant_mass(now[own], f[own])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -15,12 +15,14 @@ from ..contact.formulations.formulation import Formulation, Law, Together
 from ..errors import InputError
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..fe.material import Material
+from ..prediction.contact_ellipse import semi_axes
 from ..prediction.yielding import Stress
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import MainSystem
-from .contact_ellipse import semi_axes
-from .friction_results import FrictionResults, RunSamples
+from .friction_results import RunSamples
+from .plastic_results import PlasticResults
 
 # Energies of contacts that are solved together, by the list of these, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
@@ -49,7 +51,7 @@ class SubImpact:
     peak: float
 
 
-class ContactResults(FrictionResults):
+class ContactResults(PlasticResults):
     """A contact of a model, and its results; what changes in a run is in `contact_run.ContactRun`.
 
     Attributes
@@ -201,7 +203,8 @@ class ContactResults(FrictionResults):
         That of the Hertz contact with the same force, and with the same second moments of the pressure on the rows
         (`contact_ellipse`). It is looked for where the force is above 0.8 of its largest value. A contact that closes
         all of a patch is no Hertz contact: there the mean pressure counts as the stress in a bar, if it is larger.
-        Friction, the bodies' other loads, and stress at the edges of flat patches are not in it.
+        Friction, the bodies' other loads, and stress at the edges of flat patches are not in it, and nothing is judged
+        of bodies whose patch yields itself.
 
         Raises
         ------
@@ -224,10 +227,21 @@ class ContactResults(FrictionResults):
         return Stress.beneath(
             load,
             (a, b),
-            [item.body.material for item, _ in self.sides],
+            self._elastic_materials,
             mean=load / areas.sum() if whole else 0.0,
             time=float(result.t[large[peak]]),
         )
+
+    @property
+    def _elastic_materials(self) -> list[Material | None]:
+        """Materials of the sides; without a yield stress where the patch yields itself."""
+        found = []
+        for (item, _), side in zip(self.sides, self.law.gaps.sides, strict=False):
+            material = item.body.material
+            if side.zone is not None and material is not None:
+                material = replace(material, yield_stress=None, hardening=None, kinematic_hardening=0.0)
+            found.append(material)
+        return found
 
     def impacts(self, result: RunSamples) -> list[SubImpact]:
         """Times of uninterrupted contact, with the impulse and peak of each.
@@ -274,8 +288,8 @@ class ContactResults(FrictionResults):
     def energy(self, result: RunSamples) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
-        The contact is evaluated again at the stored coordinates, in their order; with friction it is what the run
-        told.
+        The contact is evaluated again at the stored coordinates, in their order; with friction or plastic zones it is
+        what the run told.
 
         Raises
         ------
@@ -285,6 +299,8 @@ class ContactResults(FrictionResults):
         validate_result(result)
         if self.friction is not None:
             return self._friction_samples(result)[:, 6]
+        if self.yielding is not None:
+            return self._plastic_samples(result)[:, 0]
         if not self.elastic:
             return np.zeros(len(result.t))
         if self.together is None:
@@ -346,6 +362,8 @@ class ContactResults(FrictionResults):
         """What the contact leaves out, in sentences."""
         unpaired = self.law.gaps.unpaired
         said = ["tangential rows: the contact is frictionless"] * (self.friction is None)
+        if self.yielding is not None:
+            said.append("plastic flow outside the plastic zones, and the change of gaps' normals by dents")
         if not self.law.gaps.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
         elif unpaired:

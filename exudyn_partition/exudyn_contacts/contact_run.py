@@ -153,6 +153,12 @@ class ContactRun:
             values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
         return values + self._along.tolist() if law.ahead else values
 
+    def plastic_values(self) -> list[float]:
+        """Values of the sensor `sPlastic`, see `PartitionContact`."""
+        yielding = self.law.yielding
+        assert yielding is not None
+        return [self.law.stored(), yielding.work(), yielding.largest_strain(), float(yielding.flowing())]
+
     def _check_step(self, t: float) -> None:
         """Refuse a run in which multipliers were not applied."""
         if t > self._stepped_to and not self.joined:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
@@ -18,12 +19,12 @@ from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, valida
 from ..exudyn_bodies.model import registered, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_choice
-from ..support.foreign import MainSystem, ObjectIndex
+from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
 from ..surfaces.points import ROWS, RowKind
 from .contact_elements import add_element, add_links
 from .coupling import solve_together
-from .model_run import Runs, runs_of
+from .model_run import ModelRun, Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
 
 _log = logging.getLogger(__name__)
@@ -142,10 +143,16 @@ def CreatePartitionContact(
     else:
         gaps = RigidGaps(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody))
         carrier = Carrier(mbs, masterBody)
-    contact = PartitionContact(name, sides, rigid, chosen, chosen.law(gaps), carrier)
+    law = chosen.law(gaps)
+    if any(side.zone is not None for side in gaps.sides) and law.yielding is None:
+        raise InputError(
+            f"formulation: {type(law).__name__} knows no plastic zones, and the material of a body has hardening. Take "
+            "formulation='compliance', or a material without it"
+        )
+    contact = PartitionContact(name, sides, rigid, chosen, law, carrier)
     solve_together(contact, contacts)
-    law = type(contact.law).__name__
-    _log.info("contact %r: %s with %s rows, in a group of %s", name, law, contact.n_rows, len(contact.group))
+    kind = type(law).__name__
+    _log.info("contact %r: %s with %s rows, in a group of %s", name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
     if contact.law.ahead:
         _chain_before_step(mbs, runs)
@@ -163,7 +170,9 @@ def CreatePartitionContact(
         items.SensorUserFunction(name=name, sensorUserFunction=sample, storeInternal=True)
     )
     if coulomb is not None:
-        _add_friction_sensor(mbs, contact, runs)
+        contact["sFriction"] = _add_sensor(mbs, runs, lambda run: run.of(contact).friction_values())
+    if law.yielding is not None:
+        contact["sPlastic"] = _add_sensor(mbs, runs, lambda run: run.of(contact).plastic_values())
     registered(mbs).contacts[int(contact["sForce"])] = contact
     return contact
 
@@ -175,12 +184,12 @@ def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
     return formulation.with_friction(friction)
 
 
-def _add_friction_sensor(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:
+def _add_sensor(mbs: MainSystem, runs: Runs, values: Callable[[ModelRun], list[float]]) -> SensorIndex:
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return runs.now(mbs).of(contact).friction_values()
+        return values(runs.now(mbs))
 
     items = require("exudyn.itemInterface")
-    contact["sFriction"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=sample, storeInternal=True))
+    return mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=sample, storeInternal=True))
 
 
 def _check_digits(side: Side) -> None:

@@ -136,6 +136,8 @@ class ModelRun:
             found[int(contact["sForce"])] = run.values(t, q)
             if "sFriction" in contact:
                 found[int(contact["sFriction"])] = run.friction_values()
+            if "sPlastic" in contact:
+                found[int(contact["sPlastic"])] = run.plastic_values()
             if contact.moment_about is not None:
                 found[int(contact["sMoment"])] = run.law.moment(contact.moment_about).tolist()
         return found

@@ -1,18 +1,22 @@
-"""Linear elastic isotropic materials."""
+"""Isotropic materials: linear elastic, and what is known of their yielding."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..errors import InputError
-from ..support.checks import validate_number, validate_positive
+from ..support.checks import validate_array, validate_number, validate_positive
 
 _YIELD_STRAINS = 1e-6, 1.0  # yield stress by Young's modulus: less than soft crystals have, more than rubber
 
 
 @dataclass(frozen=True)
 class Material:
-    """Linear elastic isotropic material.
+    """Isotropic material, linear elastic below its yield stress.
 
     Parameters
     ----------
@@ -23,14 +27,23 @@ class Material:
     rho : float
         Density [kg/m3].
     yield_stress : float, optional
-        Stress at which a tensile specimen begins to deform for good [Pa]. Bodies stay elastic: the number only tells,
-        after a run, whether a contact went beyond it. Default: not known, and nothing is told.
+        Stress at which a tensile specimen begins to deform for good [Pa]. Without `hardening` bodies stay elastic: the
+        number only tells, after a run, whether a contact went beyond it. Default: not known, and nothing is told.
+    hardening : float or sequence of (float, float), optional
+        What the material does beyond: the slope of the true stress over the plastic strain [Pa], 0 for none; or that
+        curve, pairs of plastic strain and flow stress [Pa] from (0, yield_stress) on, whose last slope goes on.
+        Contact patches are plastic then, see `Partition.ball`. Default: elastic.
+    kinematic_hardening : float
+        Slope of the back stress over the plastic strain [Pa] (Prager): the part of the hardening that moves the yield
+        surface, so that reversed loads yield earlier.
     """
 
     E: float
     nu: float
     rho: float
     yield_stress: float | None = field(default=None, metadata={"added": True})
+    hardening: float | Sequence[tuple[float, float]] | None = field(default=None, metadata={"added": True})
+    kinematic_hardening: float = field(default=0.0, metadata={"added": True})
 
     def __post_init__(self) -> None:
         expected = "a Poisson's ratio in (-1, 0.5)"
@@ -48,6 +61,47 @@ class Material:
                     f"unit of E={self.E:.6g}, got {self.yield_stress:.6g}, {self.yield_stress / self.E:.2g} of it. Is "
                     "it in MPa, and E in Pa? 355 MPa are 355e6"
                 )
+
+        self._check_hardening()
+
+    def _check_hardening(self) -> None:
+        if self.hardening is None:
+            if self.kinematic_hardening != 0:
+                raise InputError("kinematic_hardening: needs hardening= too, 0 for none that is isotropic")
+            return
+        if self.yield_stress is None:
+            raise InputError("hardening: begins at the yield stress; give yield_stress= too")
+        back = validate_number("kinematic_hardening", self.kinematic_hardening)
+        curve: float | tuple[tuple[float, float], ...]
+        if isinstance(self.hardening, Sequence | np.ndarray):
+            points = validate_array("hardening", self.hardening, (None, 2))
+            strain, stress = points.T
+            if len(points) < 2 or strain[0] != 0 or not math.isclose(stress[0], self.yield_stress):
+                raise InputError(
+                    "hardening: expected at least two pairs of plastic strain and flow stress, the first (0, "
+                    f"yield_stress) = (0, {self.yield_stress:.6g}), got {self.hardening!r}"
+                )
+            if not (np.diff(strain) > 0).all() or not (np.diff(stress) >= 0).all():
+                raise InputError(
+                    "hardening: expected plastic strains that grow and flow stresses that do not fall; where a "
+                    f"material softens, results depend on the mesh. Got {self.hardening!r}"
+                )
+            curve, steepest = tuple((float(e), float(s)) for e, s in points), (np.diff(stress) / np.diff(strain)).max()
+        else:
+            expected = "a slope [Pa], or pairs of plastic strain and flow stress"
+            curve = steepest = validate_number("hardening", self.hardening, expected)
+        if steepest < 0 or back < 0 or max(steepest, back) > self.E:
+            raise InputError(
+                f"hardening: expected slopes from 0 to Young's modulus, {self.E:.6g} Pa, got "
+                f"{self.hardening!r} and kinematic_hardening={back:.6g}. Are they in MPa, and E in Pa?"
+            )
+        object.__setattr__(self, "hardening", curve)
+        object.__setattr__(self, "kinematic_hardening", back)
+
+    @property
+    def plastic(self) -> bool:
+        """Whether its contact patches yield, and do not only tell that they would."""
+        return self.hardening is not None
 
     @property
     def shear_modulus(self) -> float:

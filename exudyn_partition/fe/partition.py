@@ -23,7 +23,7 @@ from ..support.checks import (
 from .faces import middle
 from .facets import area_vectors, facet_corners, nodal_area
 from .model import FEModel, rigid_modes, same_mesh
-from .patches import AXES, KINDS, Interface, InterfaceKind, Patch, PatchAxes
+from .patches import AXES, KINDS, Interface, InterfaceKind, Patch, PatchAxes, plastic_region
 
 _FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
 
@@ -191,6 +191,7 @@ class Partition:
         contact_radius: float | None = None,
         direction: Vector | None = None,
         axes: PatchAxes = "normal",
+        plastic_radius: float | None = None,
         name: str = "",
     ) -> Partition:
         """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
@@ -211,6 +212,10 @@ class Partition:
         axes : {"normal", "xyz"}
             Directions in which the basis knows the flexibility of the patch: along the line of contact, which is
             enough without friction, or in all three.
+        plastic_radius : float, optional
+            Elements with their centre in this distance from `center` may yield [m], if the material has `hardening`.
+            Two contact radii are enough (`hertz.contact_radius`); cost and memory grow with the square of their
+            nodes. Default: `radius` for such a material, none for others.
         name : str
             To tell patches of one body apart.
 
@@ -228,6 +233,10 @@ class Partition:
         reach = radius if contact_radius is None else validate_positive("contact_radius", contact_radius, "m")
         if reach > radius:
             raise InputError(f"contact_radius: expected at most radius = {radius:.4g} m, got {reach:.4g} m")
+        if plastic_radius is not None:
+            plastic_radius = validate_positive("plastic_radius", plastic_radius, "m")
+            if not fem.material.plastic:
+                raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
         distance = np.linalg.norm(fem.points - center, axis=1)
         nodes = np.flatnonzero(distance <= radius)
         if not len(nodes):
@@ -260,7 +269,10 @@ class Partition:
                 "another direction or center"
             )
         rim = np.intersect1d(facets, fem.facets[~within & facing])
-        patch = Patch(facets, line, rim, axes, direction is not None, name)
+        plastic = None
+        if fem.material.plastic:
+            plastic = plastic_region(fem, center, radius if plastic_radius is None else plastic_radius)
+        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import EmptyRegionError, InputError
 from ..support.arrays import Array
 from ..support.checks import (
     check_floats,
@@ -30,6 +30,51 @@ _UNIT = 1e-9  # allowed error of a unit vector's length
 
 
 @dataclass(frozen=True, eq=False)
+class PlasticRegion:
+    """Elements beneath a contact patch that may yield (the paper's impact region II).
+
+    Parameters
+    ----------
+    cells : (nc, k) int array
+        The elements, as nodes of the body.
+    border : (k,) int array
+        Nodes that they share with other elements.
+    """
+
+    cells: Array
+    border: Array
+
+    def __post_init__(self) -> None:
+        check_indices("cells", self.cells, (None, None))
+        check_indices("border", self.border, (None,))
+        read_only(self.cells, self.border)
+
+    @property
+    def nodes(self) -> Array:
+        """(nz,) int array: nodes of the elements, ascending."""
+        return np.unique(self.cells)
+
+
+def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
+    """Elements whose centre lies within `radius` [m] of a point, (3,) [m].
+
+    Raises
+    ------
+    EmptyRegionError
+        If there is none.
+    """
+    away = np.linalg.norm(fem.points[fem.cells].mean(axis=1) - center, axis=1)
+    within = away <= radius
+    if not within.any():
+        raise EmptyRegionError(
+            f"plastic_radius: no element has its centre within {radius:.4g} m of the patch's center, the nearest is "
+            f"{away.min():.4g} m away. Refine the mesh there, or enlarge the radius"
+        )
+    border = np.intersect1d(fem.cells[within], fem.cells[~within])
+    return PlasticRegion(fem.cells[within], border)
+
+
+@dataclass(frozen=True, eq=False)
 class Patch:
     """A contact patch: the surface facets that may touch, and the directions of its residual flexibility.
 
@@ -46,6 +91,8 @@ class Patch:
     direction_given : bool
         Whether the user gave `direction`.
     name : str
+    plastic : PlasticRegion or None
+        What may yield beneath it.
     """
 
     facets: Array
@@ -54,6 +101,7 @@ class Patch:
     axes: PatchAxes = "normal"
     direction_given: bool = False
     name: str = ""
+    plastic: PlasticRegion | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         check_facets(self.facets)
@@ -129,3 +177,6 @@ def check_facets(facets: Array, n_nodes: int | None = None) -> None:
     check_indices("facets", facets, (None, None), n_nodes)
     if facets.shape[1] not in FACET_NODES or not len(facets):
         raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {facets.shape}")
+
+
+PARTS = (Patch, PlasticRegion, Interface)  # of a partition, as files know them

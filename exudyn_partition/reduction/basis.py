@@ -21,11 +21,12 @@ from ..algebra.krylov import RitzPairs, eigenmodes, orthonormal_complement
 from ..errors import FrequencyRangeError, InputError, UnitsWarning
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
+from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ..support.progress import Progress
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
-from .loads import interface_loads, patch_rows
+from .loads import interface_loads, patch_rows, patch_slice
 
 BasisName = Literal["contact-adapted", "residual", "craig-bampton", "free"]
 
@@ -59,6 +60,8 @@ class ReducedBasis:
         What the basis leaves out, in sentences.
     shape_nodes : (k,) int array, optional
         Nodes that the rows of `shapes`, then (3k, ns), are of, ascending, those of `nodal` among them. Default: all.
+    zones : tuple of ZoneFlexibility
+        Residual flexibility of the plastic zones, in the order of the patches that have one.
     """
 
     name: str
@@ -71,6 +74,7 @@ class ReducedBasis:
     flexibility: Array | None = None
     left_out: tuple[str, ...] = field(default=())
     shape_nodes: Array | None = None
+    zones: tuple[ZoneFlexibility, ...] = field(default=(), metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_text("name", self.name)
@@ -337,6 +341,11 @@ def _with_residual_flexibility(
         left_out = ("all vibration: the body is rigid but for the static answer of its contact", *left_out)
     if any(patch.axes == "normal" for patch in body.partition.patches):
         left_out += ("tangential contact rows: contact is frictionless (axes='xyz' of the partition keeps them)",)
+    G = patch_rows(body.fem, body.partition) @ body.model.expand
+    at_patches, zones = G @ pairs.vectors, []
+    for number, flexibility in static.zones.items():
+        at_zone = pairs.vectors[body.zone_dofs(body.partition.patches[number])]
+        zones.append(flexibility.without(at_zone, at_patches[patch_slice(body.partition, number)], pairs.omega))
     return ReducedBasis(
         name=name,
         shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
@@ -347,6 +356,7 @@ def _with_residual_flexibility(
         mass="consistent",
         flexibility=residual_flexibility(body, pairs, static),
         left_out=left_out,
+        zones=tuple(zones),
     )
 
 

@@ -13,7 +13,8 @@ from ..errors import InputError
 from ..fe.material import Material
 from ..fe.model import nearest_node, node_dofs, rigid_modes
 from ..fe.partition import Partition
-from ..fe.patches import Interface, Patch, check_facets
+from ..fe.patches import PARTS, check_facets
+from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.archive import Format
 from ..support.arrays import Array, Vector
 from ..support.checks import (
@@ -133,13 +134,12 @@ class ReducedBody:
     def left_out(self) -> tuple[str, ...]:
         """What the body leaves out, in sentences."""
         said = [*self.basis.left_out, *self.partition.left_out]
-        if self.partition.patches:
+        if not all(patch.plastic for patch in self.partition.patches):
             known = self.material is not None and self.material.yield_stress is not None
             said.append(f"plastic deformation (yield_stress= of Material {'tells' if known else 'would tell'} of it)")
         said.append("strain and stress, which `recovery` computes on request")
-        if not self.has_inside:
-            said.append("the shapes inside the body, which was saved without them (save with inside=True keeps them)")
-        return tuple(said)
+        inside = "the shapes inside the body, which was saved without them (save with inside=True keeps them)"
+        return (*said, *[inside] * (not self.has_inside))
 
     @property
     def has_inside(self) -> bool:
@@ -165,12 +165,13 @@ class ReducedBody:
             )
 
     def without_inside(self) -> ReducedBody:
-        """Return the body with its shapes only at the nodes of surface, interfaces and nodal columns.
+        """Return the body with its shapes only at nodes of surface, interfaces, plastic zones and nodal columns.
 
         Runs, their results on the surface, and drawing need no others; `save` with inside=False writes this body.
         """
+        zones = [patch.plastic.nodes for patch in self.partition.patches if patch.plastic]
         joints = [interface.nodes for interface in self.partition.interfaces]
-        kept = np.unique(np.concatenate([self.facets.ravel(), self.basis.nodal, *joints]))
+        kept = np.unique(np.concatenate([self.facets.ravel(), self.basis.nodal, *joints, *zones]))
         if not self.has_inside or len(kept) == len(self.points):
             return self
         shapes = self.basis.shapes[node_dofs(kept)]
@@ -247,8 +248,7 @@ class ReducedBody:
             Naming the first node that lies inside a body which was saved without its inside.
         """
         known = self.basis.shape_nodes
-        missing = nodes[:0] if known is None else nodes[~np.isin(nodes, known)]
-        if len(missing):
+        if known is not None and len(missing := nodes[~np.isin(nodes, known)]):
             self.check_inside(f"node {missing[0]} at {self.points[missing[0]]} m")
 
     def shape_rows(self, nodes: Array | None = None) -> Array:
@@ -370,7 +370,7 @@ FILE = Format(
     name="reduced body",
     version=7,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
-    classes=(ReducedBody, ReducedBasis, InertiaIntegrals, Partition, Patch, Interface, Estimate, Material),
+    classes=(ReducedBody, ReducedBasis, ZoneFlexibility, InertiaIntegrals, Estimate, Material, Partition, *PARTS),
     packed=True,
 )
 

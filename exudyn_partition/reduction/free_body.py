@@ -10,11 +10,13 @@ import numpy as np
 from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import BlockKrylov, FreeBodyFlexibility, RitzPairs, mass_normalised, orthonormal_complement
 from ..errors import InputError
-from ..fe.model import FEModel, MassKind
+from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
+from ..fe.patches import Patch
+from ..plasticity.zone_flexibility import ZoneFlexibility, zone_answers
 from ..support.arrays import Array
 from ..support.progress import Progress
-from .loads import interface_loads, patch_rows, resultants, unit_loads
+from .loads import interface_loads, patch_rows, patch_slice, resultants, unit_loads
 from .tied import tie
 
 _LOG = logging.getLogger(__name__)
@@ -39,10 +41,13 @@ class StaticAnswers:
         Displacements at the patches' rows by unit forces there, G F_e G' [m/N].
     of_interfaces : (nz, 6 i) array
         Displacements of all coordinates by the interfaces' unit resultants [m/N].
+    zones : dict of int to ZoneFlexibility
+        Flexibility of the plastic zones, by the number of their patch.
     """
 
     at_patches: Array
     of_interfaces: Array
+    zones: dict[int, ZoneFlexibility]
 
 
 class FreeBody:
@@ -79,11 +84,40 @@ class FreeBody:
         flexibility = flexibility or self.flexibility()
         rows = (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
         at_patches = np.empty((rows.shape[0],) * 2)
+        zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
+        at_zones = {number: np.empty((len(dofs), rows.shape[0])) for number, dofs in zones.items()}
         for first in range(0, len(at_patches), COLUMNS):
             block = slice(first, first + COLUMNS)
-            at_patches[:, block] = rows @ flexibility(rows[block].T.toarray())
+            answers = flexibility(rows[block].T.toarray())
+            at_patches[:, block] = rows @ answers
+            for number, dofs in zones.items():
+                at_zones[number][:, block] = answers[dofs]
         of_interfaces = interface_loads(self.fem, self.partition.interfaces) @ self.model.expand
-        return StaticAnswers(at_patches, flexibility(of_interfaces.T.toarray()))
+        flexibilities = {
+            number: ZoneFlexibility(
+                zone_answers(flexibility, self.model.stiffness, dofs),
+                at_zones[number][:, patch_slice(self.partition, number)].copy(),
+            )
+            for number, dofs in zones.items()
+        }
+        return StaticAnswers(at_patches, flexibility(of_interfaces.T.toarray()), flexibilities)
+
+    def zone_dofs(self, patch: Patch) -> Array:
+        """Coordinates of the nodes of a patch's plastic zone, (3 nz,) int array.
+
+        Raises
+        ------
+        InputError
+            If a rigid interface holds some of them.
+        """
+        assert patch.plastic is not None
+        dofs = self.model.column[node_dofs(patch.plastic.nodes)]
+        if (dofs < 0).any():
+            raise InputError(
+                f"partition: a rigid interface holds nodes of the plastic zone of patch {patch.name!r}. Make "
+                "plastic_radius smaller, or the interface kind='averaged'"
+            )
+        return dofs
 
 
 class AdaptedSpace(FreeBody):

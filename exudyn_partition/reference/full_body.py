@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,6 +14,9 @@ from ..fe.patches import Patch
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_type, validate_vector
 from ..surfaces.surface import Surface
+
+PlasticExtent = Literal["zone", "everywhere", "none"]
+_EXTENTS: tuple[PlasticExtent, ...] = get_args(PlasticExtent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,8 @@ class FullBody:
         Its contact patch is what can touch.
     patch : int or str, optional
         Which one, if there are several.
+    plastic : {"zone", "everywhere", "none"}
+        Which elements may yield, if the material has `hardening`: the plastic zone of the patch, all, or none.
     position : (3,) array
         Offset of the body's points in space, as referencePosition of the partition body [m].
     velocity : (3,) array
@@ -45,6 +50,7 @@ class FullBody:
     velocity: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     mass: MassKind = "consistent"
     patch: int | str | None = None
+    plastic: PlasticExtent = "zone"
 
     if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
 
@@ -56,6 +62,7 @@ class FullBody:
             velocity: Vector = ...,
             mass: MassKind = ...,
             patch: int | str | None = None,
+            plastic: PlasticExtent = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -66,6 +73,14 @@ class FullBody:
         object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
         validate_choice("mass", self.mass, MASSES)
         object.__setattr__(self, "patch", self.partition.patch(self.patch))
+        validate_choice("plastic", self.plastic, _EXTENTS)
+
+    @property
+    def yields(self) -> bool:
+        """Whether some of its elements may yield."""
+        if self.plastic == "everywhere":
+            return self.fem.material.plastic
+        return self.plastic == "zone" and self.contact.plastic is not None
 
     @property
     def surface(self) -> Surface:

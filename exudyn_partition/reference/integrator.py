@@ -65,7 +65,7 @@ class HHT:
         self._push = Factorisation(mass).solve(loads)
         self.u, self.a = np.zeros(n), np.zeros(n)
         self.v = np.zeros(n) if velocity is None else velocity
-        self._predicted = self._free = self.u
+        self._predicted = self._unloaded = self._free = self.u
 
     def compliance(self) -> Array:
         """G u at the end of a step, by the force on each row in it, (m, m) [m/N]."""
@@ -76,15 +76,26 @@ class HHT:
         h = self._step
         self._predicted = self.u + h * self.v + h**2 * (0.5 - self._beta) * self.a
         a = -self._factor.solve(self._K @ ((1 - self._alpha) * self._predicted + self._alpha * self.u))
-        self._free = self._predicted + self._beta * h**2 * a
+        self._free = self._unloaded = self._predicted + self._beta * h**2 * a
         return np.asarray(self._G @ self._free)
+
+    def load(self, before: Array, after: Array) -> Array:
+        """Add nodal forces at the start and the end of the step, (n,) [N]; returns G u at its end, (m,) [m].
+
+        They act as the stiffness does, and replace those of an earlier call in this step.
+        """
+        load = (1 - self._alpha) * after + self._alpha * before
+        self._free = self._unloaded + self._beta * self._step**2 * self._factor.solve(load)
+        return np.asarray(self._G @ self._free)
+
+    def end_of_step(self, force: Array) -> Array:
+        """Displacements at the end of the step, (n,) [m], with forces on the rows, (m,) [N]."""
+        return self._free + self._answer @ force if force.any() else self._free
 
     def correct(self, force: Array) -> None:
         """Add forces on the rows, (m,) [N], and finish the step."""
-        h, u = self._step, self._free
-        contact: Array | float = 0.0
-        if force.any():
-            contact, u = self._push @ force, u + self._answer @ force
+        h, u = self._step, self.end_of_step(force)
+        contact = self._push @ force if force.any() else 0.0
         a = ((u - self._predicted) / h**2 - contact / 2) / self._beta
         self.v = self.v + h * ((1 - self._gamma) * self.a + self._gamma * a + contact)
         self.u, self.a = u, a

@@ -38,11 +38,13 @@ class Frictionless:
         """Take the flexibility of the rows in a step [m/N]."""
         self._contact = Complementarity(compliance)
 
-    def answer(self, motion: Array, n: int) -> Array:
-        """Forces on the rows in step n [N], for the motion that the rows would have without them [m]."""
-        lam = self._contact.solve(self.rows.gap + motion)
+    def forces(self, motion: Array) -> Array:
+        """Forces on the rows in a step [N], for the motion that the rows would have without them [m]."""
+        return self._contact.solve(self.rows.gap + motion)
+
+    def record(self, lam: Array, n: int) -> None:
+        """Keep forces that `forces` found for step n."""
         self._normal[n] = lam.sum()
-        return lam
 
     def history(self, t: Array, velocity: dict[str, Array], info: dict[str, Any]) -> History:
         """Return the history of the first steps; `t` are their times, (n,) [s]."""
@@ -71,31 +73,34 @@ class Frictional(Frictionless):
         self.matrices = of_slave, of_master
         self._tangential, self._taken = np.zeros((steps + 1, 3)), np.zeros(steps + 1)
         self._place, self._path = np.zeros((len(rows), 2)), np.zeros(len(rows))
-        self._speed = np.zeros(len(rows))
+        self._slipped, self._speed = np.zeros(len(rows), dtype=bool), np.zeros(len(rows))
 
     def begin(self, compliance: Array) -> None:
         """Take the flexibility of the rows in a step [m/N]."""
         self._problem, self._compliance = FrictionProblem(compliance), compliance
 
-    def answer(self, motion: Array, n: int) -> Array:
-        """Forces on the rows in step n [N], for the motion that the rows would have without them [m]."""
-        problem = self._problem
+    def forces(self, motion: Array) -> Array:
+        """Forces on the rows in a step [N], for the motion that the rows would have without them [m]."""
         h = motion.reshape(-1, 3).copy()
         h[:, 0] += self.rows.gap
         h[:, 1:] -= self._place
-        lam = problem.solve(h, coefficients(self._friction, problem.state == SLIP, self._speed))
-        slip = h[:, 1:]
+        self._motion = h
+        return self._problem.solve(h, coefficients(self._friction, self._slipped, self._speed)).ravel()
+
+    def record(self, lam: Array, n: int) -> None:
+        """Keep forces that `forces` found for step n, and what has slipped in it."""
+        problem, lam = self._problem, lam.reshape(-1, 3)
+        slip = self._motion[:, 1:]
         if problem.index.size:
             slip = slip + (self._compliance @ lam.ravel()).reshape(-1, 3)[:, 1:]
         self._place = self._place + slip
         way = np.where(problem.state == SLIP, np.hypot(*slip.T), 0.0)
         self._path += way
-        self._speed = way / self._step
+        self._slipped, self._speed = problem.state == SLIP, way / self._step
         self._normal[n] = lam[:, 0].sum()
         self._tangential[n] = np.einsum("rk,krd->d", lam[:, 1:], self._tangents)
         self.dissipated -= float(np.sum(lam[:, 1:] * slip))
         self._taken[n] = self.dissipated
-        return lam.ravel()
 
     def history(self, t: Array, velocity: dict[str, Array], info: dict[str, Any]) -> History:
         """Return the history of the first steps; `t` are their times, (n,) [s]."""

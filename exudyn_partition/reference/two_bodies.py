@@ -31,6 +31,7 @@ from ..surfaces.rows import ContactRows, pair_surfaces
 from .full_body import FullBody, rows_on_dofs
 from .integrator import HHT
 from .laws import Frictional, Frictionless
+from .plastic_body import PlasticBody, plastic_step
 
 _LOG = logging.getLogger(__name__)
 
@@ -78,7 +79,8 @@ def simulate(
         The force at a time is the mean of the steps before and after it. `info` holds `time_s` (stepping), `setup_s`
         (factorisations), `step_s`, `steps`, `dofs`, `contact_nodes`, `energy_error`. After Ctrl-C during the steps it
         ends with the last step. With friction it also has `tangential_force` and `dissipated`, which `energy_error`
-        counts. Then `info` has `friction`, and for the end of the run `dissipated_J` and, for each row, `row_nodes`
+        counts. With plastic flow `info` has `plastic_work_J` and the largest `plastic_strain` of each body that yields.
+        With friction `info` has `friction`, and for the end of the run `dissipated_J` and, for each row, `row_nodes`
         (nodes of the slave's patch), `row_states` (0 open, 1 sticks, 2 slips) and `slip_path_m`.
 
     Raises
@@ -121,6 +123,8 @@ def simulate(
         at_start = np.tile(body.velocity, fem.n_nodes)
         sides.append(HHT(mass, fem.stiffness, rows_on_dofs(body, G), step, alpha=alpha, velocity=at_start))
     law.begin(sides[0].compliance() + sides[1].compliance())
+    pairs = zip(bodies, sides, strict=True)
+    yielding = [PlasticBody(body, side) for body, side in pairs if body.yields]
     nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}
 
     t = step * np.arange(steps + 1)
@@ -134,7 +138,8 @@ def simulate(
     with interruptible() as interrupt:
         while done < steps and not interrupt.asked:
             n = done + 1
-            lam = law.answer(sides[0].predict() + sides[1].predict(), n)
+            lam = plastic_step(sides, yielding, law)
+            law.record(lam, n)
             for side in sides:
                 side.correct(lam)
             for name, (index, node) in nodes.items():
@@ -155,8 +160,14 @@ def simulate(
         "alpha": alpha,
         "time_s": time.perf_counter() - begin,
         "setup_s": setup_s,
-        "energy_error": (sum(side.energy() for side in sides) + law.dissipated) / energy - 1 if energy else 0.0,
+        "energy_error": 0.0,
     }
+    if energy:
+        after = sum(side.energy() for side in sides) + sum(one.energy() + one.work for one in yielding)
+        info["energy_error"] = (after + law.dissipated) / energy - 1
+    if yielding:
+        info["plastic_work_J"] = [one.work for one in yielding]
+        info["plastic_strain"] = [float(one.state.equivalent.max()) for one in yielding]
     return law.history(t[kept], {name: v[kept] for name, v in velocity.items()}, info)
 
 

@@ -65,6 +65,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
             _warn_of_ringing(contact, result)
             _warn_of_missing(contact, result)
             _warn_of_yield(contact, result)
+            _warn_of_zone(contact, result)
     return result
 
 
@@ -254,6 +255,20 @@ def _warn_of_yield(contact: PartitionContact, result: Result) -> None:
             YieldWarning,
             stacklevel=4,
         )
+
+
+def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
+    """Plastic flow that reached the edge of its zone."""
+    if contact.yielding is None or (reached := contact.flow_at_border(result)) is None:
+        return
+    side, place = reached
+    name = contact.side_names[("slave", "master").index(side)]
+    warnings.warn(
+        f"{called(contact)}: the plastic flow of {name} reached the edge of its plastic zone, at {place} m. Beyond, "
+        "the body stays elastic, so that the force is too large, the dent too small. Enlarge plastic_radius= of it",
+        YieldWarning,
+        stacklevel=4,
+    )
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:

@@ -16,10 +16,10 @@ from ...reduction.body import ReducedBody
 from ...support.checks import validate_choice, validate_positive
 from ..gaps import Gaps
 from ..patch_gaps import PatchGaps
-from .compliance import ComplianceContact
+from .compliance import ComplianceContact, PlasticCompliance
 from .coupled import Compliant, CoupledContacts
 from .formulation import Formulation, Law, SharedBody
-from .frictional_compliance import FrictionalCompliance
+from .frictional_compliance import FrictionalCompliance, PlasticFrictionalCompliance
 from .lagrange import FrictionalLagrange, LagrangeContact
 from .law import ElasticContact
 from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
@@ -62,7 +62,11 @@ class Compliance(Formulation):
 
     def law(self, gaps: Gaps) -> ComplianceContact | FrictionalCompliance:
         """See `Formulation`."""
-        return ComplianceContact(gaps) if self.friction is None else FrictionalCompliance(gaps, self.friction)
+        yields = any(side.zone is not None for side in gaps.sides)
+        if self.friction is None:
+            return PlasticCompliance(gaps) if yields else ComplianceContact(gaps)
+        kind = PlasticFrictionalCompliance if yields else FrictionalCompliance
+        return kind(gaps, self.friction)
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
         """See `Formulation`."""
@@ -196,6 +200,8 @@ class TwoPasses(Formulation):
 
     def law(self, gaps: Gaps) -> TwoPass:
         """See `Formulation`."""
+        if any(side.zone is not None for side in gaps.sides):
+            raise InputError("passes: 'two' knows no plastic zones; leave passes out, or hardening= of the material")
         there, back = self.half.law(gaps), self.half.law(gaps.exchanged() if isinstance(gaps, PatchGaps) else gaps)
         if not isinstance(there, ElasticContact) or not isinstance(back, ElasticContact):
             raise InputError("passes: 'two' needs a formulation whose laws are elastic (law.ElasticContact)")

@@ -10,7 +10,9 @@ from ...algebra.complementarity import Complementarity, regularised
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE
+from ..gaps import BULGE, Gaps
+from ..plasticity.yielding_patches import YieldingPatches
+from .formulation import Law, Method, Motion
 from .law import ElasticContact
 
 
@@ -134,3 +136,75 @@ class ComplianceContact(ElasticContact):
         H = self.gaps.jacobian(everything)
         value: Array = H.T @ np.linalg.solve(self._flexibility(everything), H)
         return value
+
+
+class PlasticCompliance(ComplianceContact):
+    """Frictionless contact of patches that yield, see `YieldingPatches`. It remembers, and has no potential.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    """
+
+    elastic = False
+    remembers = True
+    yielding: YieldingPatches
+
+    def __init__(self, gaps: Gaps) -> None:
+        super().__init__(gaps)
+        self.yielding = YieldingPatches(self)
+
+    def for_run(self, method: Method) -> Law:
+        """See `Law`."""
+        result = self.fresh()
+        result.yielding = self.yielding.for_run(result, method)
+        return result
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        self._start, self._answered = -math.inf, False
+
+    def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
+        """See `ComplianceContact`."""
+        self._answered = True
+        more = np.zeros(len(gap)) if isinstance(pushed, float) else pushed
+        self.yielding.solve(lambda moved: super(PlasticCompliance, self).answer(gap, moved), more)
+
+    def press(self, gap: Array) -> tuple[float, int]:
+        """See `Law`; while nothing yields."""
+        super().answer(gap)
+        return super().stored(), len(self.index)
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`."""
+        return self.force(motion.q)
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), of rows and zones."""
+        return self.yielding.generalised(super().generalised())
+
+    @property
+    def since(self) -> float:
+        """Start of the step that forces depend on [s]."""
+        return self._start
+
+    def stored(self) -> float:
+        """See `Law`."""
+        lam = self.lam[self.index]
+        return 0.5 * float(lam @ (self.active_flexibility() @ lam)) + self.yielding.stored()
+
+    def commit(self, start: float) -> None:
+        """See `Law`."""
+        if self._answered and start > self._start:
+            self.yielding.commit()
+        self._start, self._answered = start, False
+
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`."""
+        if not isinstance(earlier, PlasticCompliance):
+            return False
+        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+            return False
+        self.yielding.resume(earlier.yielding)
+        return True

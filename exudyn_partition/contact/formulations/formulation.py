@@ -20,6 +20,7 @@ from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ...surfaces.points import RowKind
 from ..gaps import Gaps
+from ..plasticity.yielding_patches import YieldingPatches
 
 Integrator = Literal["explicit", "implicit"]
 INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
@@ -76,6 +77,10 @@ class Law(Protocol):
     ahead: bool
     remembers: bool
     friction: Coulomb | None
+
+    @property
+    def yielding(self) -> YieldingPatches | None:
+        """Plastic zones beneath the patches."""
 
     @property
     def gaps(self) -> Gaps:

@@ -6,11 +6,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...algebra.complementarity import Complementarity, regularised
+from ...algebra.coulomb import Coulomb
 from ...algebra.friction import FrictionProblem
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, dense
+from ..gaps import BULGE, Gaps, dense
+from ..plasticity.yielding_patches import YieldingPatches
 from ..tangential import directions
+from .formulation import Law, Method
 from .frictional import FrictionalContact
 
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps are taken, so that the problem seldom changes
@@ -140,3 +143,52 @@ class FrictionalCompliance(FrictionalContact):
         F = regularised(self.gaps.flexibility(np.arange(len(gap))))
         lam = Complementarity(F).solve(gap)
         return -0.5 * float(lam @ gap), int(np.count_nonzero(lam))
+
+
+class PlasticFrictionalCompliance(FrictionalCompliance):
+    """Contact with friction of patches that yield, see `YieldingPatches`.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    friction : Coulomb
+    """
+
+    yielding: YieldingPatches
+
+    def __init__(self, gaps: Gaps, friction: Coulomb) -> None:
+        super().__init__(gaps, friction)
+        self.yielding = YieldingPatches(self)
+
+    def for_run(self, method: Method) -> Law:
+        """See `Law`."""
+        result = self.fresh()
+        result.yielding = self.yielding.for_run(result, method)
+        return result
+
+    def answer(self, gap: Array, pushed: Array | None = None) -> None:
+        """See `FrictionalContact`."""
+        more = np.zeros((len(gap), 3)) if pushed is None else pushed
+        self.yielding.solve(lambda moved: super(PlasticFrictionalCompliance, self).answer(gap, moved), more)
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), of rows and zones."""
+        return self.yielding.generalised(super().generalised())
+
+    def stored(self) -> float:
+        """See `Law`."""
+        return super().stored() + self.yielding.stored()
+
+    def _remember(self, step: float) -> None:
+        super()._remember(step)
+        self.yielding.commit()
+
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`."""
+        if not isinstance(earlier, PlasticFrictionalCompliance):
+            return False
+        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+            return False
+        self.yielding.resume(earlier.yielding)
+        super().resume(earlier, q)  # of an open contact nothing else is to be remembered
+        return True

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from ...algebra.coulomb import Coulomb
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
+from ..plasticity.yielding_patches import YieldingPatches
 from .formulation import Law, Method, Motion
 from .law import ElasticContact
 
@@ -29,6 +30,7 @@ class TwoPass:
     ahead = False
     remembers = False
     friction: Coulomb | None = None
+    yielding: YieldingPatches | None = None
 
     def __init__(self, there: ElasticContact, back: ElasticContact) -> None:
         self.passes = (there, back)

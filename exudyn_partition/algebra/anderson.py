@@ -1,0 +1,41 @@
+"""Anderson acceleration of a fixed-point iteration."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from ..support.arrays import Array
+
+
+class Anderson:
+    """Next guesses of x = g(x), from the last few guesses and what they led to.
+
+    Parameters
+    ----------
+    depth : int
+        Number of earlier guesses that count.
+
+    References
+    ----------
+    H. F. Walker, P. Ni, Anderson acceleration for fixed-point iterations, SIAM J. Numer. Anal. 49, 2011.
+    """
+
+    def __init__(self, depth: int = 8) -> None:
+        self._depth = depth
+        self._steps: list[Array] = []
+        self._changes: list[Array] = []
+        self._last: tuple[Array, Array] | None = None
+
+    def guess(self, x: Array, led_to: Array) -> Array:
+        """Return the next guess, (n,), after x, (n,), led to g(x), (n,)."""
+        residual = led_to - x
+        if self._last is not None:
+            self._steps.append(led_to - self._last[0])
+            self._changes.append(residual - self._last[1])
+            del self._steps[: -self._depth], self._changes[: -self._depth]
+        self._last = led_to, residual
+        if not self._changes:
+            return led_to
+        shares = scipy.linalg.lstsq(np.array(self._changes).T, residual, cond=1e-12, check_finite=False)[0]
+        return np.asarray(led_to - shares @ np.array(self._steps))

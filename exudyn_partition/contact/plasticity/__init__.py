@@ -1,0 +1,1 @@
+"""Contact with plastic zones beneath the patches."""

@@ -1,0 +1,173 @@
+"""Plastic zones beneath the patches of a contact: the paper's impact region II, without mass of its own."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...algebra.anderson import Anderson
+from ...errors import ComplementarityError
+from ...support.arrays import Array
+from .zone_run import ZoneRun
+
+_SETTLED = 1e-4  # relative change of the pseudo-forces
+_SETTLED_FOR_NEWTON = 1e-6  # in implicit and static steps: Newton's method does not converge on rough forces
+_MOST = 60  # iterations
+
+
+class YieldingPatches:
+    """Plastic zones beneath the patches of a contact.
+
+    At coordinates q, with h(q) the gaps of the kept shapes, F the residual flexibilities, G the rows and p the
+    pseudo-forces of plastic strain e_p on the nodes z of the zones, a step solves::
+
+        lambda = LCP(h + G F p),    u_z = Phi_z q + F (p + G' lambda),    e_p from u_z by radial return,    p from e_p
+
+    by a fixed-point iteration on p with Anderson acceleration. The zones have no mass of their own, as the contact has
+    none. Generalised forces are Phi' (G' lambda + p).
+
+    A step in which nothing yields costs one look at the strains, and not even that as long as a bound of the stresses,
+    which are a norm of coordinates and forces, excludes it.
+
+    Parameters
+    ----------
+    law : ComplianceContact or FrictionalCompliance
+
+    Attributes
+    ----------
+    zones : list of (int, ZoneRun)
+        Number of the side, and its zone.
+    iterations : int
+    """
+
+    def __init__(self, law: Any) -> None:
+        zones = [(number, side.zone) for number, side in enumerate(law.gaps.sides)]
+        self.zones = [(number, ZoneRun(zone)) for number, zone in zones if zone is not None]
+        self._take(law)
+
+    def _take(self, law: Any, method: str = "explicit") -> None:
+        self.law, self.iterations = law, 0
+        self._settled = _SETTLED if method == "explicit" else _SETTLED_FOR_NEWTON
+        self._rows: dict[int, tuple[object, Array]] = {}
+
+    def for_run(self, law: Any, method: str) -> YieldingPatches:
+        """Return the same zones in their start state, for the law of another run with this method."""
+        result = copy.copy(self)
+        # Forces known to 1e-4 need no more than single precision, which takes half the time.
+        kind = np.float32 if method == "explicit" else np.float64
+        result.zones = [(number, zone.for_run(kind)) for number, zone in self.zones]
+        result._take(law, method)
+        return result
+
+    def solve(self, respond: Callable[[Array], None], pushed: Array) -> None:
+        """Find the state at the present coordinates.
+
+        Parameters
+        ----------
+        respond : callable
+            Finds the forces on the rows; its argument is what zones and other contacts add to their places, in the
+            shape of these forces [m].
+        pushed : array
+            What other contacts add.
+        """
+        parts = self.law.gaps.coordinates
+        rows = {side: self._side_rows(side) for side, _ in self.zones}
+        for _, zone in self.zones:
+            zone.back()
+        respond(pushed + self._moved(rows))
+        forces = self._on_patches(rows)
+        if all(zone.stays_elastic(parts[side], force) for (side, zone), force in zip(self.zones, forces, strict=True)):
+            return
+        if any([zone.look() for _, zone in self.zones]):
+            while not self._iterate(respond, pushed, rows):
+                pass
+
+    def _iterate(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> bool:
+        """Find the pseudo-forces of the active points; whether no other point flows."""
+        own = [zone.guess for _, zone in self.zones]
+        p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
+        for _ in range(_MOST):
+            self.iterations += 1
+            own = np.split(p, sizes)
+            respond(pushed + self._moved(rows, own))
+            each = zip(self.zones, self._on_patches(rows), own, strict=True)
+            answers = [zone.answer(force, part) for (_, zone), force, part in each]
+            found = np.concatenate(answers)
+            if np.linalg.norm(found - p) <= self._settled * np.linalg.norm(found):
+                return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
+            p = anderson.guess(p, found)
+        change = np.linalg.norm(found - p) / np.linalg.norm(found)
+        raise ComplementarityError(
+            f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by {change:.2g}. Take "
+            "smaller steps, or a finer mesh in the plastic zone"
+        )
+
+    def _moved(self, rows: dict[int, Array], p: Sequence[Array] | None = None) -> Array:
+        """What pseudo-forces add to the places of the rows, in the shape of the law's forces [m].
+
+        Tangential places count from the end of the last accepted step.
+        """
+        law, total = self.law, np.zeros(1)
+        for i, (side, zone) in enumerate(self.zones):
+            by_last = zone.moved_patch()
+            moved = by_last if p is None else zone.moved_patch(p[i])
+            if law.friction is None:
+                total = total + rows[side] @ moved
+            else:
+                three = (rows[side] @ moved).reshape(-1, 3)
+                three[:, 1:] -= (rows[side] @ by_last).reshape(-1, 3)[:, 1:]
+                total = total + three
+        return total
+
+    def _on_patches(self, rows: dict[int, Array]) -> list[Array]:
+        """Forces on the flexibility coordinates of each zone's patch, (d np,) [N]."""
+        forces = self.law.forces.ravel()
+        return [rows[side].T @ forces for side, _ in self.zones]
+
+    def _side_rows(self, side: int) -> Array:
+        stays = self.law.gaps.constant_rows
+        kept = self._rows.get(side)
+        if kept is not None and stays is not None and kept[0] is stays:
+            return kept[1]
+        rows = self.law.side_rows(side)
+        rows = rows if isinstance(rows, np.ndarray) else rows.toarray()
+        self._rows[side] = stays, rows
+        return rows
+
+    def generalised(self, contact: Array) -> Array:
+        """Generalised forces, (n,), of rows and zones; `contact`, (n,), are those of the rows."""
+        force, ends = contact, np.cumsum([side.n for side in self.law.gaps.sides])
+        for number, zone in self.zones:
+            if zone.generalised.any():
+                force = force.copy()
+                force[ends[number] - len(zone.generalised) : ends[number]] += zone.generalised
+        return force
+
+    def commit(self) -> None:
+        """Accept the present states."""
+        for _, zone in self.zones:
+            zone.commit()
+
+    def stored(self) -> float:
+        """Elastic energy that plastic strain adds [J]."""
+        return sum(zone.stored() for _, zone in self.zones)
+
+    def work(self) -> float:
+        """Plastic work since the start of the run [J]."""
+        return sum(zone.work for _, zone in self.zones)
+
+    def largest_strain(self) -> float:
+        """Largest equivalent plastic strain."""
+        return max(float(zone.present.equivalent.max()) for _, zone in self.zones)
+
+    def flowing(self) -> int:
+        """Number of points that flow in the present step."""
+        return sum(int(np.count_nonzero(z.present.equivalent > z.committed.equivalent)) for _, z in self.zones)
+
+    def resume(self, earlier: YieldingPatches) -> None:
+        """Go on from the present states of an earlier run."""
+        for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
+            zone.enter(last.present)

@@ -1,0 +1,92 @@
+"""What a contact with plastic zones tells of a run: plastic work, strains, and the state that is left behind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..contact.plasticity.yielding_patches import YieldingPatches
+from ..errors import InputError
+from ..plasticity.flow import PlasticState
+from ..support.arrays import Array
+from ..support.checks import validate_result
+from .friction_results import FrictionResults, RunSamples
+
+
+class PlasticResults(FrictionResults):
+    """Results of a contact that exist with plastic zones; without, they are an InputError."""
+
+    @property
+    def yielding(self) -> YieldingPatches | None:
+        """Plastic zones beneath the patches, at the start; laws of users may know none."""
+        return getattr(self.law, "yielding", None)
+
+    def plastic_work(self, result: RunSamples) -> Array:
+        """Plastic work since the start of the run, (n,) [J]; zero without plastic zones.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        return self._plastic_samples(result)[:, 1]
+
+    def plastic_strain(self, result: RunSamples) -> Array:
+        """Largest equivalent plastic strain of all zones, (n,).
+
+        Raises
+        ------
+        InputError
+            If nothing can yield, or the result is none or of another model.
+        """
+        return self._plastic_samples(result)[:, 2]
+
+    def plastic_states(self, result: RunSamples) -> dict[str, PlasticState]:
+        """State of each plastic zone at the end of the run, by the name of its side: "slave" or "master".
+
+        Raises
+        ------
+        InputError
+            If nothing can yield, or the result was read from a file, which does not hold this.
+        """
+        self._plastic_samples(result)
+        yielding = result.kept(self).law.yielding
+        assert yielding is not None
+        return {("slave", "master")[side]: zone.present for side, zone in yielding.zones}
+
+    def flow_at_border(self, result: RunSamples) -> tuple[str, Array] | None:
+        """Side and place, (3,) [m], where flow reached the edge of a plastic zone; None if it did not.
+
+        Raises
+        ------
+        InputError
+            See `plastic_states`.
+        """
+        states = self.plastic_states(result)
+        assert self.yielding is not None
+        for side, run in self.yielding.zones:
+            name, zone = ("slave", "master")[side], run.zone
+            reached = np.flatnonzero(zone.border & (states[name].equivalent > 0))
+            if reached.size:
+                return name, zone.place(int(reached[states[name].equivalent[reached].argmax()]))
+        return None
+
+    def dissipated_energy(self, result: RunSamples) -> Array:
+        """Energy that friction and plastic flow have taken since the start of the run, (n,) [J]; zero without them.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        taken = super().dissipated_energy(result)
+        return taken if self.yielding is None else taken + self.plastic_work(result)
+
+    def _plastic_samples(self, result: RunSamples) -> Array:
+        """Samples of the sensor `sPlastic`, (n, 4)."""
+        if self.yielding is None:
+            raise InputError(
+                f"contact {self.name!r} has no plastic zones: its bodies' materials are elastic, or the basis is not "
+                "'contact-adapted' or 'residual'. Give yield_stress= and hardening= to Material"
+            )
+        validate_result(result)
+        return result.sensor_of(self, self["sPlastic"])

@@ -1,0 +1,105 @@
+"""The plastic zone of a contact patch: elements that may yield, their strains and pseudo-forces (paper, region II)."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fe.material import Material
+from ..fe.model import node_dofs
+from ..fe.patches import PlasticRegion
+from ..fe.shapes import integration_gradients
+from ..support.arrays import Array
+from .flow import Flow, PlasticState
+
+# Deviatoric strain in Mandel's notation of a displacement gradient: e_v = sum_ab _MANDEL[v, a, b] du_a/dx_b.
+_MANDEL = np.zeros((6, 3, 3))
+_MANDEL[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
+_MANDEL[:3] -= np.eye(3) / 3
+_MANDEL[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = _MANDEL[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = np.sqrt(0.5)
+
+# Weights of the points of `integration_gradients`, by the number of an element's nodes.
+_WEIGHTS = {4: np.array([1 / 6]), 10: np.full(4, 1 / 24), 8: np.ones(8)}
+_x, _w = (values / 2 for values in np.polynomial.legendre.leggauss(3))
+_far = 0.5 - _x  # from the corner of the collapsed cube, where its faces meet
+_WEIGHTS[20] = np.einsum("i,j,k->jik", _w * _far**2, _w * _far, _w).ravel()  # in the order of meshgrid
+
+
+class PlasticZone:
+    """Elements around a contact patch that may yield; everything else of the body stays elastic.
+
+    Plastic strain e_p acts on the elastic body as the nodal forces p = sum of w E' 2 G e_p over the integration points:
+    `pseudo_forces`. They are balanced in themselves, so that rigid motion does not feel them.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Nodes of the body [m].
+    region : PlasticRegion
+    material : Material
+
+    Attributes
+    ----------
+    nodes : (nz,) int array
+        Of the body, ascending.
+    strain : (6 g, 3 nz) csr matrix
+        E: deviatoric strains at the integration points in Mandel's notation, by displacements of the nodes.
+    weight : (g,) array
+        Volume of each integration point [m3].
+    flow : Flow
+    border : (g,) bool array
+        Points of elements at the edge of the zone, beyond which the body goes on.
+    """
+
+    def __init__(self, points: Array, region: PlasticRegion, material: Material) -> None:
+        self.nodes, own = np.unique(region.cells, return_inverse=True)
+        own = own.reshape(region.cells.shape)
+        self.flow = Flow(material)
+        derivatives = integration_gradients(region.cells.shape[1])
+        jacobian = np.einsum("cka,qkj->cqaj", points[region.cells], derivatives)
+        gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, k, 3)
+        cells, q, k, _ = gradient.shape
+        self.weight = (_WEIGHTS[k] * np.linalg.det(jacobian)).ravel()
+        values = np.einsum("vab,cqkb->cqvka", _MANDEL, gradient).reshape(-1, 3 * k)
+        columns = np.repeat(node_dofs(own.ravel()).reshape(cells, 3 * k), 6 * q, axis=0)
+        starts = 3 * k * np.arange(6 * cells * q + 1)
+        self.strain = sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=(len(values), 3 * len(self.nodes)))
+        self._force = sp.csr_matrix(self.strain.T)
+        self.border = np.repeat(np.isin(region.cells, region.border).any(axis=1), q)
+        self._places = np.repeat(points[region.cells].mean(axis=1), q, axis=0)
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    def strains(self, displacement: Array) -> Array:
+        """Deviatoric strains, (g, 6), by displacements of the nodes, (3 nz,) [m]."""
+        return np.asarray(self.strain @ displacement).reshape(-1, 6)
+
+    def pseudo_forces(self, state: PlasticState) -> Array:
+        """Forces p on the nodes, (3 nz,) [N], by which plastic strain acts on the elastic body."""
+        return np.asarray(self._force @ self.stress_volumes(state.strain).ravel())
+
+    def stress_volumes(self, strain: Array, at: Array | slice = slice(None)) -> Array:
+        """Stresses 2 G e of plastic strains at all or some points, (k, 6), times the points' volume [N m]."""
+        value: Array = (2 * self.flow.shear_modulus * self.weight[at])[:, None] * strain
+        return value
+
+    def own_energy(self, state: PlasticState) -> float:
+        """Elastic energy of plastic strain in a body that cannot move, 1/2 e_p C e_p [J]."""
+        return self.flow.shear_modulus * float(self.weight @ np.einsum("gi,gi->g", state.strain, state.strain))
+
+    def work(
+        self, before: tuple[PlasticState, Array], after: tuple[PlasticState, Array], at: Array | slice = slice(None)
+    ) -> float:
+        """Plastic work between two states with their deviatoric strains, (k, 6) [J]: by the trapezoid of stresses.
+
+        `at` are the points, (k,) int array, if these are not all.
+        """
+        flow = after[0].strain - before[0].strain
+        elastic = before[1] - before[0].strain + after[1] - after[0].strain
+        return self.flow.shear_modulus * float(self.weight[at] @ np.einsum("gi,gi->g", elastic, flow))
+
+    def place(self, point: int) -> Array:
+        """Centre of the element of an integration point, (3,) [m], in the body's own coordinates."""
+        place: Array = self._places[point]
+        return place

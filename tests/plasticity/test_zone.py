@@ -1,0 +1,117 @@
+"""The plastic zone of a patch: strains and forces of its elements, and the flexibility of its nodes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.errors import EmptyRegionError, InputError
+from exudyn_partition.fe.model import rigid_modes
+from exudyn_partition.plasticity.flow import PlasticState
+from exudyn_partition.plasticity.zone import PlasticZone
+from exudyn_partition.plasticity.zone_flexibility import zone_answers
+from exudyn_partition.reduction.free_body import FreeBody
+
+MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
+CENTER = (0, 0, 4e-3)
+
+
+@pytest.fixture(scope="module", params=[1, 2, 3])
+def model(request):
+    fem = ep.fe_model(box(10e-3, 12e-3, 4e-3), dataclasses.replace(MATERIAL, nu=0.3), maxh=2.5e-3 if request.param < 3 else 4e-3, order=request.param)
+    return fem, ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=3e-3)
+
+
+@pytest.fixture(scope="module")
+def zone(model):
+    fem, partition = model
+    return PlasticZone(fem.points, partition.patches[0].plastic, fem.material)
+
+
+def test_strains_are_those_of_a_linear_field(model, zone):
+    fem, _ = model
+    gradient = np.random.default_rng(1).standard_normal((3, 3))
+    strain = (gradient + gradient.T) / 2
+    deviator = strain - np.trace(strain) / 3 * np.eye(3)
+    found = zone.strains((fem.points[zone.nodes] @ gradient.T).ravel())
+    root = np.sqrt(2)
+    expected = [*np.diag(deviator), root * deviator[1, 2], root * deviator[0, 2], root * deviator[0, 1]]
+    np.testing.assert_allclose(found, np.tile(expected, (len(zone), 1)), atol=1e-12)
+
+
+def test_weights_sum_to_the_volume_of_the_elements(model, zone):
+    fem, partition = model
+    own = {tuple(cell) for cell in partition.patches[0].plastic.cells}
+    inside = np.array([tuple(cell) in own for cell in fem.cells])
+    assert zone.weight.sum() == pytest.approx(fem.cell_mass[inside].sum() / fem.material.rho, rel=1e-9)
+
+
+def test_elastic_forces_of_the_zone_are_those_of_plastic_strain(model, zone):
+    """p of a plastic strain is the force by which the elements answer the same elastic strain, without its pressure."""
+    fem, _ = model
+    u = np.random.default_rng(2).standard_normal(3 * len(zone.nodes)) * 1e-6
+    state = dataclasses.replace(PlasticState.virgin(len(zone)), strain=zone.strains(u))
+    p = zone.pseudo_forces(state)
+    assert u @ p / 2 == pytest.approx(zone.own_energy(state), rel=1e-10)
+    arms = fem.points[zone.nodes] - fem.points[zone.nodes].mean(axis=0)
+    resultant = rigid_modes(arms).T @ p  # balanced in themselves
+    assert abs(resultant[:3]).max() < 1e-9 * abs(p).sum()
+    assert abs(resultant[3:]).max() < 1e-9 * abs(p).sum() * 3e-3
+
+
+def test_flexibility_of_the_zone_is_that_of_a_solution_for_each_force(model):
+    fem, partition = model
+    body = FreeBody(fem, partition)
+    dofs, flexibility = body.zone_dofs(partition.patches[0]), body.flexibility()
+    loads = np.zeros((fem.n_dofs, len(dofs)))
+    loads[dofs, np.arange(len(dofs))] = 1.0
+    direct = flexibility(loads)[dofs]
+    found = zone_answers(flexibility, body.model.stiffness, dofs)
+    assert abs(found - direct).max() < 1e-10 * abs(direct).max()
+
+
+def test_flexibility_where_held_dofs_lie_in_the_zone(model):
+    """A zone that covers the whole body."""
+    fem, _ = model
+    partition = ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=1.0)
+    assert len(partition.patches[0].plastic.border) == 0
+    body = FreeBody(fem, partition)
+    flexibility = body.flexibility()
+    direct = flexibility(np.eye(fem.n_dofs))
+    found = zone_answers(flexibility, body.model.stiffness, np.arange(fem.n_dofs))
+    assert abs(found - direct).max() < 1e-10 * abs(direct).max()
+
+
+def test_the_basis_has_the_residual_flexibility_of_the_zone(model):
+    """F of the zone is consistent with that of the patch: both know the forces on common nodes along the normal."""
+    fem, partition = model
+    body = ep.reduce(fem, partition, f_cut=60e3)
+    (zone,), patch = body.basis.zones, partition.patches[0]
+    nodes = patch.plastic.nodes
+    common = np.intersect1d(nodes, patch.nodes)
+    normal = 3 * np.searchsorted(nodes, common) + 2
+    rows = np.searchsorted(patch.nodes, common)
+    F = body.flexibility()
+    np.testing.assert_allclose(
+        zone.of_patch[normal][:, rows], F[np.ix_(rows, rows)], rtol=1e-7, atol=1e-9 * abs(F).max()
+    )
+    np.testing.assert_allclose(
+        zone.own[np.ix_(normal, normal)], F[np.ix_(rows, rows)], rtol=1e-7, atol=1e-9 * abs(F).max()
+    )
+
+
+def test_zone_by_default_and_where_it_is_refused(model):
+    fem, _ = model
+    elastic = dataclasses.replace(fem, material=dataclasses.replace(fem.material, hardening=None))
+    own = ep.Partition.ball(fem, CENTER, 2e-3).patches[0].plastic
+    centres = fem.points[own.cells].mean(axis=1)
+    assert (np.linalg.norm(centres - CENTER, axis=1) <= 2e-3).all()
+    assert ep.Partition.ball(elastic, CENTER, 2e-3).patches[0].plastic is None
+    with pytest.raises(InputError, match="the material is elastic; give hardening="):
+        ep.Partition.ball(elastic, CENTER, 2e-3, plastic_radius=3e-3)
+    with pytest.raises(EmptyRegionError, match="no element has its centre within"):
+        ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=1e-6)
+    with pytest.raises(InputError, match="knows no plastic zones"):
+        ep.reduce(fem, ep.Partition.ball(fem, CENTER, 2e-3), f_cut=60e3, basis="free")
