@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
 

@@ -26,7 +26,8 @@ from ..surfaces.pairs import MovingPairs
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, directed_matrix, facing, pair_surfaces, rows_of
 from ..surfaces.surface import Projection, closest_points
-from .gaps import BULGE, Gaps, Side, dense
+from .gaps import BULGE, Gaps, dense
+from .side import Side
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluations are frozen again

@@ -14,7 +14,8 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
 from ..surfaces.points import RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
-from .gaps import Gaps, Side
+from .gaps import Gaps
+from .side import Side
 
 
 class RigidSurface(Protocol):

@@ -11,9 +11,10 @@ import numpy as np
 from ..algebra.coulomb import Coulomb, friction_of
 from ..contact.formulations.choices import FormulationName, TwoPasses, formulation_of
 from ..contact.formulations.formulation import Formulation
-from ..contact.gaps import Gaps, Side
+from ..contact.gaps import Gaps
 from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
+from ..contact.side import Side
 from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registered, validate_new_name

@@ -14,8 +14,8 @@ import exudyn_partition as ep
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.formulations.forward_increment import ForwardIncrement
 from exudyn_partition.contact.formulations.lagrange import LagrangeContact
-from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import InputError
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.reduction import reduction

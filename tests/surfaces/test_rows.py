@@ -7,7 +7,7 @@ import pytest
 from oracles import SPHERE_RADIUS, TOP, hexahedra, relative, write
 
 import exudyn_partition as ep
-from exudyn_partition.contact.gaps import Side
+from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import (
     EmptyRegionError,
     PenetrationError,

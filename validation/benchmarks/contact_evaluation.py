@@ -25,8 +25,8 @@ from rich.table import Table
 import exudyn_partition as ep
 from exudyn_partition.algebra.factorisation import one_blas_thread
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
-from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.surfaces.points import ROWS
 

@@ -14,7 +14,7 @@ from ...algebra.friction import SLIP, STICK, FrictionProblem
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import Side
+from ..side import Side
 from ..tangential import directions
 from .formulation import Motion
 from .frictional import FrictionalRows

@@ -5,8 +5,8 @@ import pytest
 from oracles import TOP, relative
 
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
-from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
 
 

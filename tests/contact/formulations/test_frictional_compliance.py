@@ -8,9 +8,9 @@ import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
 from exudyn_partition.contact.formulations.choices import Compliance, Penalty
 from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
-from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
+from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
 
 DEPTH = 1e-6  # [m]

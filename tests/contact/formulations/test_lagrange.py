@@ -8,8 +8,8 @@ from oracles import TOP
 
 from exudyn_partition.contact.formulations.forward_increment import ForwardIncrement
 from exudyn_partition.contact.formulations.lagrange import LagrangeContact
-from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import (
     RunError,
 )

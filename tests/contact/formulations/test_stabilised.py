@@ -12,8 +12,8 @@ from oracles import TOP, box, hexahedra, relative, write
 import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
 from exudyn_partition.contact.formulations.stabilised import FrictionalStabilised, StabilisedContact
-from exudyn_partition.contact.gaps import Side
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
 
 END = 40e-6

@@ -1,0 +1,79 @@
+"""A contact patch in motion: its surface, its kinematics, its residual flexibility and what may yield beneath it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..frames.kinematics import Kinematics
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+from ..surfaces.surface import Surface
+from .plasticity.zone_run import ZoneMotion
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A patch in motion.
+
+    Parameters
+    ----------
+    surface : Surface
+        The patch at the start.
+    kinematics : InertialKinematics or like it
+        Kinematics of the patch's nodes.
+    flexibility : (d np, d np) array or None
+        Residual flexibility of the patch's nodes [m/N]: d = 1 along `surface.direction`, d = 3 along the body's axes.
+    zone : ZoneMotion or None
+        What may yield beneath the patch.
+    """
+
+    surface: Surface
+    kinematics: Kinematics
+    flexibility: Array | None = None
+    zone: ZoneMotion | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates of its body."""
+        return self.kinematics.body.n_dofs
+
+    @property
+    def normal_only(self) -> bool:
+        """Whether the flexibility is that of nodes along the line of contact, for normals of any direction."""
+        return len(np.asarray(self.flexibility)) == len(self.surface.points)
+
+    @classmethod
+    def of(cls, kinematics: Kinematics, patch: int = 0) -> Side:
+        """Patch of the body with these kinematics, at the start, with its flexibility if the basis has one."""
+        body: ReducedBody = kinematics.body
+        surface = body.surface(np.zeros(3), patch)
+        own = kinematics.at(body.partition.patches[patch].nodes)
+        flexibility = None if body.basis.flexibility is None else body.flexibility(patch)
+        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch))
+        start = np.zeros(body.n_dofs)
+        return replace(side, surface=side._placed(start, surface.direction))
+
+    def at(self, q: Array) -> Surface:
+        """The patch at coordinates q, (n,)."""
+        return self._placed(q, self.kinematics.frame(np.zeros(self.n))[1].T @ self.surface.direction)
+
+    def _placed(self, q: Array, direction: Array) -> Surface:
+        """The patch at coordinates q, (n,); `direction`, (3,), is in the body's axes."""
+        return replace(self.surface, points=self.kinematics.place(q), direction=self.kinematics.frame(q)[1] @ direction)
+
+    def turned_to(self, point: Array, normal: Array, distance: float) -> Array:
+        """Coordinates, (n,), at which the patch of a floating body faces a point of a surface.
+
+        `point`, (3,), lies on the surface, `normal`, (3,), is its normal there. The centre of the patch lies `distance`
+        [m] away from the point along the normal.
+        """
+        way = np.zeros(self.n)
+        turn = Rotation.align_vectors(-normal[None], self.surface.direction[None])[0]
+        start = Rotation.from_rotvec(self.kinematics.rotation)
+        way[3:6] = (start.inv() * turn * start).as_rotvec()
+        q = self.kinematics.moved(np.zeros(self.n), way)
+        q[:3] += point + distance * normal - self.kinematics.place(q).mean(axis=0)
+        return q
