@@ -18,11 +18,14 @@ _MANDEL[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
 _MANDEL[:3] -= np.eye(3) / 3
 _MANDEL[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = _MANDEL[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = np.sqrt(0.5)
 
-# Weights of the points of `integration_gradients`, by the number of an element's nodes.
-_WEIGHTS = {4: np.array([1 / 6]), 10: np.full(4, 1 / 24), 8: np.ones(8)}
-_x, _w = (values / 2 for values in np.polynomial.legendre.leggauss(3))
-_far = 0.5 - _x  # from the corner of the collapsed cube, where its faces meet
-_WEIGHTS[20] = np.einsum("i,j,k->jik", _w * _far**2, _w * _far, _w).ravel()  # in the order of meshgrid
+
+def _weights(n_nodes: int) -> Array:
+    """(q,) array: weights of the points of `integration_gradients`, for an element's volume in local coordinates."""
+    if n_nodes == 20:
+        x, w = (values / 2 for values in np.polynomial.legendre.leggauss(3))
+        end = 0.5 - x  # from the faces of the cube that collapse
+        return np.asarray(np.einsum("i,j,k->jik", w * end**2, w * end, w)).ravel()  # in the order of meshgrid
+    return {4: np.array([1 / 6]), 10: np.full(4, 1 / 24), 8: np.ones(8)}[n_nodes]
 
 
 class PlasticZone:
@@ -59,7 +62,7 @@ class PlasticZone:
         jacobian = np.einsum("cka,qkj->cqaj", points[region.cells], derivatives)
         gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, k, 3)
         cells, q, k, _ = gradient.shape
-        self.weight = (_WEIGHTS[k] * np.linalg.det(jacobian)).ravel()
+        self.weight = (_weights(k) * np.linalg.det(jacobian)).ravel()
         values = np.einsum("vab,cqkb->cqvka", _MANDEL, gradient).reshape(-1, 3 * k)
         columns = np.repeat(node_dofs(own.ravel()).reshape(cells, 3 * k), 6 * q, axis=0)
         starts = 3 * k * np.arange(6 * cells * q + 1)

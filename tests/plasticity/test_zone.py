@@ -20,7 +20,12 @@ CENTER = (0, 0, 4e-3)
 
 @pytest.fixture(scope="module", params=[1, 2, 3])
 def model(request):
-    fem = ep.fe_model(box(10e-3, 12e-3, 4e-3), dataclasses.replace(MATERIAL, nu=0.3), maxh=2.5e-3 if request.param < 3 else 4e-3, order=request.param)
+    fem = ep.fe_model(
+        box(10e-3, 12e-3, 4e-3),
+        dataclasses.replace(MATERIAL, nu=0.3),
+        maxh=2.5e-3 if request.param < 3 else 4e-3,
+        order=request.param,
+    )
     return fem, ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=3e-3)
 
 

@@ -14,7 +14,7 @@ from samples import assert_same
 
 import exudyn_partition as ep
 from exudyn_partition.errors import CacheWarning, InputError
-from exudyn_partition.fe.patches import Interface, Patch
+from exudyn_partition.fe.patches import Interface, Patch, PlasticRegion
 from exudyn_partition.reduction import loads, reduction
 from exudyn_partition.support import archive, cache
 
@@ -99,6 +99,7 @@ PATCHES = {
     "axes": lambda patch: "xyz",
     "direction_given": lambda patch: True,
     "name": lambda patch: "top",
+    "plastic": lambda patch: PlasticRegion(np.arange(10)[None], np.arange(3)),
 }
 
 
