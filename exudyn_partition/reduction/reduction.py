@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NotRequired, TypedDict
+from typing import TypedDict
 
 import numpy as np
 import scipy.sparse as sp
@@ -256,13 +256,16 @@ def _resolved(fem: FEModel, f_cut: float) -> float:
     return f_cut
 
 
-class ImpactOptions(TypedDict):
+class _Oblique(TypedDict, total=False):
+    sliding: Sliding
+
+
+class ImpactOptions(_Oblique):
     """The impact that a tolerance is for: relative error, speed [m/s], duration [s] or None."""
 
     tolerance: float
     speed: float
     duration: float | None
-    sliding: NotRequired[Sliding]
 
 
 def _sliding(friction: float | Coulomb | None, speed: float | None, patches: Sequence[Patch]) -> Sliding | None:
