@@ -1,0 +1,75 @@
+"""What is released: versions, workflows and the pages that GitHub reads agree with the code."""
+
+import re
+from pathlib import Path
+
+import exudyn as exu
+import pytest
+import yaml
+from oracles import TOP
+
+import exudyn_partition as ep
+
+ROOT = Path(__file__).resolve().parents[2]
+GITHUB = ROOT / ".github"
+PROJECT = (ROOT / "pyproject.toml").read_text()
+WORKFLOWS = {path.name: yaml.safe_load(path.read_text()) for path in sorted((GITHUB / "workflows").glob("*.yml"))}
+
+
+def test_the_newest_entry_of_the_changes_is_this_version():
+    versions = re.findall(r"^## (\d\S*?),", (GITHUB / "CHANGELOG.md").read_text(), re.M)
+    assert versions[0] == ep.__version__
+
+
+def test_oldest_and_newest_python_are_tested_on_every_system():
+    pythons = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', PROJECT)
+    oldest = re.search(r'^requires-python = ">=(.+)"$', PROJECT, re.M)[1]
+    assert pythons[0] == oldest
+    runs = WORKFLOWS["tests.yml"]["jobs"]["test"]["strategy"]["matrix"]["include"]
+    assert {run["python"] for run in runs} <= set(pythons)
+    systems = {run["os"].split("-")[0] for run in runs}
+    assert systems == {"ubuntu", "windows", "macos"}
+    for system in systems:
+        ours = {(run["python"], run["resolution"]) for run in runs if run["os"].startswith(system)}
+        assert {(oldest, "lowest-direct"), (pythons[-1], "highest")} <= ours
+
+
+def test_workflows_only_run_what_there_is():
+    for name, workflow in WORKFLOWS.items():
+        assert workflow[True], name  # "on", which YAML reads as a truth value
+        for job in workflow["jobs"].values():
+            for command in (step["run"] for step in job["steps"] if "run" in step):
+                assert all((ROOT / path).exists() for path in re.findall(r"(?<![\w/*])\.ci/\w+", command)), name
+                assert all(extra in PROJECT for extra in re.findall(r"\.\[(\w+)\]", command)), name
+
+
+def test_issue_forms_are_complete():
+    for path in sorted((GITHUB / "ISSUE_TEMPLATE").glob("[!c]*.yml")):
+        form = yaml.safe_load(path.read_text())
+        assert {"name", "description", "body"} <= set(form)
+        assert len({field["id"] for field in form["body"]}) == len(form["body"])
+        assert all(field["attributes"]["label"] for field in form["body"])
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "PULL_REQUEST_TEMPLATE.md"])
+def test_files_that_the_pages_name_exist(page):
+    names = re.findall(r"`([\w./-]+/[\w./-]+|\w+\.(?:py|md|cff|yml))`", (GITHUB / page).read_text())
+    assert names
+    known = {path.name for path in ROOT.rglob("*") if ".venv" not in path.parts}
+    for name in names:
+        assert (ROOT / name).exists() or name in known, name
+
+
+def test_the_formulation_in_the_guide_works(bodies):
+    program = re.search(r"^```python\n(.*?)^```", (GITHUB / "CONTRIBUTING.md").read_text(), re.M | re.S)[1]
+    names = {}
+    exec(compile(program, "CONTRIBUTING.md", "exec"), names)
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -0.3])
+    block = ep.CreatePartitionBody(mbs, bodies[1])
+    contact = ep.CreatePartitionContact(mbs, ball, block, formulation=names["Springs"]())
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6)
+    energy = sum(item.energy(result) for item in (ball, block, contact))
+    assert contact.force(result).max() > 10
+    assert abs(energy / energy[0] - 1).max() < 2e-3
