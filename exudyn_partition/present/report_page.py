@@ -26,6 +26,7 @@ from ..support.files import replacing, writable
 from ..support.foreign import Axes
 from ..support.optional import require
 from . import plot, view
+from .graphics import peak_time
 from .plot_input import plain
 
 _VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
@@ -199,7 +200,6 @@ def _left_out(result: Result) -> str:
 
 def _figures(result: Result) -> str:
     images = []
-    forces = [contact.force(result) for contact in result.contacts]
     with require("matplotlib").rc_context({"font.size": 9}):
         for i, contact in enumerate(result.contacts):
             axes = plot.force(None, result, contact=contact)
@@ -209,9 +209,10 @@ def _figures(result: Result) -> str:
             with contextlib.suppress(InputError):  # an energy is not known after the run; `_conservation` says so
                 images.append((_png(plot.energy(None, result)), "energies over time"))
     if result.bodies:
-        peak = float(result.t[int(np.argmax(np.max(forces, axis=0)))]) if forces else float(result.t[-1])
+        peak = peak_time(result)
         scale = _scale(result.at([peak]))
-        caption = f"deformation at {peak:.6g} s, drawn {scale:g} times as large"
+        said = f", drawn {scale:g} times as large, so that bodies may seem to overlap" if scale > 1 else ""
+        caption = f"deformation at {peak:.6g} s{said}"
         images.append((_encoded(view.picture(result, peak, scale=scale)), caption))
     return "".join(
         f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'

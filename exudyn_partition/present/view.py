@@ -2,7 +2,8 @@
 
 `CreatePartitionView` adds an ObjectGround to a model. It has no coordinates, so the equations of motion do not change.
 Its graphicsDataUserFunction draws triangles whenever Exudyn renders: during the run, or in `mbs.SolutionViewer()`.
-`picture` and `show` draw a finished run in a scene of their own.
+`picture` and `show` draw a finished run in a scene of their own. Rigid surfaces of contacts that are fixed in space are
+drawn in grey, as far as the bodies extend; those that a body carries are not.
 
 The tests check the data to be drawn, and raytraced pictures; neither needs a screen. Exudyn's OpenGL window was tried
 under a virtual display (Xvfb), but not on a real screen.
@@ -22,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError, RunError
 from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.partition_contact import partition_items
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
 from ..support.arrays import Array, Vector
@@ -37,10 +38,11 @@ from ..support.checks import (
 )
 from ..support.foreign import ItemIndex, MainSystem, ObjectIndex, SystemContainer
 from ..support.optional import require
+from .graphics import GraphicsData, colour_bar, peak_time, rigid_surfaces
 from .output import BodyFields, Shown, contact_loads, shown_bodies
 
-GraphicsData = dict[str, object]  # in the format of Exudyn
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
+Contacts = Callable[[], Sequence[PartitionContact]]
 
 ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
 UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
@@ -110,12 +112,12 @@ def CreatePartitionView(
     for piece in pieces:
         if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it
             mbs.SetObjectParameter(piece.item["oFFRFreducedOrder"], "Vshow", False)
-    return _add(mbs, pieces, fields, field, scale, limits)
+    return _add(mbs, pieces, fields, field, scale, limits, lambda: partition_items(mbs)[1])
 
 
 def picture(
     result: Result,
-    time: float,
+    time: float | None = None,
     bodies: Sequence[Shown] | None = None,
     *,
     field: ViewField = "deformation",
@@ -129,8 +131,8 @@ def picture(
     Parameters
     ----------
     result : Result
-    time : float
-        The nearest sample is drawn [s].
+    time : float, optional
+        The nearest sample is drawn [s]. Default: that of the largest contact force; without contacts the last one.
     bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
         Default: all of the run. A body with its FE model also shows the static answer to the contacts' forces.
     field : {"deformation", "displacement", "velocity", "von_mises"}
@@ -152,7 +154,7 @@ def picture(
         If an argument has a wrong type or is out of range, or the time is not within the run.
     """
     validate_result(result)
-    frame = result.at([validate_number("time", time, "a time in s")])
+    frame = result.at([peak_time(result) if time is None else validate_number("time", time, "a time in s")])
     turn = Rotation.from_rotvec(validate_vector("rotation", rotation).tolist())
     pixels = _pixels(size)
     SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
@@ -165,9 +167,9 @@ def picture(
     light.light0.useCameraFrame = True
     SC.renderer.ZoomAll()  # otherwise the first drawing would change the view
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    height = _MARGIN * float(np.linalg.norm(high - low))
-    centre = turn.apply((low + high) / 2)  # the renderer rotates before it translates
+    seen = turn.apply(points)  # the renderer rotates before it translates
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    height, centre = _MARGIN * float(np.linalg.norm(high - low)), (low + high) / 2
     SC.renderer.SetModelView(height, turn.as_rotvec().tolist(), centre.tolist())
     return np.array(SC.renderer.RedrawAndGetImage(useRaytracer=True))
 
@@ -259,7 +261,7 @@ def _scene(
         q, q_t = histories[id(piece)]
         return piece.fields(q[i], q_t[i], piece.forces(loads, i))
 
-    _add(mbs, pieces, fields, field, scale, limits, turn)
+    _add(mbs, pieces, fields, field, scale, limits, lambda: result.contacts, turn)
     mbs.Assemble()
     return SC, mbs
 
@@ -271,9 +273,10 @@ def _add(
     field: ViewField,
     scale: float,
     limits: Sequence[float] | None,
+    contacts: Contacts,
     turn: Rotation | None = None,
 ) -> ObjectIndex:
-    """Add the object that draws the bodies; `turn` is the rotation of the view."""
+    """Add the object that draws bodies and rigid surfaces of contacts; `turn` is the rotation of the view."""
     items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
     if scale > _LARGEST_SCALE:
         raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
@@ -284,7 +287,7 @@ def _add(
         )
 
     def draw(mbs: MainSystem, item: ItemIndex) -> list[GraphicsData]:
-        return _graphics(pieces, partial(fields, mbs), field, scale, given, turn or Rotation.identity())
+        return _graphics(pieces, partial(fields, mbs), field, scale, given, turn or Rotation.identity(), contacts)
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
 
@@ -296,8 +299,9 @@ def _graphics(
     scale: float,
     limits: Array | None,
     turn: Rotation,
+    contacts: Contacts,
 ) -> list[GraphicsData]:
-    """Exudyn's graphics data of the deformed surfaces, and of a text that explains the colours."""
+    """Exudyn's graphics data of the deformed surfaces, of rigid surfaces, and of the scale of the colours."""
     places, values = [], []
     for piece in pieces:
         data = fields(piece)
@@ -313,14 +317,8 @@ def _graphics(
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
-    says = f"{field} {least:.3g} to {largest:.3g} {UNITS[field]}" + (f", deformed x {scale:g}" if scale != 1 else "")
-    drawn.append({"type": "Text", "text": says, "position": _corner(places, turn)})
-    return drawn
-
-
-def _corner(places: list[Array], turn: Rotation) -> list[float]:
-    """Place above the bodies in the view, (3,) [m]."""
-    seen = turn.apply(np.vstack(places))  # coordinates to the right, upwards, and towards the viewer
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    corner: list[float] = turn.inv().apply([low[0], high[1] + 0.05 * (high - low).max(), high[2]]).tolist()
-    return corner
+    rigid = rigid_surfaces(contacts(), np.vstack(places))
+    seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in rigid)])
+    title = [f"{field} [{UNITS[field]}]"] + [f"deformed x {scale:g}: bodies may seem to overlap"] * (scale != 1)
+    ends = f"{least:.3g}", f"{largest:.3g}"
+    return [*drawn, *rigid, *colour_bar(seen, turn, colours, title, ends)]

@@ -42,6 +42,12 @@ def test_the_renderer_draws_the_deformed_surfaces(scene):
         expected.append(at.place(q) + 99 * at.deformation(q))
         magnitude.append(np.linalg.norm(at.deformation(q), axis=1))
     points, colours = drawn_points(SC)
+    above = points[:, 1] > max(places[:, 1].max() for places in expected) + 1e-9
+    bar, scale = points[above], colours[above]
+    points, colours = points[~above], colours[~above]
+    # The bar has the colours of the map, from left to right.
+    for end, share in ((bar[:, 0].argmin(), 0.0), (bar[:, 0].argmax(), 1.0)):
+        np.testing.assert_allclose(scale[end, :3], colormaps["viridis"](share)[:3], atol=0.01)
     # Exudyn draws in single precision.
     for some, others in ((points, np.vstack(expected)), (np.vstack(expected), points)):
         assert cKDTree(others).query(some)[0].max() < 1e-8
@@ -50,7 +56,8 @@ def test_the_renderer_draws_the_deformed_surfaces(scene):
     nearest = np.linalg.norm(points - hottest, axis=1).argmin()
     np.testing.assert_allclose(colours[nearest, :3], colormaps["viridis"](1.0)[:3], atol=0.01)
     text = SC.renderer.GetGraphicsData()["texts"]["text"]
-    assert text == [f"deformation {largest.min():.3g} to {largest.max():.3g} m, deformed x 100"]
+    ends = [f"{largest.min():.3g}", f"{largest.max():.3g}"]
+    assert text == [*ends, "deformation [m]", "deformed x 100: bodies may seem to overlap"]
 
 
 def test_a_view_costs_nothing(scene, impact):
@@ -74,6 +81,44 @@ def test_a_picture_shows_the_bodies_and_their_colours(impact, ball, block):
     assert np.flatnonzero(coloured.any(axis=1))[[0, -1]].mean() == pytest.approx(120, abs=12)  # in the middle
     other = ep.view.picture(result, 15e-6, pairs, field="von_mises", limits=(0, 5e9), size=(320, 240))
     assert abs(image.astype(int) - other).mean() > 0.3  # the colours follow their limits
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        ep.RigidPlane((0, 0, -1e-6), (0, 0, 2.0)),
+        ep.RigidSphere((0, 0, -0.02), 0.02 - 1e-6),
+        ep.RigidSphere((0, 0, -100), 100 - 1e-6),
+        ep.RigidCylinder((0, 0, -0.006), (1, 0.3, 0), 0.006 - 1e-6),
+    ],
+)
+def test_rigid_surfaces_are_drawn_where_bodies_touch_them(round_body, surface):
+    SC = exu.SystemContainer()
+    mbs = SC.AddSystem()
+    item = ep.CreatePartitionBody(mbs, round_body, initialVelocity=[0, 0, -1.0])
+    ep.CreatePartitionContact(mbs, item, surface, rows="node-to-segment")
+    ep.CreatePartitionView(mbs)
+    mbs.Assemble()
+    points, colours = drawn_points(SC)
+    grey = np.ptp(colours[:, :3], axis=1) < 0.05
+    off = surface.project(points[grey].astype(float))[0]
+    size = np.ptp(round_body.points, axis=0).max()
+    assert abs(off).max() < 1e-5 * max(1.0, getattr(surface, "radius", 0.0))  # in single precision
+    extent = np.ptp(points[grey], axis=0)
+    assert size < extent[0] < 3 * size
+    contact_point = round_body.points[round_body.points[:, 2].argmin()]
+    nearest = np.linalg.norm(points[grey] - contact_point, axis=1).min()
+    assert nearest < 0.05 * size
+
+
+def test_the_peak_is_shown_unless_a_time_is_given(impact):
+    mbs, _, _, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=60e-6, step=0.5e-6)
+    peak = result.t[contact.force(result).argmax()]
+    assert 0 < peak < result.t[-1]
+    images = [ep.view.picture(result, *time, size=(80, 60)) for time in ((), (peak,), (0.0,))]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert (images[0] != images[2]).any()
 
 
 @pytest.mark.parametrize("rotation", [(0, 0, 0), (-1.2, 0, 0.3), (0.4, 2.0, -0.5)])

@@ -601,7 +601,7 @@ CALLS = {
     ),
     "view.picture": call(
         result=v.own_result,
-        time=v.number.but(beyond=1.0, negative=-1.0)(STEP),
+        time=v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
         bodies=_bodies,
         field=v.choice("velocity"),
         scale=v.positive.but(**{"1e300": 1e300}),

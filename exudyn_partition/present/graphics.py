@@ -1,0 +1,132 @@
+"""Exudyn's graphics data of what stands beside the bodies: the scale of colours, and rigid surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
+from ..support.arrays import Array
+
+GraphicsData = dict[str, object]  # in the format of Exudyn
+
+_STEPS = 32  # of the colour bar, and of a surface along each side
+_GREY = (0.6, 0.6, 0.63, 1.0)
+_BEYOND = 0.65  # half the side of a rigid surface that is drawn, by the size of the bodies
+# Above the bodies in the view, by their size: lower and upper side of the bar, its numbers, and lines of the title.
+_LOWER, _UPPER, _NUMBERS, _LINE = 0.04, 0.07, 0.085, 0.06
+
+
+def peak_time(result: Result) -> float:
+    """Time of the largest contact force, or of the last sample if there is no contact [s]."""
+    forces = [contact.force(result) for contact in result.contacts]
+    return float(result.t[int(np.argmax(np.max(forces, axis=0)))] if forces else result.t[-1])
+
+
+def colour_bar(
+    places: Array, turn: Rotation, colours: Callable[[Array], Array], lines: Sequence[str], ends: tuple[str, str]
+) -> list[GraphicsData]:
+    """Bar of colours above the bodies in the view, with texts at its ends and a title.
+
+    Parameters
+    ----------
+    places : (n, 3) array
+        Where the bodies are drawn [m].
+    turn : Rotation
+        Of the view.
+    colours : callable
+        Returns RGBA, (k, 4), of shares from 0 to 1, (k,).
+    lines : sequence of str
+        Title, from its last line upwards.
+    ends : (str, str)
+        Values at the lower and upper end.
+    """
+    seen = turn.apply(places)  # coordinates to the right, upwards, and towards the viewer
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    size = float((high - low).max())
+    share = np.linspace(0.0, 1.0, _STEPS + 1)
+    right = low[0] + 0.6 * size * share
+    edges = [np.column_stack([right, np.full_like(right, high[1] + y * size), np.full_like(right, high[2])])
+             for y in (_LOWER, _UPPER)]  # fmt: skip
+
+    def at(x: float, y: float) -> list[float]:
+        place: list[float] = turn.inv().apply([x, high[1] + y * size, high[2]]).tolist()
+        return place
+
+    i, n = np.arange(_STEPS), _STEPS + 1
+    triangles = np.vstack([np.column_stack([i, i + 1, i + n]), np.column_stack([i + 1, i + 1 + n, i + n])])
+    return [
+        {
+            "type": "TriangleList",
+            "points": turn.inv().apply(np.vstack(edges)),
+            "colors": np.tile(colours(share), (2, 1)),
+            "triangles": triangles,
+        },
+        {"type": "Text", "text": ends[0], "position": at(low[0], _NUMBERS)},
+        {"type": "Text", "text": ends[1], "position": at(low[0] + 0.5 * size, _NUMBERS)},
+        *(
+            {"type": "Text", "text": line, "position": at(low[0], _NUMBERS + _LINE * i)}
+            for i, line in enumerate(lines, 1)
+        ),
+    ]
+
+
+def rigid_surfaces(contacts: Iterable[PartitionContact], places: Array) -> list[GraphicsData]:
+    """Rigid surfaces of contacts that are fixed in space, as far as the bodies at `places`, (n, 3) [m], extend."""
+    surfaces = {id(contact.master): contact.master for contact in contacts if contact.carrier is None}
+    middle, half = places.mean(axis=0), _BEYOND * float(np.ptp(places, axis=0).max())
+    share = np.linspace(-1.0, 1.0, _STEPS + 1)
+    drawn = []
+    for surface in surfaces.values():
+        if isinstance(surface, RigidPlane):
+            one, two = _across(surface.normal)
+            foot = middle - surface.project(middle[None])[0][0] * surface.normal
+            grid = foot + half * (share[:, None, None] * one + share[:, None] * two)
+        elif isinstance(surface, RigidSphere):
+            towards = _unit(middle - surface.center)
+            one, two = _across(towards)
+            polar = min(np.pi, 2 * half / surface.radius) * (share[:, None, None] + 1) / 2
+            around = np.pi * share[:, None]
+            side = np.cos(around) * one + np.sin(around) * two
+            grid = surface.center + surface.radius * (np.cos(polar) * towards + np.sin(polar) * side)
+        elif isinstance(surface, RigidCylinder):
+            foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
+            towards = _unit(middle - foot) if np.linalg.norm(middle - foot) else _across(surface.axis)[0]
+            around = min(np.pi, 2 * half / surface.radius) * share[:, None, None]
+            side = np.cos(around) * towards + np.sin(around) * np.cross(surface.axis, towards)
+            grid = foot + surface.radius * side + half * share[:, None] * surface.axis
+        else:
+            continue
+        drawn.append(_grid(grid))
+    return drawn
+
+
+def _grid(points: Array) -> GraphicsData:
+    """Grey surface through a grid of points, (m, m, 3) [m]."""
+    m = len(points)
+    corner = (m * np.arange(m - 1)[:, None] + np.arange(m - 1)).ravel()
+    triangles = np.vstack([
+        np.column_stack([corner, corner + 1, corner + m]),
+        np.column_stack([corner + 1, corner + m + 1, corner + m]),
+    ])  # fmt: skip
+    return {
+        "type": "TriangleList",
+        "points": points.reshape(-1, 3),
+        "colors": np.tile(_GREY, (m * m, 1)),
+        "triangles": triangles,
+    }
+
+
+def _across(direction: Array) -> tuple[Array, Array]:
+    """Two unit vectors, (3,) each, perpendicular to a direction and to each other."""
+    one = _unit(np.cross(direction, np.eye(3)[np.argmin(abs(direction))]))
+    return one, np.cross(_unit(direction), one)
+
+
+def _unit(vector: Array) -> Array:
+    value: Array = vector / (np.linalg.norm(vector) or 1.0)
+    return value
