@@ -20,7 +20,7 @@ from ..prediction.hertz import impact
 from ..reduction.reduction import reduce
 from ..support.optional import require
 
-_PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "threadpoolctl")
+_PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "platformdirs", "threadpoolctl")
 
 
 def doctor(options: argparse.Namespace) -> tuple[int, dict[str, object]]:

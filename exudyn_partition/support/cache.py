@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
+
+import platformdirs
 
 from .._version import __version__
 from ..errors import CacheWarning, InputError
@@ -80,15 +81,7 @@ def user_folder() -> Path:
     """
     if os.environ.get(VARIABLE):
         return Path(os.environ[VARIABLE])
-    if sys.platform == "win32":
-        variable, default = "LOCALAPPDATA", ("AppData", "Local")
-    elif sys.platform == "darwin":
-        variable, default = "", ("Library", "Caches")
-    else:
-        variable, default = "XDG_CACHE_HOME", (".cache",)
-    named = os.environ.get(variable, "")
-    # The XDG specification says to ignore relative paths.
-    return (Path(named) if Path(named).is_absolute() else Path.home().joinpath(*default)) / "exudyn_partition"
+    return platformdirs.user_cache_path("exudyn_partition", appauthor=False)
 
 
 def code_digest(package: Path = _PACKAGE) -> str:

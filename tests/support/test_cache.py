@@ -3,8 +3,8 @@
 import dataclasses
 import inspect
 import os
+import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -222,15 +222,12 @@ def test_the_user_s_folder(block, top, computed, tmp_path, monkeypatch):
     assert len(list((tmp_path / "own").iterdir())) == 1
 
     monkeypatch.delenv("EXUDYN_PARTITION_CACHE")
-    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
-    monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.setenv("XDG_CACHE_HOME", "/big")
-    assert cache.user_folder() == Path("/big/exudyn_partition")
-    for ignored in ("", "relative"):
-        monkeypatch.setenv("XDG_CACHE_HOME", ignored)
-        assert cache.user_folder() == Path("/home/me/.cache/exudyn_partition")
-    monkeypatch.setattr("sys.platform", "darwin")
-    assert cache.user_folder() == Path("/home/me/Library/Caches/exudyn_partition")
-    monkeypatch.setattr("sys.platform", "win32")
-    monkeypatch.delenv("LOCALAPPDATA", raising=False)
-    assert cache.user_folder() == Path("/home/me/AppData/Local/exudyn_partition")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    folder = cache.user_folder()
+    assert folder.is_absolute()
+    assert "exudyn_partition" in folder.parts
+    if sys.platform == "linux":
+        assert folder == tmp_path / "home" / ".cache" / "exudyn_partition"
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "big"))
+        assert cache.user_folder() == tmp_path / "big" / "exudyn_partition"
