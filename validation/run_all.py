@@ -265,6 +265,7 @@ CASES = {
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),
     "memory": Case("benchmarks/memory.py", memory),
+    "factorisation": Case("benchmarks/factorisation.py", limits(("reduction", "frequencies"))),
     **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
        for scene in SCENES},
     "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),

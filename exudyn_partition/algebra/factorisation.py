@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from ..errors import IndefiniteMatrixError
 from ..support.arrays import Array
 from .ordering import nested_dissection
+from .pardiso import Pardiso, library
 
 _BLOCK = 48  # right-hand sides in a call: enough for BLAS 3 inside SuperLU, with little memory
 
@@ -40,7 +41,50 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class Factorisation:
-    """LU factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
+    """Factors of a sparse symmetric matrix, positive definite or shifted to between two eigenvalues.
+
+    Intel's PARDISO makes them if its package is installed (`pip install exudyn-partition[fast]`), else SciPy's SuperLU.
+    Make and drop them in one thread, see `SuperLU`. Any thread may solve.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse matrix
+        Symmetric.
+    by : {"pardiso", "superlu"}, optional
+        Default: the first that is installed.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If the matrix is singular.
+    """
+
+    def __init__(self, matrix: sp.spmatrix, by: str | None = None) -> None:
+        fast = by == "pardiso" if by else library() is not None
+        self._factors: Pardiso | SuperLU = Pardiso(matrix) if fast else SuperLU(matrix)
+
+    def solve(self, rhs: Array, threads: int = 2) -> Array:
+        """Solve for one, (n,), or many, (n, k), right-hand sides, with at most so many threads."""
+        return self._factors.solve(rhs, threads)
+
+    @property
+    def nnz(self) -> int:
+        """Number of stored entries of the factors."""
+        return self._factors.nnz
+
+    def negative_pivots(self) -> int:
+        """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia).
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If a pivot of SuperLU is zero; then signs mean nothing.
+        """
+        return self._factors.negative_pivots()
+
+
+class SuperLU:
+    """LU factors of a sparse symmetric matrix.
 
     SuperLU works in the order of nested dissection, with pivots on the diagonal. Without `diag_pivot_thresh=0` partial
     pivoting destroys the order, and the fill grows a hundredfold. SciPy frees the memory only if the last reference is
