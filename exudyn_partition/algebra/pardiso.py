@@ -83,8 +83,8 @@ class Pardiso:
             raise MemoryError(f"no memory for the factors of a matrix of order {n}")
         if error or self._settings[_PERTURBED]:
             raise IndefiniteMatrixError(
-                f"the matrix of order {n} cannot be factorised: {self._settings[_PERTURBED]} pivots are zero (PARDISO's "
-                f"error {error})"
+                f"the matrix of order {n} cannot be factorised: {self._settings[_PERTURBED]} pivots are zero "
+                f"(PARDISO's error {error})"
             )
 
     def _call(self, phase: int, rhs: Array, result: Array) -> int:
