@@ -19,7 +19,28 @@ from ..support.optional import require
 from ..support.progress import Progress
 from .step_control import StepControl
 
-RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
+_RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
+_ROUNDINGS = 8  # of the places of a patch, that reach its forces
+
+
+def residual(mbs: MainSystem) -> float:
+    """Residual to which Newton's method solves where it cannot reach Exudyn's relative tolerance [N].
+
+    Gaps are differences of places in space and have their rounding. A stiff patch turns it into forces, below which no
+    iteration can get: n^2 / (1' F 1) is the stiffness of n rows to equal forces.
+    """
+    goal = _RESIDUAL
+    for contact in partition_items(mbs)[1]:
+        law = contact.law
+        if not law.compliant:
+            continue
+        gaps = law.gaps
+        n = len(gaps.row_nodes)
+        yielding = float(gaps.flexibility(np.arange(n)).sum())
+        extent = max(float(abs(side.surface.points).max()) for side in gaps.sides)
+        if yielding > 0.0:
+            goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * n**2 / yielding)
+    return goal
 
 
 class Watch:

@@ -32,7 +32,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .hooks import RESIDUAL, begun, cause, closed_joints, controlled, watched
+from .hooks import begun, cause, closed_joints, controlled, residual, watched
 from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
 from .review import reviewed, warn_of_turns
@@ -203,7 +203,8 @@ def _run(
         settings.solution.file.write = False
         settings.timeIntegration.verboseMode = 0
         # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
-        settings.timeIntegration.newton.absoluteTolerance = RESIDUAL
+        if method == "implicit":
+            settings.timeIntegration.newton.absoluteTolerance = residual(mbs)
         # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
         settings.timeIntegration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
         # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.

@@ -22,7 +22,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .hooks import RESIDUAL, begun, cause, kept_apart, watched
+from .hooks import begun, cause, kept_apart, residual, watched
 from .joint_checks import check_start
 from .result import Result, called, samples
 from .review import reviewed
@@ -133,7 +133,7 @@ def _run(
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
         settings.solution.file.write = False
         settings.staticSolver.verboseMode = 0
-        settings.staticSolver.newton.absoluteTolerance = RESIDUAL
+        settings.staticSolver.newton.absoluteTolerance = residual(mbs)
     static = settings.staticSolver
     start, duration = float(static.loadStepStart), float(static.loadStepDuration)
     if not duration > 0:
