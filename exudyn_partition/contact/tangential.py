@@ -16,8 +16,9 @@ from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..surfaces.surface import cross
-from .gaps import SAME, Gaps, dense, joined
+from .gaps import Gaps, Side, dense, joined
 
+_SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility; moves forces by 5e-5
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
 
@@ -50,7 +51,8 @@ class TangentialRows:
         self._tangents_of: Array | None = None
         self._flexible_rows: object = None
         self._flexible_sides: object = None
-        self._flexible_at = np.zeros(1)
+        self._flexible_at, self._flexible_index = np.zeros(1), np.empty(0, dtype=np.int64)
+        self._parts: dict[int, tuple[Side, Array, Array]] = {}  # of each side: its rows and their flexibility
         self._places: list[Array] | None = None
         self._rows_held: object = None
         self.release()
@@ -58,23 +60,23 @@ class TangentialRows:
     def fresh(self, gaps: Gaps) -> TangentialRows:
         """Return the tangents of these rows for another run; `gaps` are the same in their start state."""
         result = copy.copy(self)
-        result.gaps, result._tangents_of = gaps, None
+        result.gaps, result._tangents_of, result._parts = gaps, None, {}
         result.release()
         return result
 
     def release(self) -> None:
         """Forget the places that `hold` took: nothing has slid."""
-        self._from: Array | None = None
+        self._from: list[Array] | None = None
 
-    def hold(self) -> None:
-        """Count sliding from the present places."""
-        self._from, self._pose = np.concatenate(self.gaps.coordinates), self.gaps.evaluated_pose
-        self._axes_then, self._places = self.axes, self.gaps.places_now() if self.gaps.moving else None
+    def hold(self, *, soon: bool = True) -> None:
+        """Count sliding from the present places; unless it is asked for `soon`, places are found when it is."""
+        gaps = self.gaps
+        self._from, self._pose = gaps.coordinates, gaps.evaluated_pose
+        self._places = gaps.places_now() if soon and gaps.moving else None
 
     def hold_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
-        self._from, self._pose, self._places = q, pose, None
-        self._axes_then = self.gaps.sides[-1].kinematics.frame(self.gaps.split(q)[-1])[1]
+        self._from, self._pose, self._places = self.gaps.split(q), pose, None
 
     @property
     def held(self) -> bool:
@@ -123,11 +125,11 @@ class TangentialRows:
         if self._from is None:
             return np.zeros((len(gaps.row_nodes), 2))
         if not gaps.moving:
-            moved = np.concatenate(gaps.coordinates) - self._from
+            moved = np.concatenate(gaps.coordinates) - np.concatenate(self._from)
             return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
-        if self._places is None:  # pairs were frozen then
-            self._places = gaps.places(self._from)
-        before = self._carried(self._offsets(self._places))
+        if self._places is None:
+            self._places = gaps.places(np.concatenate(self._from))
+        before = self._carried(self._offsets(self._places), self._from)
         return self.along(self._offsets(gaps.places_now()) - before)
 
     def rates(self, q_t: Array) -> Array:
@@ -145,11 +147,12 @@ class TangentialRows:
         at_points = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in parts)
         return np.asarray(at_points if gaps.mean is None else gaps.mean @ at_points)
 
-    def _carried(self, offsets: Array) -> Array:
-        """Where offsets, (nr, 3), from the time of `hold` would be now if they had moved with the master."""
+    def _carried(self, offsets: Array, then: list[Array]) -> Array:
+        """Where offsets, (nr, 3), of the coordinates `then` would be now if they had moved with the master."""
         gaps = self.gaps
         if len(gaps.sides) == 2:
-            return offsets if gaps.sides[1].kinematics.linear else offsets @ self._axes_then @ self.axes.T
+            master = gaps.sides[1].kinematics
+            return offsets if master.linear else offsets @ master.frame(then[1])[1] @ self.axes.T
         if not gaps.carried:
             return offsets
         (place, axes), (place_now, axes_now) = (
@@ -191,31 +194,42 @@ class TangentialRows:
 
     def side_rows(self, place: int) -> Array:
         """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np)."""
+        return self._some_side_rows(place, np.arange(len(self.gaps.row_nodes)))
+
+    def _some_side_rows(self, place: int, index: Array) -> Array:
         side, q = self.gaps.sides[place], self.gaps.coordinates[place]
-        n_rows = len(self.gaps.row_nodes)
-        in_body = side.kinematics.in_frame(q, self.tangents.reshape(-1, 3)).reshape(n_rows, 2, 3)
-        G = _directed(self._node_weights(place), in_body)
-        return np.asarray(_interleaved(dense(self.gaps.side_rows(place)), G))
+        in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
+        G = _directed(self._node_weights(place)[index], in_body)
+        return np.asarray(_interleaved(dense(self.gaps.side_rows(place)[index]), G))
 
-    def flexibility(self) -> Array:
-        """Residual flexibility between the directions of all present rows, (3 nr, 3 nr) [m/N].
+    def flexibility(self, index: Array | None = None) -> Array:
+        """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
 
-        It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`).
+        It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`). It is far more work than
+        theirs, so that they may move further. What rows on a side's nodes have not changed keep that side's part.
         """
+        index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         stance, tangents = self.gaps.stance(), self.tangents
         same = self._flexible_rows is self.gaps.row_nodes and self._flexible_sides is self.gaps.sides
-        if not same or abs(stance - self._flexible_at).max() > SAME:
-            n = 3 * len(tangents)
-            self._flexibility = np.zeros((n, n))
-            for place, side in enumerate(self.gaps.sides):
-                if side.flexibility is not None:
-                    rows = self.side_rows(place)
-                    used = np.flatnonzero(rows.any(axis=0))
-                    rows = rows[:, used]
-                    self._flexibility += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
+        same = same and len(tangents) > 0 and np.array_equal(self._flexible_index, index)
+        if not same or abs(stance - self._flexible_at).max() > _SAME:
+            parts = [
+                self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
+            ]
+            self._flexibility = sum(parts, np.zeros((3 * len(index), 3 * len(index))))
             self._flexible_rows, self._flexible_at = self.gaps.row_nodes, stance
-            self._flexible_sides = self.gaps.sides
+            self._flexible_sides, self._flexible_index = self.gaps.sides, index
         return self._flexibility
+
+    def _part(self, place: int, index: Array) -> Array:
+        """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
+        F, rows = np.asarray(self.gaps.sides[place].flexibility), self._some_side_rows(place, index)
+        known = self._parts.get(place)
+        if known is None or known[0] is not self.gaps.sides[place] or not np.array_equal(known[1], rows):
+            used = np.flatnonzero(rows.any(axis=0))
+            few = rows[:, used]
+            self._parts[place] = self.gaps.sides[place], rows, few @ F[np.ix_(used, used)] @ few.T
+        return self._parts[place][2]
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows by the velocities of the body that carries the surface, (3 na, 6)."""

@@ -31,10 +31,9 @@ def residual(mbs: MainSystem) -> float:
     """
     goal = _RESIDUAL
     for contact in partition_items(mbs)[1]:
-        law = contact.law
-        if not law.compliant:
+        gaps = contact.law.gaps
+        if not contact.law.compliant or any(side.flexibility is None for side in gaps.sides):
             continue
-        gaps = law.gaps
         n = len(gaps.row_nodes)
         yielding = float(gaps.flexibility(np.arange(n)).sum())
         extent = max(float(abs(side.surface.points).max()) for side in gaps.sides)

@@ -60,6 +60,7 @@ class FrictionalRows(ContactLaw):
         n = len(self._closed_nodes)
         self.tangential.release()
         self._last = np.zeros((n, 4))  # forces at the end of the last step: normal, and in the tangents' axes
+        self._last_along: Array | None = None  # the tangents that `_last_on_rows` belong to
         self._slipped, self._speed = np.zeros(n, dtype=bool), np.zeros(n)
         self._path = np.zeros(n)
         self._dissipated = 0.0
@@ -76,8 +77,15 @@ class FrictionalRows(ContactLaw):
 
     def last_forces(self) -> Array:
         """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]."""
-        last = self._last[self.gaps.row_nodes]
-        return np.column_stack([last[:, 0], self.tangential.along(last[:, 1:] @ self.tangential.axes.T)])
+        tangents = self.tangential.tangents  # other ones for each set of rows
+        if self._last_along is not tangents:
+            self._last_on_rows, self._last_along = self.on_rows(self._last), tangents
+        return self._last_on_rows
+
+    def on_rows(self, remembered: Array) -> Array:
+        """Forces on the present rows, (nr, 3) [N], of those remembered by the slave's nodes, (np, 4)."""
+        forces = remembered[self.gaps.row_nodes]
+        return np.column_stack([forces[:, 0], self.tangential.along(forces[:, 1:] @ self.tangential.axes.T)])
 
     def coefficients(self) -> Array:
         """Coefficients of friction of the present rows in this step, (nr,)."""
@@ -101,6 +109,7 @@ class FrictionalRows(ContactLaw):
         self._speed[nodes] = np.where(slides, speeds, 0.0)
         self._last[nodes, 0] = self.forces[:, 0]
         self._last[nodes, 1:] = self.traction @ self.tangential.axes
+        self._last_along = None
 
     @property
     def traction(self) -> Array:
@@ -173,7 +182,7 @@ class FrictionalContact(FrictionalRows):
     def reset(self) -> None:
         """Go back to the start."""
         super().reset()
-        self._start, self._answered = -math.inf, False
+        self._start, self._answered, self._closed_before = -math.inf, False, False
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
@@ -197,7 +206,8 @@ class FrictionalContact(FrictionalRows):
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if self.least_gap >= 0.0:
-            self.open_rows()
+            if self.index.size or len(self.lam) != len(gap):
+                self.open_rows()
             return
         self._find(gap, np.zeros((len(gap), 3)) if pushed is None else pushed)
 
@@ -216,12 +226,18 @@ class FrictionalContact(FrictionalRows):
         self._start, self._answered = start, False
 
     def _remember(self, step: float) -> None:
+        closed = self.index.size > 0
+        if closed or self._closed_before:
+            self._remember_forces(step)
+        self._closed_before = closed
+        self.tangential.hold(soon=closed)
+
+    def _remember_forces(self, step: float) -> None:
         slips = np.zeros((len(self.forces), 2))
         if self.index.size:
             slips = self.slips()
             self._dissipated += self._taken_by(slips)
         self.remember(slips, np.linalg.norm(slips, axis=1) / step)
-        self.tangential.hold()
 
     def resume(self, earlier: Law, q: Array) -> bool:
         """See `Law`: rows stick where they stuck, with the forces that they had; the dissipation begins anew."""
@@ -232,6 +248,7 @@ class FrictionalContact(FrictionalRows):
         nodes = earlier.gaps.row_nodes
         self._last[nodes, 0] = earlier.forces[:, 0]
         self._last[nodes, 1:] = earlier.traction @ earlier.tangential.axes
+        self._last_along, self._closed_before = None, True
         self.gaps.at(q)
         self.tangential.hold()
         return True

@@ -17,6 +17,7 @@ from .formulation import Law, Method
 from .frictional import FrictionalContact
 
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps are taken, so that the problem seldom changes
+_SPARE = 10  # rows that are taken though they are far, before others are chosen
 
 
 class FrictionalCompliance(FrictionalContact):
@@ -42,8 +43,9 @@ class FrictionalCompliance(FrictionalContact):
     def reset(self) -> None:
         """Go back to the start."""
         super().reset()
-        self._iterations, self._taken = 0, False
-        self._near = np.empty(0, dtype=np.int64)
+        self._taken = False
+        self._before: Array | None = None  # forces at the end of the step before the last, by the nodes
+        self._near, self._rows = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
         self._F = np.empty((0, 0))
         self._guess = np.zeros(len(self._closed_nodes), dtype=np.int8)
 
@@ -55,6 +57,9 @@ class FrictionalCompliance(FrictionalContact):
     def _find(self, gap: Array, pushed: Array) -> None:
         last, nodes = self.last_forces(), self.gaps.row_nodes
         near = self._take(gap + pushed[:, 0], last[:, 0] > 0)
+        if self._before is not None:
+            self.problem.extrapolate(self.on_rows(self._before)[near])
+            self._before = None
         carried = (self.problem.F @ last[near].ravel()).reshape(-1, 3)
         h = pushed[near]
         h[:, 0] += gap[near]
@@ -69,20 +74,29 @@ class FrictionalCompliance(FrictionalContact):
         self._guess[nodes[near]] = self.problem.state
         self.close_rows(self.forces[:, 0].copy(), near[self.problem.index])
 
+    def remember(self, slips: Array, speeds: Array) -> None:
+        """See `FrictionalRows`; the forces before are kept for a guess of those to come."""
+        self._before = self._last.copy()
+        super().remember(slips, speeds)
+
     def _take(self, gap: Array, closed: Array) -> Array:
         """Set up the problem of rows that may close, and of those that were `closed`; return their numbers."""
-        F, needed = self.tangential.flexibility(), (gap < -BULGE * self.least_gap) | closed
-        if self._taken and F is self._F and not needed.sum() > needed[self._near].sum():
-            return self._near
-        near = np.flatnonzero(needed | (gap < -_MARGIN * self.least_gap))
-        some = directions(near)
-        own = regularised(F[np.ix_(some, some)])
+        needed = (gap < -BULGE * self.least_gap) | closed
+        many, kept = needed.sum(), self._taken and self._rows is self.gaps.row_nodes
+        if kept and many == needed[self._near].sum() and len(self._near) < 2 * many + _SPARE:
+            near = self._near
+        else:
+            near = np.flatnonzero(needed | (gap < -_MARGIN * self.least_gap))
+        F = self.tangential.flexibility(near)
+        if self._taken and F is self._F:
+            return near
+        own = regularised(F)
         if not self._taken:
             self.problem, self._taken = FrictionProblem(own), True
         else:
             nodes = self.gaps.row_nodes[near]
             self.problem.replace(own, self._guess[nodes], self.last_forces()[near])
-        self._F, self._near = F, near
+        self._F, self._near, self._rows = F, near, self.gaps.row_nodes
         return near
 
     def slips(self) -> Array:
