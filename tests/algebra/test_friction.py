@@ -161,6 +161,36 @@ def test_a_smooth_path_seldom_needs_new_factors():
     assert (problem.iterations, problem.factorisations) == before
 
 
+@pytest.mark.parametrize("seed", [4, 5, 11])
+def test_rows_that_begin_to_slip_and_stick_again_do_not_hold_it_up(seed):
+    """With factors of the other state, a step leads back to that state."""
+    rng = np.random.default_rng(seed)
+    F, mu = random_matrix(rng, 12), np.full(12, 0.6)
+    problem, place, most = FrictionProblem(F), np.zeros((12, 2)), 0
+    once, again, mean = rng.standard_normal((3, 12, 3)) - [[[0, 0, 0]], [[0, 0, 0]], [[1.5, 0, 0]]]
+    for angle in np.linspace(0, 2 * np.pi, 80):
+        h = mean + 0.5 * (once * np.sin(angle) + again * np.cos(angle)) - np.column_stack([np.zeros(12), place])
+        before = problem.iterations
+        lam = problem.solve(h, mu)
+        most = max(most, problem.iterations - before)
+        place += h[:, 1:] + (F @ lam.ravel()).reshape(-1, 3)[:, 1:]
+        assert answer(F, h, mu, lam) < 1e-8
+    assert most <= 13
+
+
+def test_forces_that_go_on_as_before_are_guessed():
+    rng = np.random.default_rng(7)
+    F, mu = patch(rng, 4), np.full(16, 5.0)
+    problem, forces = FrictionProblem(F), [np.zeros((16, 3))]
+    for time in (1.0, 2.0, 3.0):  # full stick is linear
+        if time == 3.0:
+            problem.extrapolate(forces[-2])
+            before = problem.iterations
+        forces.append(problem.solve(np.tile([-time, 0.1 * time, 0.0], (16, 1)), mu).copy())
+    assert problem.iterations == before
+    np.testing.assert_allclose(forces[-1], 3.0 * forces[1], rtol=1e-8, atol=1e-10)
+
+
 def test_other_rows_go_on_from_their_guesses():
     rng = np.random.default_rng(6)
     F, h, mu = patch(rng, 5), approach(rng, 25), np.full(25, 0.4)

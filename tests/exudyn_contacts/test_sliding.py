@@ -3,6 +3,7 @@
 import exudyn as exu
 import numpy as np
 import pytest
+from exudyn.utilities import InertiaCuboid
 from oracles import add_force, box
 
 import exudyn_partition as ep
@@ -72,3 +73,21 @@ def test_energy_and_friction_of_an_impact_on_a_layer(mbs, round_body, method):
     total = item.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
     assert abs(total / total[0] - 1).max() < 1e-4
     assert contact.dissipated_energy(result)[-1] > 0.05 * total[0]
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")  # the whole face closes at once
+def test_rounding_of_a_stiff_patch_does_not_hold_up_newtons_method():
+    """A light block on a moving belt: its rows turn the rounding of places into more force than a fixed residual."""
+    fem = ep.fe_model(box(0.02, 0.02, 0.01), ep.STEEL, maxh=10e-3)
+    part = ep.Partition.ball(fem, (0, 0, 0), 0.016, direction=(0, 0, -1), axes="xyz")
+    body = ep.reduce(fem, part, f_cut=60e3)
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, gravity=[0, 0, -9.81], initialVelocity=[0.05, 0, 0])
+    belt = mbs.CreateRigidBody(inertia=InertiaCuboid(1e4, [0.1, 0.1, 0.1]), initialVelocity=[0.05, 0, 0])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), masterBody=belt, friction=0.3)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=16e-3, step=0.4e-3, method="implicit", spectral_radius=0.5)
+    assert (result.status, result.steps) == ("finished", 40)
+    assert result.work.newton_iterations < 8 * result.steps
+    carried = body.total_mass * 9.81 / (1 + body.total_mass / (1e4 * 0.1**3))  # the belt, 10 kg, sinks
+    assert contact.force(result)[-1] == pytest.approx(carried, rel=1e-4)

@@ -66,7 +66,8 @@ def times(bodies, speed, end):
     found = {}
     for name, along in ALONG.items():
         velocity = MANY_ROWS * np.array([along, 0, -speed])
-        _, contact, result, spent = impact(bodies, velocity, FRICTION, end, step=1e-6)
+        runs = [impact(bodies, velocity, FRICTION, end, step=1e-6) for _ in range(5)]
+        _, contact, result, spent = min(runs, key=lambda run: run[3])
         rows = contact.closed_rows(result)
         found[name] = {
             "ms_a_step": 1e3 * spent / np.count_nonzero(rows),
@@ -92,6 +93,8 @@ def compared(model, fems, partitions, bodies, along, end):
     errors = ep.compare(history, reference)
     momentum = sum(item.momentum(run) for item in items)
     half = impact(bodies, [along, 0, -model.SPEED], FRICTION, end, step=half_limit(bodies))
+    points = {name: (half[0][index], point) for name, (index, point) in model.NEAR_CONTACT.items()}
+    coarse = ep.compare(half[2].history(half[1], points), reference)
     return {
         "normal": errors.error["force"],
         "tangential": errors.error["tangential"],
@@ -105,6 +108,13 @@ def compared(model, fems, partitions, bodies, along, end):
         "stuck_rows": int(contact.stuck_rows(run).max()),
         "online_s": run.time_s,
         "steps": run.steps,
+        "half_of_limit": {
+            "step_s": half[2].step,
+            "normal": coarse.error["force"],
+            "tangential": coarse.error["tangential"],
+            "velocity_tip": coarse.error["tip"],
+            "online_s": half[2].time_s,
+        },
         "reference_s": errors.reference_time_s,
         "reference_steps": reference.info["steps"],
     }, (history, reference)
