@@ -16,7 +16,8 @@ from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..surfaces.surface import cross
-from .gaps import Gaps, Side, dense, joined
+from .gaps import Gaps, dense, joined
+from .side import Side
 
 _SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility; moves forces by 5e-5
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
