@@ -22,7 +22,7 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
     The highest frequency is the lowest f_h at which an ideal low-pass changes the signal by `tolerance` in the L2 norm,
     the measure of `compare`. By Parseval's theorem, the energy above it is tolerance^2 of the whole,
 
-        int_{f_h}^inf |X(f)|^2 df = tolerance^2 int_0^inf |X(f)|^2 df.
+        int_{f_h}^inf abs(X(f))^2 df = tolerance^2 int_0^inf abs(X(f))^2 df.
 
     For the force on a wave impedance, or the velocity behind one, this is the share of the energy that leaves as waves.
     The integral depends neither on single bins of the spectrum nor on the sampling, if that is fine enough. For a pulse
@@ -78,7 +78,7 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
 
 
 def amplitude_spectrum(t: Array, x: Array, *, window: Window = "none") -> tuple[Array, Array]:
-    """Magnitude of the Fourier integral of a signal, |X(f)| = |int x(t) exp(-2 pi i f t) dt|.
+    """Magnitude of the Fourier integral of a signal, abs(X(f)) = abs(int x(t) exp(-2 pi i f t) dt).
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def amplitude_spectrum(t: Array, x: Array, *, window: Window = "none") -> tuple[
     (m,) array
         Frequencies, from 0 to half the sampling rate [Hz].
     (m,) array
-        |X| in the signal's unit times seconds: at f = 0 of a force, its impulse.
+        abs(X) in the signal's unit times seconds: at f = 0 of a force, its impulse.
 
     Raises
     ------

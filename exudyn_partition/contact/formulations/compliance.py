@@ -1,4 +1,4 @@
-"""Contact through the residual flexibility: a force element without penalty parameter (method.md, section 2)."""
+"""Contact through the residual flexibility: a force element without penalty parameter (theory.md of the site)."""
 
 from __future__ import annotations
 
