@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fe.facets import nodal_area
+from ..fe.model import FEModel
 from ..fe.patches import Interface
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
@@ -18,7 +19,7 @@ from ..support.optional import require
 _ASIDE = 1e-6  # distance of an interface's point from the mean of its face, by the body's size, that is round-off
 
 
-def loaded_area(body: ReducedBody, interface: Interface) -> float:
+def loaded_area(body: ReducedBody | FEModel, interface: Interface) -> float:
     """Area of an interface's face [m2], after a check that a force on the interface is a uniform traction on it.
 
     The force of an averaged interface is spread over its nodes by their areas, as finite elements spread a uniform

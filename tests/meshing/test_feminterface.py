@@ -31,7 +31,7 @@ def imported(mesh, order, material=ep.STEEL):
 @pytest.fixture(scope="module", params=[1, 2])
 def both(request):
     """The model by us, and by Exudyn's import."""
-    mesh = ep.generate_mesh(shape(), maxh=0.012)
+    mesh = ep.generate_mesh(shape(), maxh=0.02)
     ours = ep.fe_model(mesh, ep.STEEL, order=request.param)
     return ours, imported(mesh, request.param)
 
@@ -73,7 +73,7 @@ def test_linear_functions_on_curved_elements_are_refused():
 @pytest.mark.parametrize("kind", ["C3D10", "C3D8"])
 def test_a_mesh_and_matrices_of_abaqus(tmp_path, kind, bricks):
     """Text files as Abaqus writes them, with numbers from one."""
-    ours = bricks if kind == "C3D8" else ep.fe_model(shape(), ep.STEEL, maxh=0.02)
+    ours = bricks if kind == "C3D8" else ep.fe_model(shape(), ep.STEEL, maxh=0.03)
     lines = [f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in enumerate(ours.points.tolist(), 1)]
     cells = [", ".join(map(str, [i, *cell])) for i, cell in enumerate((ours.cells + 1).tolist(), 1)]
     (tmp_path / "part.inp").write_text(
@@ -127,8 +127,8 @@ def test_what_is_missing_or_does_not_fit_is_named(both):
         ({"elements": [{"Name": "a", "Tet4": elements + 10**6}]}, MeshError, "expected Tet4 .* node numbers from 0"),
         (
             {"elements": [{"Name": "a", "Tet4": elements[:-1]}]},
-            MeshError,
-            "nodes belong to no|elements have a volume|share no face",
+            InputError,
+            "material: the mass matrix has",
         ),
     ):
         with pytest.raises(error, match=message):
