@@ -46,6 +46,10 @@ class RunResult(Protocol):
         """Run time of Exudyn's solver [s]."""
 
     @property
+    def warnings(self) -> tuple[str, ...] | None:
+        """Texts of the warnings after the run; None if they are not known."""
+
+    @property
     def bodies(self) -> tuple[PartitionBody, ...]:
         """Bodies of the model."""
 

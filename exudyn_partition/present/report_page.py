@@ -50,6 +50,7 @@ def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
     parts = [
         f"<h1>{html.escape(title)}</h1>",
         _run(result),
+        _warnings(result),
         _figures(result),
         "<h2>Scene</h2>",
         _bodies(result),
@@ -84,6 +85,13 @@ def _run(result: Result) -> str:
         ("written", datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")),
     ]
     return paragraph + _table([], rows)
+
+
+def _warnings(result: Result) -> str:
+    if result.warnings is None:
+        return "<p>Warnings of the run are not known: it was read from a file.</p>"
+    listed = "".join(f"<li>{html.escape(text)}</li>" for text in result.warnings)
+    return f'<ul class="warning">{listed}</ul>' if listed else "<p>The run gave no warning.</p>"
 
 
 def _bodies(result: Result) -> str:

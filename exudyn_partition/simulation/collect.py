@@ -14,7 +14,7 @@ from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.run_record import Solver
 from ..support.foreign import MainSystem
 from .result import Result, samples
-from .review import reviewed, warn_of_turns
+from .review import noted, reviewed, warn_of_turns
 from .stability import stability_limit
 
 
@@ -64,10 +64,11 @@ def collect(mbs: MainSystem) -> Result:
             message = f"the solver stopped at t = {solver.time:.6g} s, before the end of the run"
             result = replace(result, status="interrupted", message=message)
         _warn_of_stability(mbs, solver)
-    result = reviewed(mbs, result)
-    if solver is not None and solver.equal:
-        warn_of_turns(result)
-    return result
+    with noted() as warned:
+        result = reviewed(mbs, result)
+        if solver is not None and solver.equal:
+            warn_of_turns(result)
+    return replace(result, warnings=tuple(warned))
 
 
 def _warn_of_stability(mbs: MainSystem, solver: Solver) -> None:

@@ -55,6 +55,8 @@ class Result:
         What each contact kept of the run; empty of a result that was read from a file.
     seldom : set of int
         Sensors that Exudyn read less often than the result has times.
+    warnings : tuple of str, optional
+        Texts of the warnings after the run. Default: not known, as of a result that was read from a file.
     """
 
     t: Array
@@ -70,6 +72,7 @@ class Result:
     runs: tuple[ContactRun, ...] = field(default=(), repr=False)
     work: Work = field(default_factory=Work, repr=False)
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
+    warnings: tuple[str, ...] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""

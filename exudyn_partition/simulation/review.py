@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +33,20 @@ _RIPPLE = 0.2  # of the mean force, as a standard deviation
 _LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
 _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
+
+
+@contextlib.contextmanager
+def noted() -> Iterator[list[str]]:
+    """Note the texts of all warnings within the block; they come after it, from where they came."""
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            yield texts
+        finally:
+            texts += [str(warning.message) for warning in caught]
+    for warning in caught:
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
 
 
 def reviewed(mbs: MainSystem, result: Result) -> Result:

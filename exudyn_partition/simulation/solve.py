@@ -35,7 +35,7 @@ from ..support.progress import progress as progress_bar
 from .hooks import begun, cause, closed_joints, controlled, residual, watched
 from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
-from .review import reviewed, warn_of_turns
+from .review import noted, reviewed, warn_of_turns
 from .stability import limit_of, stability_limit
 from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 
@@ -150,11 +150,12 @@ def solve_dynamic(
             settings=settings,
             progress=progress,
         )
-        result = reviewed(mbs, result)
-        open_joints.warn(result)
-        if not adaptive:
-            warn_of_turns(result)
-        return result
+        with noted() as warned:
+            result = reviewed(mbs, result)
+            open_joints.warn(result)
+            if not adaptive:
+                warn_of_turns(result)
+        return replace(result, warnings=tuple(warned))
 
 
 def _run(

@@ -25,7 +25,7 @@ from ..support.progress import progress as progress_bar
 from .hooks import begun, cause, kept_apart, residual, watched
 from .joint_checks import check_start
 from .result import Result, called, samples
-from .review import reviewed
+from .review import noted, reviewed
 
 _log = logging.getLogger(__name__)
 
@@ -107,10 +107,11 @@ def solve_static(
             settings=settings,
             progress=progress,
         )
-        result = reviewed(mbs, result)
-        if result.status == "finished":
-            _warn_if_neutral(mbs)
-        return result
+        with noted() as warned:
+            result = reviewed(mbs, result)
+            if result.status == "finished":
+                _warn_if_neutral(mbs)
+        return replace(result, warnings=tuple(warned))
 
 
 def _run(

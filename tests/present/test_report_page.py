@@ -1,6 +1,7 @@
 """The page of a run: its numbers are the run's, it stands alone, and it says what went wrong."""
 
 import base64
+import dataclasses
 import html
 import re
 from html.parser import HTMLParser
@@ -13,7 +14,7 @@ from matplotlib.image import imread
 from oracles import TOP
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, StoppedRunWarning
+from exudyn_partition.errors import InputError, StoppedRunWarning, YieldWarning
 
 
 class Cells(HTMLParser):
@@ -138,3 +139,21 @@ def test_a_page_needs_a_folder(impact, tmp_path):
     result = ep.solve_dynamic(mbs, end_time=2e-6, step=0.2e-6)
     with pytest.raises(InputError, match=r"there is no folder .*nowhere to write run\.html into; make it first"):
         result.report(tmp_path / "nowhere" / "run.html")
+
+
+def test_the_page_lists_the_warnings_of_the_run(impact, tmp_path):
+    """They also come as warnings, from the line that ran the model."""
+    mbs, *_ = impact
+    with pytest.warns(YieldWarning) as caught:
+        result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6)
+    assert [str(warning.message) for warning in caught] == [*result.warnings]
+    assert {warning.filename for warning in caught} == {__file__}
+    assert ep.collect(mbs).warnings == result.warnings
+    page, _ = read(result.report(tmp_path / "run.html"))
+    assert all(f"<li>{html.escape(text)}</li>" in page for text in result.warnings)
+    result.save(tmp_path / "run.npz")
+    assert ep.Result.load(tmp_path / "run.npz", mbs).warnings is None
+    unknown = dataclasses.replace(result, warnings=None)
+    assert "Warnings of the run are not known" in read(unknown.report(tmp_path / "unknown.html"))[0]
+    early, _ = read(ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6).report(tmp_path / "early.html"))
+    assert "The run gave no warning" in early
