@@ -35,6 +35,7 @@ _HOMES = {
     "reduction.body": ("ReducedBody", "load_body"),
     "reduction.reduction": ("reduce", "reduce_pair"),
     "reduction.estimate": ("Estimate",),
+    "accuracy.mesh_error": ("mesh_error",),
     "reduction.recovery": ("StrainGauge",),
     "frames.damping": ("Rayleigh",),
     "algebra.coulomb": ("Coulomb",),

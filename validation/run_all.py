@@ -271,6 +271,7 @@ CASES = {
     "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
     "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
     "order": Case("mesh/order.py", limits(("unknowns",))),
+    "effectivity": Case("mesh/effectivity.py", limits(("largest",))),
 }  # fmt: skip
 
 

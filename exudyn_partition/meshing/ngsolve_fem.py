@@ -16,7 +16,7 @@ from ..fe.facets import facet_corners
 from ..fe.material import Material
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
-from ..fe.shapes import ORDERS, TET_EDGES
+from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
 from ..support.checks import validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
@@ -28,10 +28,12 @@ from .mesh_size import Refine, check_memory_of_model
 from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
 from .nodal_basis import NodalBasis
 from .step_files import ENDINGS
+from .surplus import Surplus
 
 _LOG = logging.getLogger(__name__)
 
 _UNNAMED = (None, "", "default")  # names of regions that nobody has named
+_HIGHER = {1: 7.0, 2: 3.3, 3: 2.4}  # nodes of elements of one order more, by those of the order
 _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its shape
 
 
@@ -251,11 +253,37 @@ def _volume_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> NGSolveMesh:
 
 def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FEModel:
     """FE model of quadratic tetrahedra with the mid-side nodes of a mesh file."""
-    points, cells = file.points, file.cells
+    mesh, to_hierarchical = _deformed_mesh(ngsolve, file.points, file.cells)
+    return _assemble(ngsolve, mesh, material, file.points, file.cells, to_hierarchical)
+
+
+def surplus_of(fem: FEModel) -> Surplus:
+    """Functions of one order more on the elements of an FE model, and its matrices between them and the model's nodes.
+
+    Raises
+    ------
+    MeshError
+        If the elements are no tetrahedra.
+    MemoryLimitError
+    MissingPackageError
+    """
+    if fem.cells.shape[1] not in TET_NODES:
+        raise MeshError("cells: expected tetrahedra; the error of a mesh of hexahedra is not estimated")
+    ngsolve, order = require("ngsolve"), fem.order
+    check_memory_of_model(int(_HIGHER[order] * fem.n_nodes), min(order + 1, 3))
+    with ONE_AT_A_TIME:
+        mesh, to_hierarchical = _deformed_mesh(ngsolve, fem.points, fem.cells)
+        stiffness, mass = _forms(ngsolve, mesh, fem.material, order + 1)
+        return Surplus(fem, ngsolve, mesh, to_hierarchical, _csr(stiffness.mat), _csr(mass.mat))
+
+
+def _deformed_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> tuple[NGSolveMesh, sp.csr_matrix]:
+    """Mesh of tetrahedra whose nodes are `points`, and the matrix from values there to NGSolve's coefficients."""
+    order = ORDERS[cells.shape[1]]
     vertices, corners = np.unique(cells[:, :4], return_inverse=True)
     corners = corners.reshape(-1, 4)
     mesh = _volume_mesh(ngsolve, points[vertices], corners)
-    basis = NodalBasis(ngsolve, mesh, 2)
+    basis = NodalBasis(ngsolve, mesh, order)
     to_hierarchical = basis.to_hierarchical
     numbers = basis.numbers(corners)
     number_of = np.empty(len(points), dtype=np.int64)
@@ -267,12 +295,14 @@ def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FE
         )
     to_hierarchical = to_hierarchical[:, number_of]
     # NGSolve curves elements only by a geometry. Without one, a deformation moves straight elements to the nodes.
+    local = TET_NODES[cells.shape[1]][4:]
+    straight = np.column_stack([1 - local.sum(axis=1), local]) @ points[cells[:, :4]]
     offsets = np.zeros_like(points)
-    offsets[cells[:, 4:]] = points[cells[:, 4:]] - points[cells[:, TET_EDGES]].mean(axis=2)
-    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
+    offsets[cells[:, 4:]] = points[cells[:, 4:]] - straight
+    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
     deformation.vec.FV().NumPy()[:] = (to_hierarchical @ offsets).T.ravel()
     mesh.SetDeformation(deformation)
-    return _assemble(ngsolve, mesh, material, points, cells, to_hierarchical)
+    return mesh, to_hierarchical
 
 
 def _assemble(
@@ -281,16 +311,8 @@ def _assemble(
     """Assemble by NGSolve; change from its hierarchical basis to nodal values, and from x..y..z.. to xyz order."""
     order = ORDERS[cells.shape[1]]
     check_memory_of_model(len(points), order)
-    space = ngsolve.VectorH1(mesh, order=order)
-    u, v = space.TnT()
-
-    def strain(w: NGSolveObject) -> NGSolveObject:
-        return ngsolve.Sym(ngsolve.Grad(w))
-
+    stiffness, mass = _forms(ngsolve, mesh, material, order)
     with ngsolve.TaskManager():
-        stress = 2 * material.shear_modulus * strain(u) + material.lame * ngsolve.div(u) * ngsolve.Id(3)
-        stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, strain(v)) * ngsolve.dx).Assemble()
-        mass = ngsolve.BilinearForm(material.rho * u * v * ngsolve.dx).Assemble()
         cell_mass = material.rho * np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
     n = len(points)
     interleave = np.arange(3 * n).reshape(3, n).T.ravel()
@@ -304,6 +326,20 @@ def _assemble(
         material=material,
         boundaries={},
     )
+
+
+def _forms(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: int) -> tuple[NGSolveObject, NGSolveObject]:
+    """Stiffness and mass in NGSolve's basis."""
+    u, v = ngsolve.VectorH1(mesh, order=order).TnT()
+
+    def strain(w: NGSolveObject) -> NGSolveObject:
+        return ngsolve.Sym(ngsolve.Grad(w))
+
+    with ngsolve.TaskManager():
+        stress = 2 * material.shear_modulus * strain(u) + material.lame * ngsolve.div(u) * ngsolve.Id(3)
+        stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, strain(v)) * ngsolve.dx).Assemble()
+        mass = ngsolve.BilinearForm(material.rho * u * v * ngsolve.dx).Assemble()
+    return stiffness, mass
 
 
 def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:

@@ -121,6 +121,15 @@ _pair = Kind(
         "of two meshes": Made(lambda s: (s.fem, s.other_part)),
     }
 )
+_reduced_pair = Kind(
+    {
+        **v.NOTHING,
+        "fem": Made(lambda s: s.fem),
+        "swapped": Made(lambda s: (s.body, s.fem)),
+        "three": Made(lambda s: (s.fem, s.body, 1)),
+        "of two meshes": Made(lambda s: (s.fem, s.other_body)),
+    }
+)
 _q = Kind({**v.NOTHING, "number": 1.0, "flat": np.zeros(3), "nan": np.full((1, 12), v.nan), "texts": [["a"]]})
 _fems = {"fem": v.fem, "points": v.points([(0, 0, 5e-3)])}
 _two = Kind(
@@ -276,6 +285,14 @@ CALLS = {
         tangential_speed=v.positive.or_none.but(alone=1.0),
         progress=v.function,
         cache=_cache,
+        swaps=False,
+    ),
+    "mesh_error": call(
+        slave=_reduced_pair(Made(lambda s: (s.fem, s.body))),
+        master=_reduced_pair(Made(lambda s: (s.other_fem, s.other_body))),
+        speed=v.positive(1.0),
+        duration=v.positive(1e-5),
+        patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1}, (None, None)),
         swaps=False,
     ),
     "from_feminterface": call(

@@ -1,0 +1,73 @@
+"""Estimated error of meshes: beside the true one, by body, and what is refused."""
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import SPHERE_MATERIAL
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError
+
+RADIUS, SPEED, END = 5e-3, 0.3, 45e-6
+MASS = SPHERE_MATERIAL.rho * 4 / 3 * np.pi * RADIUS**3
+A = ep.hertz.impact(MASS / 2, SPEED, RADIUS, RADIUS, SPHERE_MATERIAL, SPHERE_MATERIAL).contact_radius
+
+
+def marble(h, up):
+    """A ball that touches the origin from above or below, of elements of h contact radii: by order, (FEModel, body)."""
+    shape = occ.Sphere(occ.Pnt(0, 0, RADIUS if up else -RADIUS), RADIUS)
+    fine = ep.Refine((0, 0, 0), 1.8 * A, h * A)
+    mesh = ep.generate_mesh(shape, maxh=5e-3, refine=[fine], grading=0.7)
+    models = {order: ep.fe_model(mesh, SPHERE_MATERIAL, order=order) for order in (2, 3)}
+    parts = {
+        order: ep.Partition.ball(fem, (0, 0, 0), (2.2 + h) * A, direction=(0, 0, -1 if up else 1))
+        for order, fem in models.items()
+    }
+    return {order: (fem, ep.reduce(fem, parts[order], f_cut=140e3)) for order, fem in models.items()}
+
+
+@pytest.fixture(scope="module")
+def marbles():
+    return [marble(h, up) for h, up in ((0.9, True), (1.0, False))]
+
+
+@pytest.fixture(scope="module")
+def coarse(marbles):
+    return [of_order[2] for of_order in marbles]
+
+
+def force(pairs):
+    mbs = exu.SystemContainer().AddSystem()
+    (_, upper), (_, lower) = pairs
+    striker = ep.CreatePartitionBody(mbs, upper, initialVelocity=[0, 0, -SPEED])
+    contact = ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, lower), passes="given")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
+    return contact.force(result)
+
+
+def test_the_estimate_is_near_what_the_next_order_makes(marbles, coarse):
+    """On the same mesh; cubic elements have finer rows too. The estimates of each body alone are parts of that."""
+    exact = force([of_order[3] for of_order in marbles])
+    true = np.linalg.norm(force(coarse) - exact) / np.linalg.norm(exact)
+    estimate = ep.mesh_error(*coarse, speed=SPEED, duration=END)
+    assert true > 0.02
+    assert 0.6 < estimate.force / true < 1.7
+    assert max(estimate.of_bodies) < estimate.force < 1.2 * sum(estimate.of_bodies)
+    assert 0 < estimate.velocity < estimate.force == estimate.error
+
+
+def test_what_is_refused(coarse):
+    fem, body = coarse[0]
+    with pytest.raises(InputError, match="duration: expected one"):
+        ep.mesh_error(*coarse, speed=SPEED)
+    with pytest.raises(InputError, match=r"slave: expected \(FEModel, ReducedBody\)"):
+        ep.mesh_error(fem, coarse[1], speed=SPEED, duration=END)
+    with pytest.raises(InputError, match="master: is of a mesh with"):
+        ep.mesh_error(coarse[0], (fem, coarse[1][1]), speed=SPEED, duration=END)
+    nodal = ep.reduce(fem, body.partition, f_cut=340e3, basis="free")
+    with pytest.raises(InputError, match="'free', whose contact has no residual flexibility"):
+        ep.mesh_error((fem, nodal), coarse[1], speed=SPEED, duration=END)
+    with pytest.raises(InputError, match="patches: expected the slave's and the master's"):
+        ep.mesh_error(*coarse, speed=SPEED, duration=END, patches="tip")
