@@ -1,14 +1,17 @@
 """Estimate of the error that the meshes of two bodies make in their impact, by functions of one order more.
 
-The functions s that the next order adds on the same elements (hierarchical surplus) lower the frequencies w_i of the
-kept shapes phi_i, and add to the flexibility F at the rows of the contact:
+The functions s that the next order adds on the same elements (hierarchical surplus) have the residuals
 
-    r_i = (w_i^2 M - K)_s phi_i,    x_i = K_ss^-1 r_i,    w_i^2 <- w_i^2 - x_i' r_i - y_i' F_e y_i,    y_i = K_2s x_i
-    R = residuals of the static answers,    F <- F + R' K_ss^-1 R + Y' F_e Y,    Y = K_2s K_ss^-1 R
+    r_i = (w_i^2 M - K)_s phi_i of the kept shapes,    R = g_s - M_s2 P g - K_s2 u of the rows g of the contact,
 
-K_ss is well conditioned, so a dozen steps of conjugate gradients solve with it. The terms with F_e, the elastic
-flexibility of the nodes, are the first ones of a series for the inverse of the Schur complement. R are residuals of
-what the kept shapes do not answer: the others are in r_i.
+where u is the static answer that the kept shapes do not contain, and P g the part of the load that they do. With
+r = [r_1 ... R], x = K_ss^-1 r, y = (K - w^2 M)_2s x, and the flexibility F_r of all that the kept shapes leave out,
+
+    E = x' r + y' F_r y
+
+are the changes, of opposite sign for the stiffness diag(w^2) of the shapes, of their gaps at the rows, and of the
+flexibility F there: the first two terms of a series for the inverse of a Schur complement. K_ss is well conditioned, so
+a dozen steps of conjugate gradients solve with it.
 
 The impact of the scene runs with and without these corrections. Its difference is the estimate (Bank and Weiser 1985).
 It is no bound. Below two elements in a contact radius it is too small.
@@ -29,6 +32,7 @@ from ..fe.model import FEModel, node_dofs
 from ..fe.patches import Patch
 from ..fe.shapes import FACET_NODES
 from ..meshing.ngsolve_fem import surplus_of
+from ..meshing.surplus import Surplus
 from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
 from ..reduction.loads import patch_slice
@@ -39,7 +43,7 @@ from ..surfaces.rows import pair_surfaces
 from ..surfaces.surface import Surface
 
 _STEPS, _SOLVED = 40, 1e-3  # of conjugate gradients; relative residual
-_LEAST = 0.25  # of the square of a frequency is left at least: a mesh so coarse has no estimate worth more
+_LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
 _FINER = 2  # steps of the default one
 
 
@@ -158,14 +162,16 @@ def mesh_error(
     numbers = [body.partition.patch(key) for (_, body), key in zip((slave, master), patches, strict=True)]
     with one_blas_thread():
         sides, impact = _impact((slave, master), numbers, speed)
-        corrections = [_corrections(side) for side in sides]
+        corrections = [_correction(side) for side in sides]
         f_cut = min(body.f_cut for _, body in (slave, master))
-        both = _corrected(impact, corrections, (True, True))
+        both, _ = _corrected(impact, corrections, (True, True))
         step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
         _, force, velocity = impact.run(duration, step)
         errors = []
         for kept in ((True, True), (True, False), (False, True)):
-            _, better, better_velocity = _corrected(impact, corrections, kept).run(duration, step)
+            better_impact, turn = _corrected(impact, corrections, kept)
+            _, better, better_velocity = better_impact.run(duration, step)
+            better_velocity = better_velocity @ turn.T
             scale = np.linalg.norm(better_velocity - better_velocity[0])
             errors.append(
                 (
@@ -230,47 +236,85 @@ def _impact(
     return sides, impact
 
 
-def _corrections(side: _Side) -> tuple[Array, Array]:
-    """How much lower the squares of the frequencies are, (ns,), and how much larger the flexibility is, (nr, nr)."""
+@dataclass(frozen=True, eq=False)
+class _Correction:
+    """What the surplus changes of one body.
+
+    Parameters
+    ----------
+    turn : (ns, ns) array
+        New shapes by the old ones, orthogonal.
+    squares : (ns,) array
+        Squares of the new shapes' frequencies [rad2/s2].
+    gaps : (nr, ns) array
+        What the old shapes have in addition at the rows.
+    flexibility : (nr, nr) array
+        Added to that of the rows [m/N].
+    """
+
+    turn: Array
+    squares: Array
+    gaps: Array
+    flexibility: Array
+
+
+def _correction(side: _Side) -> _Correction:
+    """What the surplus changes of a body; see the module."""
     fem, basis = side.fem, side.body.basis
     surplus = surplus_of(fem)
-    elastic = basis.omega > 0
-    rigid, shapes, squares = basis.shapes[:, ~elastic], basis.shapes[:, elastic], basis.omega[elastic] ** 2
-    # Loads of the rows on the nodes, and on the functions of the surplus at the contact points.
-    n = len(side.patch.nodes)
-    on_body = sp.csr_matrix(
-        (np.ones(3 * n), (np.arange(3 * n), node_dofs(side.patch.nodes))), shape=(3 * n, fem.n_dofs)
-    )
-    loads = (side.on_patch @ on_body).T.toarray()
-    at_points = surplus.at(side.corners, side.local)
-    directed = sp.vstack([sp.diags(side.normals[:, i]) @ at_points for i in range(3)], format="csr")
-    order = np.arange(3 * surplus.size).reshape(3, surplus.size).T.ravel()
-    by_axis = sp.hstack([directed[i * len(side.local) : (i + 1) * len(side.local)] for i in range(3)], format="csr")
-    own_loads = (side.mean @ by_axis[:, order]).T.toarray()
+    elastic = np.flatnonzero(basis.omega > 0)
+    rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, elastic], basis.omega[elastic] ** 2
+    loads, on_surplus = _loads(side, surplus)
     flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
+
+    def residual(loads: Array) -> Array:
+        """Static answers without those of the kept shapes."""
+        answer: Array = flexibility(loads) - shapes @ ((shapes.T @ loads) / squares[:, None])
+        return answer
+
     kept = np.hstack([rigid, shapes])
-    share = kept.T @ loads
-    static = flexibility(loads) - shapes @ (share[rigid.shape[1] :] / squares[:, None])
-    of_rows = own_loads - surplus.mass_coupling @ (kept @ share) - surplus.coupling @ static
+    of_rows = on_surplus - surplus.mass_coupling @ (kept @ (kept.T @ loads)) - surplus.coupling @ residual(loads)
     of_shapes = (surplus.mass_coupling @ shapes) * squares - surplus.coupling @ shapes
     residuals = np.hstack([of_shapes, of_rows])
     answers = _solve(surplus.stiffness, residuals)
+    m = len(squares)
     back = surplus.coupling.T @ answers
-    more = flexibility(back)
-    m = shapes.shape[1]
-    lower = np.zeros(len(basis.omega))
-    lower[elastic] = np.einsum("ij,ij->j", answers[:, :m], residuals[:, :m])
-    lower[elastic] += np.einsum("ij,ij->j", back[:, :m], more[:, :m])
-    larger = answers[:, m:].T @ residuals[:, m:] + back[:, m:].T @ more[:, m:]
-    return lower, (larger + larger.T) / 2
+    back[:, :m] -= (surplus.mass_coupling.T @ answers[:, :m]) * squares
+    E = answers.T @ residuals + back.T @ residual(back)
+    E = (E + E.T) / 2
+    values, vectors = np.linalg.eigh(np.diag(squares) - E[:m, :m])
+    turn, gaps = np.eye(len(basis.omega)), np.zeros((loads.shape[1], len(basis.omega)))
+    turn[np.ix_(elastic, elastic)], gaps[:, elastic] = vectors, E[m:, :m]
+    new = basis.omega**2
+    new[elastic] = np.maximum(values, _LEAST * squares.min(initial=0.0))
+    return _Correction(turn, new, gaps, E[m:, m:])
 
 
-def _corrected(impact: Impact, corrections: Sequence[tuple[Array, Array]], kept: tuple[bool, bool]) -> Impact:
-    """The impact with the corrections of one or both bodies."""
-    lower = np.concatenate([by * use for (by, _), use in zip(corrections, kept, strict=True)])
-    squares = np.maximum(impact.omega**2 - lower, _LEAST * impact.omega**2)
-    F = impact.F + sum(by * use for (_, by), use in zip(corrections, kept, strict=True))
-    return replace(impact, omega=np.sqrt(squares), F=F)
+def _loads(side: _Side, surplus: Surplus) -> tuple[Array, Array]:
+    """Forces of the rows on the nodes, (3n, nr), and on the functions of the surplus, (3 s, nr)."""
+    n, dofs = len(side.patch.nodes), node_dofs(side.patch.nodes)
+    on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
+    at_points = surplus.at(side.corners, side.local)
+    by_axis = sp.hstack([sp.diags(side.normals[:, axis]) @ at_points for axis in range(3)], format="csr")
+    interleaved = np.arange(3 * surplus.size).reshape(3, surplus.size).T.ravel()
+    on_surplus = side.mean @ by_axis[:, interleaved]
+    return (side.on_patch @ on_body).T.toarray(), on_surplus.T.toarray()
+
+
+def _corrected(impact: Impact, corrections: Sequence[_Correction], kept: Sequence[bool]) -> tuple[Impact, Array]:
+    """The impact with the corrections of one or both bodies, and its coordinates by the old ones."""
+    n = len(impact.omega)
+    turn, squares, H, F = np.eye(n), impact.omega**2, impact.H.copy(), impact.F.copy()
+    start = 0
+    for by, use in zip(corrections, kept, strict=True):
+        own = slice(start, start + len(by.squares))
+        start = own.stop
+        if use:
+            turn[own, own], squares[own] = by.turn, by.squares
+            H[:, own] = (H[:, own] + by.gaps) @ by.turn
+            F += by.flexibility
+    velocity = turn.T @ impact.velocity
+    return replace(impact, omega=np.sqrt(squares), H=H, F=F, velocity=velocity), turn
 
 
 def _solve(matrix: sp.csr_matrix, rhs: Array) -> Array:
