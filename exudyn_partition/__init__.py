@@ -32,6 +32,7 @@ _HOMES = {
     "meshing.ngsolve_fem": ("fe_model",),
     "fe.model": ("FEModel",),
     "fe.partition": ("Partition",),
+    "plasticity.flow": ("PlasticState",),
     "reduction.body": ("ReducedBody", "load_body"),
     "reduction.reduction": ("reduce", "reduce_pair"),
     "reduction.estimate": ("Estimate",),

@@ -16,6 +16,7 @@ from .meshing.feminterface import from_feminterface
 from .meshing.mesh_size import Refine
 from .meshing.netgen_mesh import generate_mesh
 from .meshing.ngsolve_fem import fe_model
+from .plasticity.flow import PlasticState
 from .prediction import hertz
 from .prediction.spectrum import amplitude_spectrum, truncation_frequency
 from .present import output, plot, view
@@ -51,6 +52,7 @@ __all__ = [
     "Partition",
     "PartitionBody",
     "PartitionContact",
+    "PlasticState",
     "Rayleigh",
     "ReducedBody",
     "Refine",

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..frames.kinematics import Kinematics
+from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..surfaces.surface import Surface
@@ -46,13 +47,16 @@ class Side:
         return len(np.asarray(self.flexibility)) == len(self.surface.points)
 
     @classmethod
-    def of(cls, kinematics: Kinematics, patch: int = 0) -> Side:
-        """Patch of the body with these kinematics, at the start, with its flexibility if the basis has one."""
+    def of(cls, kinematics: Kinematics, patch: int = 0, state: PlasticState | None = None) -> Side:
+        """Patch of the body with these kinematics, at the start, with its flexibility if the basis has one.
+
+        `state` is that of its plastic zone; None if it never yielded.
+        """
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
         own = kinematics.at(body.partition.patches[patch].nodes)
         flexibility = None if body.basis.flexibility is None else body.flexibility(patch)
-        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch))
+        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch, state))
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,11 +14,13 @@ from ..frames.floating import FloatingKinematics
 from ..frames.inertia_forces import TERMS, InertiaForces, InertiaTerm
 from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import FRAMES, FrameChoice
+from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_choice, validate_flag, validate_number, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
+from .dents import set_plastic_states
 from .markers import EXUDYN_COLOUR
 from .model import registered, validate_model, validate_new_name
 from .partition_body import PartitionBody
@@ -42,6 +44,7 @@ def CreatePartitionBody(
     initialVelocity: Vector = (0.0, 0.0, 0.0),
     initialAngularVelocity: Vector = (0.0, 0.0, 0.0),
     gravity: Vector = (0.0, 0.0, 0.0),
+    plasticStates: Mapping[int | str, PlasticState] | None = None,
     damping: Ratios | None = None,
     massProportionalDamping: float = 0.0,
     stiffnessProportionalDamping: float = 0.0,
@@ -87,6 +90,9 @@ def CreatePartitionBody(
         "coupling". Default: all. `left_out` of the returned body says what is missing.
     gravity : (3,)
         Acceleration of gravity [m/s2], applied as a constant force.
+    plasticStates : dict of int or str to PlasticState, optional
+        What an earlier impact has left in the plastic zones of patches, by their number or name: see
+        `PartitionContact.plastic_states`. The body begins with the shape that they give it. Default: it never yielded.
     damping : float, sequence, callable or Rayleigh, optional
         Damping of vibration: one ratio for all kept modes, one ratio for each elastic mode, a function from frequencies
         [Hz] to ratios, or `Rayleigh(alpha, beta)`. Bases that keep nodes need Rayleigh. Rigid motion is not damped.
@@ -160,6 +166,8 @@ def CreatePartitionBody(
         loss = None if damping is None else damping_of(floating, damping)
         item = _add_floating(mbs, floating, name, velocity, angular_velocity, inertiaTerms, loss)
     item.damping = loss
+    if plasticStates is not None:
+        set_plastic_states(mbs, item, plasticStates)
     if acceleration.any():
         mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
     exu, items = require("exudyn"), require("exudyn.itemInterface")

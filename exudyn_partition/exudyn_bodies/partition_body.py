@@ -13,6 +13,7 @@ from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import Frame
+from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_result, validate_text, validate_vector
@@ -57,6 +58,7 @@ class PartitionBody(dict[str, ItemIndex]):
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
         self.point_markers: dict[int, Vector] = {}
         self.damping: Damping | None = None
+        self.plastic_states: dict[int, PlasticState] = {}
         self.frame_markers: list[int] = []
         self.offset_markers: set[str] = set()
 

@@ -147,10 +147,11 @@ class ContactRun:
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
         law = self.law
-        values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), 0.0]
+        along, stuck, slipping = [0.0, 0.0, 0.0], 0.0, 0.0
         if law.index.size:
+            along = law.traction.sum(axis=0).tolist()
             stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
-            values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
+        values = [*along, stuck, slipping, law.dissipated(), law.stored()]
         return values + self._along.tolist() if law.ahead else values
 
     def plastic_values(self) -> list[float]:

@@ -129,7 +129,7 @@ def CreatePartitionContact(
     sides = [(slave, slave.body.partition.patch(slavePatch))]
     if other is not None:
         sides.append((other, other.body.partition.patch(masterPatch)))
-    placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in sides]
     for side in placed:
         _check_digits(side)
     if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:

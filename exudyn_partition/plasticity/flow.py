@@ -11,11 +11,13 @@ J. C. Simo, T. J. R. Hughes, Computational Inelasticity, 1998, sections 3.3 and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
 from ..fe.material import Material
+from ..support.archive import Format
 from ..support.arrays import Array
 from ..support.checks import check_floats
 
@@ -40,10 +42,39 @@ class PlasticState:
     equivalent: Array
     back: Array
 
+    def save(self, path: str | Path) -> None:
+        """Write to an npz file; `load` reads it.
+
+        Raises
+        ------
+        InputError
+            If the folder does not exist, or `path` is one.
+        """
+        FILE.save(path, self)
+
+    @classmethod
+    def load(cls, path: str | Path) -> PlasticState:
+        """Read a state that `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or of another kind.
+        """
+        state: PlasticState = FILE.load(path)
+        return state
+
     @classmethod
     def virgin(cls, points: int) -> PlasticState:
         """State of a material that has never yielded."""
         return cls(np.zeros((points, 6)), np.zeros(points), np.zeros((points, 6)))
+
+    def __post_init__(self) -> None:
+        if not self.strain.shape == self.back.shape == (*self.equivalent.shape, 6):
+            raise InputError(
+                "strain, equivalent, back: expected shapes (g, 6), (g,) and (g, 6), got "
+                f"{self.strain.shape}, {self.equivalent.shape} and {self.back.shape}"
+            )
 
     def at(self, points: Array) -> PlasticState:
         """State of some points, (k,) int array."""
@@ -54,6 +85,9 @@ class PlasticState:
         strain, equivalent, back = self.strain.copy(), self.equivalent.copy(), self.back.copy()
         strain[points], equivalent[points], back[points] = new.strain, new.equivalent, new.back
         return PlasticState(strain, equivalent, back)
+
+
+FILE = Format("plastic state", 1, "SI (Pa), or the units of the body", (PlasticState,), packed=True)
 
 
 class Flow:

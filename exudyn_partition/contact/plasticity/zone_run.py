@@ -34,14 +34,17 @@ class ZoneMotion:
         Residual one.
     kinematics : Kinematics
         Of the zone's nodes.
+    start : PlasticState
+        At the start of each run.
     """
 
     zone: PlasticZone
     flexibility: ZoneFlexibility
     kinematics: Kinematics
+    start: PlasticState
 
     @classmethod
-    def of(cls, kinematics: Kinematics, patch: int) -> ZoneMotion | None:
+    def of(cls, kinematics: Kinematics, patch: int, state: PlasticState | None = None) -> ZoneMotion | None:
         """Zone of a patch of the body with these kinematics; None if nothing yields there."""
         body: ReducedBody = kinematics.body
         plastic = [number for number, one in enumerate(body.partition.patches) if one.plastic is not None]
@@ -49,7 +52,8 @@ class ZoneMotion:
         if region is None or not body.basis.zones or material is None:
             return None
         zone = PlasticZone(body.points, region, material)
-        return cls(zone, body.basis.zones[plastic.index(patch)], kinematics.at(zone.nodes))
+        start = PlasticState.virgin(len(zone)) if state is None else state
+        return cls(zone, body.basis.zones[plastic.index(patch)], kinematics.at(zone.nodes), start)
 
 
 class _Active:
@@ -121,10 +125,9 @@ class ZoneRun:
         Plastic work since the start of the run, until now [J].
     """
 
-    def __init__(self, motion: ZoneMotion, start: PlasticState | None = None) -> None:
+    def __init__(self, motion: ZoneMotion) -> None:
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
         self._kind: type = np.float64
-        self._start = PlasticState.virgin(len(self.zone)) if start is None else start
         # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
@@ -145,7 +148,7 @@ class ZoneRun:
     def reset(self) -> None:
         """Go back to the start."""
         self.work = self._committed_work = 0.0
-        self.enter(self._start)
+        self.enter(self.motion.start)
 
     def enter(self, state: PlasticState) -> None:
         """Take a state as that of the end of an accepted step."""

@@ -1,0 +1,206 @@
+"""Impacts of bodies that yield: against the full FE model, energy, frames, solvers, and what is left behind."""
+
+import math
+import warnings
+from dataclasses import replace
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, YieldWarning
+
+MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
+STEEL = replace(ep.STEEL, yield_stress=None)
+RADIUS, SPEED, F_CUT = 5e-3, 0.5, 150e3
+
+
+@pytest.fixture(scope="module")
+def models():
+    """A steel ball on an aluminium plate, both coarse."""
+    ball = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
+    plate = occ.Box(occ.Pnt(-6e-3, -6e-3, -3e-3), occ.Pnt(6e-3, 6e-3, 0))
+    found = []
+    for shape, material, sign, reach in ((ball, STEEL, -1, 0.40e-3), (plate, MATERIAL, 1, 0.52e-3)):
+        fem = ep.fe_model(shape, material, maxh=4e-3, refine=[ep.Refine((0, 0, 0), 0.4e-3, 0.16e-3)], grading=0.6)
+        found.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign))))
+    return found
+
+
+@pytest.fixture(scope="module")
+def bodies(models):
+    return [ep.reduce(*model, f_cut=F_CUT) for model in models]
+
+
+def fall(bodies, *, frame="inertial", speed=SPEED, end=60e-6, **options):
+    """Items, contact and result of the ball on the plate."""
+    mbs = exu.SystemContainer().AddSystem()
+    items = [
+        ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, v], frame=frame, name=name)
+        for body, v, name in zip(bodies, (-speed, 0.0), ("ball", "plate"), strict=True)
+    ]
+    contact = ep.CreatePartitionContact(mbs, *items)
+    mbs.Assemble()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", YieldWarning)  # the zone of this mesh is small
+        result = ep.solve_dynamic(mbs, end_time=end, **options)
+    return items, contact, result
+
+
+@pytest.fixture(scope="module")
+def run(bodies):
+    return fall(bodies)
+
+
+def balance(items, contact, result):
+    """Sum of all energies, and what plastic flow has taken, by the start."""
+    total = sum(item.energy(result) for item in (*items, contact)) + contact.dissipated_energy(result)
+    return total / total[0]
+
+
+def test_force_work_and_rebound_are_those_of_the_full_fe_model(models, run):
+    items, contact, result = run
+    full = [ep.reference.FullBody(*model, velocity=(0, 0, v)) for model, v in zip(models, (-SPEED, 0), strict=True)]
+    if contact.slave is not items[0]:
+        full = full[::-1]
+    reference = ep.reference.simulate(full, end_time=result.t[-1], step=2 * result.step)
+    assert ep.compare(result.history(contact), reference).error["force"] < 0.01
+    assert contact.force(result).max() == pytest.approx(reference.force.max(), rel=3e-3)
+    work = contact.plastic_work(result)[-1]
+    assert work == pytest.approx(sum(reference.info["plastic_work_J"]), rel=3e-3)
+    assert contact.plastic_strain(result)[-1] == pytest.approx(max(reference.info["plastic_strain"]), rel=2e-2)
+    assert abs(reference.info["energy_error"]) < 1e-3
+    initial = items[0].energy(result)[0]
+    assert work / initial > 0.05
+
+
+def test_energy_is_kept_and_momentum_too(run):
+    items, contact, result = run
+    np.testing.assert_allclose(balance(*run), 1.0, atol=2e-4)
+    assert (np.diff(contact.plastic_work(result)) >= -1e-12).all()
+    momentum = sum(item.momentum(result) for item in items)
+    np.testing.assert_allclose(
+        momentum, np.broadcast_to(momentum[0], momentum.shape), atol=1e-9 * abs(momentum[0]).max()
+    )
+
+
+def test_floating_frames_agree(bodies, run):
+    _, contact, result = fall(bodies, frame="floating")
+    np.testing.assert_allclose(contact.force(result), run[1].force(run[2]), atol=2e-4 * run[1].force(run[2]).max())
+
+
+def test_implicit_steps_agree_with_explicit_ones(bodies, run):
+    found = fall(bodies, method="implicit", step=2.5 * run[2].step)
+    assert found[1].force(found[2]).max() == pytest.approx(run[1].force(run[2]).max(), rel=2e-3)
+    assert found[1].plastic_work(found[2])[-1] == pytest.approx(run[1].plastic_work(run[2])[-1], rel=1e-2)
+    np.testing.assert_allclose(balance(*found), 1.0, atol=2e-3)
+
+
+def test_a_yield_stress_out_of_reach_changes_nothing(bodies):
+    """Of strains so small, the answer is the elastic one in every bit, through the checks of the zone."""
+    strong = [
+        replace(body, material=replace(body.material, yield_stress=20e9)) if body.basis.zones else body
+        for body in bodies
+    ]
+    elastic = [replace(body, basis=replace(body.basis, zones=())) for body in bodies]
+    (_, contact, result), (_, other, expected) = fall(strong), fall(elastic)
+    np.testing.assert_array_equal(contact.force(result), other.force(expected))
+    assert contact.plastic_work(result)[-1] == 0.0
+    assert other.yielding is None
+
+
+def test_the_next_impact_on_the_same_place_finds_a_dent(bodies, run):
+    """The ball of the same speed does less plastic work in its own dent, and rebounds faster."""
+    items, contact, result = run
+    (name,) = contact.plastic_states(result)
+    again, second, repeated = fall_again(bodies, contact.plastic_states(result)[name])
+    assert second.plastic_work(repeated)[-1] < 0.7 * contact.plastic_work(result)[-1]
+    assert again[0].momentum(repeated)[-1, 2] > 1.01 * items[0].momentum(result)[-1, 2]
+    assert second.plastic_strain(repeated)[0] == pytest.approx(contact.plastic_strain(result)[-1])
+    np.testing.assert_allclose(balance(again, second, repeated), 1.0, atol=5e-4)
+
+
+def fall_again(bodies, state):
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -SPEED], name="ball")
+    plate = ep.CreatePartitionBody(mbs, bodies[1], name="plate", plasticStates={0: state})
+    contact = ep.CreatePartitionContact(mbs, ball, plate)
+    mbs.Assemble()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", YieldWarning)
+        result = ep.solve_dynamic(mbs, end_time=60e-6)
+    return (ball, plate), contact, result
+
+
+def test_a_dented_body_rests(bodies, run):
+    """Residual stress is in equilibrium: nothing moves until something touches."""
+    state = run[1].plastic_states(run[2])
+    mbs = exu.SystemContainer().AddSystem()
+    plate = ep.CreatePartitionBody(mbs, bodies[1], plasticStates={0: next(iter(state.values()))})
+    ep.CreatePartitionContact(mbs, plate, ep.RigidSphere((0, 0, RADIUS + 1e-3), RADIUS))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=20e-6)
+    q = plate.coordinates(result)
+    assert abs(q[0]).max() > 0
+    np.testing.assert_allclose(q, np.broadcast_to(q[0], q.shape), atol=1e-9 * abs(q[0]).max())
+
+
+def test_flow_at_the_edge_of_the_zone_warns(models):
+    fem, _ = models[1]
+    small = ep.Partition.ball(fem, (0, 0, 0), 0.52e-3, direction=(0, 0, 1), plastic_radius=0.25e-3)
+    mbs = exu.SystemContainer().AddSystem()
+    plate = ep.CreatePartitionBody(mbs, ep.reduce(fem, small, f_cut=F_CUT), initialVelocity=[0, 0, SPEED], name="plate")
+    contact = ep.CreatePartitionContact(mbs, plate, ep.RigidSphere((0, 0, RADIUS), RADIUS), name="anvil")
+    mbs.Assemble()
+    with pytest.warns(YieldWarning, match="reached the edge of its plastic zone") as warned:
+        result = ep.solve_dynamic(mbs, end_time=20e-6)
+    assert not any("Bodies stay elastic here" in str(w.message) for w in warned)
+    side, place = contact.flow_at_border(result)
+    assert side == "slave"
+    assert np.linalg.norm(place) < 0.6e-3
+
+
+def test_friction_and_plastic_flow_together(models):
+    """An oblique impact: both take energy, and the balance counts both."""
+    fem, _ = models[1]
+    part = ep.Partition.ball(fem, (0, 0, 0), 0.52e-3, direction=(0, 0, 1), axes="xyz")
+    mbs = exu.SystemContainer().AddSystem()
+    plate = ep.CreatePartitionBody(mbs, ep.reduce(fem, part, f_cut=F_CUT), initialVelocity=[0.2, 0, 0.25])
+    contact = ep.CreatePartitionContact(mbs, plate, ep.RigidSphere((0, 0, RADIUS), RADIUS), friction=0.2)
+    mbs.Assemble()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", YieldWarning)
+        result = ep.solve_dynamic(mbs, end_time=40e-6)
+    work, taken = contact.plastic_work(result)[-1], contact.dissipated_energy(result)[-1]
+    assert 0 < work < taken
+    total = plate.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
+    np.testing.assert_allclose(total / total[0], 1.0, atol=1e-3)
+    assert (abs(contact.tangential_force(result)).max(axis=1) <= 0.2 * contact.force(result) * (1 + 1e-9)).all()
+
+
+def test_what_cannot_yield_is_refused(bodies, models):
+    mbs = exu.SystemContainer().AddSystem()
+    plate = ep.CreatePartitionBody(mbs, bodies[1])
+    with pytest.raises(InputError, match="knows no plastic zones"):
+        ep.CreatePartitionContact(mbs, plate, ep.RigidPlane((0, 0, 1e-3), (0, 0, -1)), formulation="penalty")
+    contact = ep.CreatePartitionContact(
+        mbs, ep.CreatePartitionBody(mbs, bodies[0], referencePosition=(0, 0, 1e-3)), ep.RigidPlane((0, 0, 0), (0, 0, 1))
+    )
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-6)
+    with pytest.raises(InputError, match="has no plastic zones"):
+        contact.plastic_strain(result)
+    with pytest.raises(InputError, match="plasticStates: patch 0 of the body has no plastic zone"):
+        ep.CreatePartitionBody(exu.SystemContainer().AddSystem(), bodies[0], plasticStates={0: None})
+    with pytest.raises(InputError, match="expected the PlasticState of a zone with"):
+        ep.CreatePartitionBody(exu.SystemContainer().AddSystem(), bodies[1], plasticStates={0: math.pi})
+
+
+def test_states_are_saved_and_read(run, tmp_path):
+    (state,) = run[1].plastic_states(run[2]).values()
+    state.save(tmp_path / "dent.npz")
+    again = ep.PlasticState.load(tmp_path / "dent.npz")
+    for name in ("strain", "equivalent", "back"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(state, name))
