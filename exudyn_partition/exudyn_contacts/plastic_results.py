@@ -53,6 +53,25 @@ class PlasticResults(FrictionResults):
         assert yielding is not None
         return {("slave", "master")[side]: zone.present for side, zone in yielding.zones}
 
+    def dents(self, result: RunSamples) -> dict[str, float]:
+        """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".
+
+        It is how far plastic strain has moved the deepest node of the patch into the body.
+
+        Raises
+        ------
+        InputError
+            See `plastic_states`.
+        """
+        states, found = self.plastic_states(result), {}
+        assert self.yielding is not None
+        for side, run in self.yielding.zones:
+            name, (item, number) = ("slave", "master")[side], self.sides[side]
+            patch = item.body.partition.patches[number]
+            moved = run.motion.at_rest(states[name])[np.isin(run.zone.nodes, patch.nodes)]
+            found[name] = float(-(moved @ patch.direction).min(initial=0.0))
+        return found
+
     def flow_at_border(self, result: RunSamples) -> tuple[str, Array] | None:
         """Side and place, (3,) [m], where flow reached the edge of a plastic zone; None if it did not.
 

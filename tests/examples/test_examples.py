@@ -162,3 +162,12 @@ PROGRAMS = sorted({*EXAMPLES.rglob("[a-z]*.py")} - {EXAMPLES / "site" / "conf.py
 def test_examples_can_be_read_at_one_sitting(path):
     """Who learns from an example reads all of it: 40 lines teach something, after 120 readers only skim."""
     assert 40 <= len(path.read_text().splitlines()) <= 120
+
+
+def test_restitution(tmp_path, capsys):
+    slow, fast = run_quick("restitution", tmp_path, capsys)["impacts"]
+    assert 0.5 < fast["restitution"] < slow["restitution"] < 0.95
+    assert 3 < fast["dent_m"] / slow["dent_m"] < 12  # energy by force: the depth grows about as the speed
+    for one in (slow, fast):
+        assert one["rebound_share"] + one["vibration_share"] + one["plastic_share"] == pytest.approx(1, abs=1e-3)
+        assert one["vibration_share"] > 0

@@ -55,6 +55,14 @@ class ZoneMotion:
         start = PlasticState.virgin(len(zone)) if state is None else state
         return cls(zone, body.basis.zones[plastic.index(patch)], kinematics.at(zone.nodes), start)
 
+    def at_rest(self, state: PlasticState) -> Array:
+        """Displacements of the zone's nodes in the body's axes by plastic strain alone, at rest, (nz, 3) [m]."""
+        p, rows = self.zone.pseudo_forces(state), self.kinematics.rows
+        omega = self.kinematics.body.basis.omega[-rows.shape[1] :]
+        elastic = omega > 0
+        by_shapes = rows[:, elastic] @ ((rows[:, elastic].T @ p) / omega[elastic] ** 2)
+        return np.asarray(self.flexibility.own @ p + by_shapes).reshape(-1, 3)
+
 
 class _Active:
     """Points of a zone that flow, have flowed or are near to it, and the nodes of their elements.
