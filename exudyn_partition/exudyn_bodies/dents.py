@@ -35,7 +35,10 @@ def set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[int
         patch = item.body.partition.patch(key)
         motion = ZoneMotion.of(item.kinematics, patch)
         if motion is None:
-            raise InputError(f"plasticStates: patch {patch} of the body has no plastic zone")
+            raise InputError(
+                f"plasticStates: patch {patch} of the body has no plastic zone. Give hardening= to its "
+                "material, and reduce it with basis 'contact-adapted' or 'residual'"
+            )
         item.plastic_states[patch] = validate_state("plasticStates", state, len(motion.zone))
         own = motion.kinematics.rows.T @ motion.zone.pseudo_forces(state)
         force = own if not force.size else force + own

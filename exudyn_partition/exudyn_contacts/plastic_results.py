@@ -28,7 +28,8 @@ class PlasticResults(FrictionResults):
         InputError
             If the result is none, or of another model.
         """
-        return self._plastic_samples(result)[:, 1]
+        validate_result(result)
+        return np.zeros(len(result.t)) if self.yielding is None else self._plastic_samples(result)[:, 1]
 
     def plastic_strain(self, result: RunSamples) -> Array:
         """Largest equivalent plastic strain of all zones, (n,).
@@ -97,8 +98,7 @@ class PlasticResults(FrictionResults):
         InputError
             If the result is none, or of another model.
         """
-        taken = super().dissipated_energy(result)
-        return taken if self.yielding is None else taken + self.plastic_work(result)
+        return super().dissipated_energy(result) + self.plastic_work(result)
 
     def _plastic_samples(self, result: RunSamples) -> Array:
         """Samples of the sensor `sPlastic`, (n, 4)."""

@@ -34,6 +34,7 @@ from .plot_input import (
     labelled,
     name_of,
     plain,
+    taken_by,
     validate_bodies,
 )
 
@@ -209,10 +210,7 @@ def energy(
         raise InputError("bodies, contacts: expected at least one of them, got none")
     curves = {name_of(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
     curves |= {name_of(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
-    for what, items in (("damping", bodies), ("friction", contacts)):
-        taken = np.sum([item.dissipated_energy(result) for item in items], axis=0)
-        if np.any(taken):
-            curves[f"taken by {what}"] = taken
+    curves |= {f"taken by {what}": taken for what, taken in taken_by(bodies, contacts, result).items()}
     curves["sum"] = np.sum(list(curves.values()), axis=0)
     scale, prefix = _prefix(max(abs(curve).max() for curve in curves.values()))
     for i, (label, curve) in enumerate(curves.items()):

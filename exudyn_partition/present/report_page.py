@@ -27,7 +27,7 @@ from ..support.foreign import Axes
 from ..support.optional import require
 from . import plot, view
 from .graphics import peak_time
-from .plot_input import plain
+from .plot_input import plain, taken_by
 
 _VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
@@ -123,6 +123,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
             ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
             ("largest contact area", f"{1e6 * contact.area(result).max():.4g} mm2"),
             *_friction_rows(contact, result),
+            *_plastic_rows(contact, result),
             ("largest pressure", f"{1e-6 * contact.pressure(result).max():.4g} MPa"),
         ]
         if (stress := contact.largest_stress(result)) is not None:
@@ -156,7 +157,19 @@ def _friction_rows(contact: PartitionContact, result: Result) -> list[tuple[str,
         ("coefficient of friction", coefficients),
         ("largest tangential force", f"{size.max():.6g} N at {result.t[int(size.argmax())]:.6g} s"),
         ("rows that stick, at most", str(contact.stuck_rows(result).max())),
-        ("energy taken by friction", f"{contact.dissipated_energy(result)[-1]:.4g} J"),
+        ("energy taken by friction", f"{(contact.dissipated_energy(result) - contact.plastic_work(result))[-1]:.4g} J"),
+    ]
+
+
+def _plastic_rows(contact: PartitionContact, result: Result) -> list[tuple[str, str]]:
+    """What a contact with plastic zones adds to its table."""
+    if contact.yielding is None:
+        return []
+    dents = ", ".join(f"{depth:.4g} m in the {side}" for side, depth in contact.dents(result).items())
+    return [
+        ("plastic work", f"{contact.plastic_work(result)[-1]:.4g} J"),
+        ("largest plastic strain", f"{contact.plastic_strain(result)[-1]:.3g}"),
+        ("depth of the dent", dents),
     ]
 
 
@@ -175,12 +188,10 @@ def _conservation(result: Result) -> str:
         with_contacts,
         [],
     )
-    for what, items in (("damping", result.bodies), ("friction", result.contacts)):
-        taken = np.sum([item.dissipated_energy(result) for item in items], axis=0)
-        if np.any(taken):
-            sums.append((f"taken by {what} [J]", taken))
-            takers.append(what)
-            total = None if total is None else total + taken
+    for what, taken in taken_by(result.bodies, result.contacts, result).items():
+        sums.append((f"taken by {what} [J]", taken))
+        takers.append(what)
+        total = None if total is None else total + taken
     if takers:
         sums.append((f"with contacts' and what {' and '.join(takers)} took [J]", total))
     for name, values in sums:

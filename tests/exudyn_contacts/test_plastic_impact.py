@@ -204,3 +204,17 @@ def test_states_are_saved_and_read(run, tmp_path):
     again = ep.PlasticState.load(tmp_path / "dent.npz")
     for name in ("strain", "equivalent", "back"):
         np.testing.assert_array_equal(getattr(again, name), getattr(state, name))
+
+
+def test_the_report_and_the_figure_of_energy_tell_of_plastic_work(run, tmp_path):
+    import matplotlib.pyplot as plt
+
+    _, contact, result = run
+    axes = ep.plot.energy(plt.figure().add_subplot(), result)
+    assert "taken by plastic flow" in [line.get_label() for line in axes.get_lines()]
+    plt.close("all")
+    page = result.report(tmp_path / "report.html").read_text()
+    assert f"{contact.plastic_work(result)[-1]:.4g} J" in page
+    assert "taken by plastic flow [J]" in page
+    assert "taken by friction" not in page
+    assert "depth of the dent" in page

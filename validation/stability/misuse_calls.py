@@ -76,7 +76,16 @@ def call(of=None, swaps=True, **arguments):
 
 _item, _contact, _result, _body = (lambda s: s.item), (lambda s: s.contact), (lambda s: s.result), (lambda s: s.body)
 _history = lambda s: s.history  # noqa: E731
+_state = lambda s: s.yielding[0].plastic_states(s.yielding[1])["slave"]  # noqa: E731
 _of_result = {"of": _contact, "result": v.result}
+
+
+def _saved_state(s):
+    path = s.folder / "read.npz"
+    _state(s).save(path)
+    return path
+
+
 _new = v.mbs(Made(lambda s: s.empty()))
 _ready = v.mbs(Made(lambda s: s.assembled()))
 _axes = Kind({"text": "x", "number": 1, "a result": Made(_result), "list": []}, None)
@@ -209,6 +218,8 @@ CALLS = {
         nu=v.number.but(half=0.5, **{"minus one": -1.0})(0.3),
         rho=v.positive(1e3),
         yield_stress=v.positive.or_none.but(MPa=355.0)(355e6),
+        hardening=v.number.or_none.but(negative=-1.0, text="x", short=[(0.0, 355e6)], softening=[(0, 355e6), (1, 1e6)]),
+        kinematic_hardening=v.number.but(negative=-1.0)(0.0),
         swaps=False,
     ),
     "Rayleigh": call(alpha=v.number.but(negative=-1.0), beta=v.number.but(negative=-1.0), swaps=False),
@@ -242,6 +253,7 @@ CALLS = {
         contact_radius=v.positive.or_none.but(larger=1.0),
         direction=v.direction.or_none,
         axes=v.choice("normal"),
+        plastic_radius=v.positive.or_none.but(elastic=1e-3)(None),
         name=v.text("tip"),
     ),
     "Partition.interface": call(
@@ -324,6 +336,7 @@ CALLS = {
         initialAngularVelocity=v.vector,
         gravity=v.vector,
         damping=Kind({"text": "x", "negative": -0.1, "nan": v.nan, "too many": [0.1] * 999, "dict": {}}, 0.0),
+        plasticStates=Kind({"text": "x", "number": 1, "elastic": {0: None}, "no patch": {9: None}}, None),
         inertiaTerms=Kind({"None": None, "number": 1, "unknown": ["x"], "text": "coriolis"}, ("coriolis",)),
         superElement=v.flag,
         massProportionalDamping=v.number.but(negative=-1.0)(0.0),
@@ -407,6 +420,12 @@ CALLS = {
             "slip_path",
         )
     },
+    **{
+        f"PartitionContact.{name}": call(of=lambda s: s.yielding[0], result=v.result(Made(lambda s: s.yielding[1])))
+        for name in ("plastic_work", "plastic_strain", "plastic_states", "dents", "flow_at_border")
+    },
+    "PlasticState.save": call(of=_state, path=v.path_out(Made(lambda s: s.folder / "state.npz"))),
+    "PlasticState.load": call(of=_state, path=v.path_in(Made(_saved_state))),
     "PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
     "collect": call(mbs=v.mbs.but(**{"not run": _ready.right})),
     "stability_limit": call(mbs=v.mbs),
@@ -547,6 +566,7 @@ CALLS = {
         velocity=v.vector,
         mass=v.choice("lumped"),
         patch=v.patch(None),
+        plastic=v.choice("none"),
     ),
     "reference.simulate": call(
         bodies=_two,
@@ -654,6 +674,8 @@ NOT_CALLED = {
     "PartitionBody.is_in": _EVERY_STEP,
     "PartitionContact.slices": _EVERY_STEP,
     **{f"{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
+    "PlasticState": _MADE_BY_US,
+    **{f"PlasticState.{name}": _INSIDE for name in ("virgin", "at", "changed")},
     "Refine.n_elements": _INSIDE,
     "Partition.is_of": _INSIDE,
     "Partition.check_mesh": _INSIDE,

@@ -7,7 +7,7 @@ import contextlib
 import io
 import os
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -80,6 +80,18 @@ class Scene:
         mbs = self.empty()
         item = ep.CreatePartitionBody(mbs, ep.reduce(self.fem, part, f_cut=60e3), initialVelocity=[0.1, 0, -1])
         contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3)
+        mbs.Assemble()
+        return contact, ep.solve_dynamic(mbs, end_time=20 * STEP, step=STEP)
+
+    @cached_property
+    def yielding(self):
+        """Contact of the upper block, which may yield, with a floor, and the result of its run."""
+        material = replace(self.fem.material, yield_stress=1e-3 * self.fem.material.E, hardening=0.0)
+        fem = replace(self.fem, material=material)
+        mbs = self.empty()
+        body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 4e-3), f_cut=60e3)
+        item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -1])
+        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
         mbs.Assemble()
         return contact, ep.solve_dynamic(mbs, end_time=20 * STEP, step=STEP)
 
