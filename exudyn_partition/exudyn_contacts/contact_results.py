@@ -364,6 +364,9 @@ class ContactResults(PlasticResults):
         said = ["tangential rows: the contact is frictionless"] * (self.friction is None)
         if self.yielding is not None:
             said.append("plastic flow outside the plastic zones, and the change of gaps' normals by dents")
+            said.append(
+                "plastic strain in stresses and static answers that `recovery` and `output` compute: these are elastic"
+            )
         if not self.law.gaps.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
         elif unpaired:

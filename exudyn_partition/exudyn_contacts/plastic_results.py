@@ -11,6 +11,8 @@ from ..support.arrays import Array
 from ..support.checks import validate_result
 from .friction_results import FrictionResults, RunSamples
 
+SIDES = ("slave", "master")
+
 
 class PlasticResults(FrictionResults):
     """Results of a contact that exist with plastic zones; without, they are an InputError."""
@@ -52,7 +54,7 @@ class PlasticResults(FrictionResults):
         self._plastic_samples(result)
         yielding = result.kept(self).law.yielding
         assert yielding is not None
-        return {("slave", "master")[side]: zone.present for side, zone in yielding.zones}
+        return {SIDES[side]: zone.present for side, zone in yielding.zones}
 
     def dents(self, result: RunSamples) -> dict[str, float]:
         """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".
@@ -67,7 +69,7 @@ class PlasticResults(FrictionResults):
         states, found = self.plastic_states(result), {}
         assert self.yielding is not None
         for side, run in self.yielding.zones:
-            name, (item, number) = ("slave", "master")[side], self.sides[side]
+            name, (item, number) = SIDES[side], self.sides[side]
             patch = item.body.partition.patches[number]
             moved = run.motion.at_rest(states[name])[np.isin(run.zone.nodes, patch.nodes)]
             found[name] = float(-(moved @ patch.direction).min(initial=0.0))
@@ -84,7 +86,7 @@ class PlasticResults(FrictionResults):
         states = self.plastic_states(result)
         assert self.yielding is not None
         for side, run in self.yielding.zones:
-            name, zone = ("slave", "master")[side], run.zone
+            name, zone = SIDES[side], run.zone
             reached = np.flatnonzero(zone.border & (states[name].equivalent > 0))
             if reached.size:
                 return name, zone.place(int(reached[states[name].equivalent[reached].argmax()]))

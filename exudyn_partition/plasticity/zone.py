@@ -78,6 +78,10 @@ class PlasticZone:
         """Deviatoric strains, (g, 6), by displacements of the nodes, (3 nz,) [m]."""
         return np.asarray(self.strain @ displacement).reshape(-1, 6)
 
+    def stress(self, displacement: Array, state: PlasticState) -> Array:
+        """Deviatoric stresses, (g, 6) [Pa] in Mandel's notation, by displacements of the nodes, (3 nz,) [m]."""
+        return self.flow.stress(self.strains(displacement), state)
+
     def pseudo_forces(self, state: PlasticState) -> Array:
         """Forces p on the nodes, (3 nz,) [N], by which plastic strain acts on the elastic body."""
         return np.asarray(self._force @ self.stress_volumes(state.strain).ravel())

@@ -19,10 +19,12 @@ import numpy as np
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.plastic_results import SIDES
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.model import FEModel
 from ..fe.shapes import linear_shares
 from ..meshing.mesh_files import write_vtu
+from ..plasticity.flow import von_mises as flow_von_mises
 from ..reduction.recovery import nodal_stress, von_mises
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
@@ -129,6 +131,53 @@ def write_paraview(
                 report((part + (i + 1) / len(chosen.t)) / len(pieces))
         _write_pvd(new / _LIST, sorted(entries))
     return Path(folder) / _LIST
+
+
+def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: Result) -> list[Path]:
+    """Write what a run has left in the plastic zones of a contact, at its end and at rest, to VTU files for ParaView.
+
+    Fields are means around nodes: "plastic_strain", equivalent, "residual_von_mises" [Pa], and "displacement" [m] in
+    the body's own axes, the shape of the dent.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there. Files of the same names are replaced.
+    contact : PartitionContact
+    result : Result
+
+    Returns
+    -------
+    list of Path
+        One file for each zone, `zone_slave.vtu` and `zone_master.vtu`.
+
+    Raises
+    ------
+    InputError
+        If nothing can yield, or the result was read from a file, which does not hold this.
+    OutputError
+        If the disk is full or protected.
+    """
+    (contact,) = validate_contacts([contact])
+    states = contact.plastic_states(result)
+    assert contact.yielding is not None
+    files = [f"zone_{name}.vtu" for name in states]
+    with filling(folder, last=files[-1]) as new:
+        for file, (side, run) in zip(files, contact.yielding.zones, strict=True):
+            (item, patch), state, zone = contact.sides[side], states[SIDES[side]], run.zone
+            region = item.body.partition.patches[patch].plastic
+            assert region is not None
+            moved = run.motion.at_rest(state)
+            at_points = np.column_stack([state.equivalent, flow_von_mises(zone.stress(moved.ravel(), state))])
+            cells = np.searchsorted(zone.nodes, region.cells)
+            shares = np.repeat(cells, len(zone) // len(cells), axis=0)
+            at_nodes, weight = np.zeros((len(zone.nodes), 2)), np.zeros(len(zone.nodes))
+            np.add.at(at_nodes, shares, (zone.weight[:, None] * at_points)[:, None])
+            np.add.at(weight, shares, zone.weight[:, None])
+            strain, stress = (at_nodes / weight[:, None]).T
+            fields = {"plastic_strain": strain, "residual_von_mises": stress, "displacement": moved}
+            write_vtu(new / file, item.body.points[zone.nodes], _CELLS[cells.shape[1]], cells, fields)
+    return [Path(folder) / file for file in files]
 
 
 def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) -> list[Shown]:

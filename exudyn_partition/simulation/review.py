@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import ContactPatchWarning, ModelLimitWarning, StoppedRunWarning, YieldWarning
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..exudyn_contacts.plastic_results import SIDES
 from ..reduction.buckling import compression, links
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
@@ -278,7 +279,7 @@ def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
     if contact.yielding is None or (reached := contact.flow_at_border(result)) is None:
         return
     side, place = reached
-    name = contact.side_names[("slave", "master").index(side)]
+    name = contact.side_names[SIDES.index(side)]
     warnings.warn(
         f"{called(contact)}: the plastic flow of {name} reached the edge of its plastic zone, at {place} m. Beyond, "
         "the body stays elastic, so that the force is too large, the dent too small. Enlarge plastic_radius= of it",

@@ -424,6 +424,11 @@ CALLS = {
         f"PartitionContact.{name}": call(of=lambda s: s.yielding[0], result=v.result(Made(lambda s: s.yielding[1])))
         for name in ("plastic_work", "plastic_strain", "plastic_states", "dents", "flow_at_border")
     },
+    "output.write_plastic_zones": call(
+        folder=v.folder(Made(lambda s: s.folder / "zones")),
+        contact=v.contact(Made(lambda s: s.yielding[0])),
+        result=v.result(Made(lambda s: s.yielding[1])),
+    ),
     "PlasticState.save": call(of=_state, path=v.path_out(Made(lambda s: s.folder / "state.npz"))),
     "PlasticState.load": call(of=_state, path=v.path_in(Made(_saved_state))),
     "PartitionContact.AddMomentSensor": call(of=_contact, mbs=v.mbs, point=v.vector),
