@@ -45,6 +45,11 @@ class PlasticState:
     def save(self, path: str | Path) -> None:
         """Write to an npz file; `load` reads it.
 
+        Parameters
+        ----------
+        path : str or Path
+            Taken as it is, nothing is appended.
+
         Raises
         ------
         InputError
@@ -56,6 +61,10 @@ class PlasticState:
     def load(cls, path: str | Path) -> PlasticState:
         """Read a state that `save` wrote.
 
+        Parameters
+        ----------
+        path : str or Path
+
         Raises
         ------
         InputError
@@ -66,7 +75,7 @@ class PlasticState:
 
     @classmethod
     def virgin(cls, points: int) -> PlasticState:
-        """State of a material that has never yielded."""
+        """State of a material that has never yielded, at a number of `points`."""
         return cls(np.zeros((points, 6)), np.zeros(points), np.zeros((points, 6)))
 
     def __post_init__(self) -> None:
@@ -81,7 +90,7 @@ class PlasticState:
         return PlasticState(self.strain[points], self.equivalent[points], self.back[points])
 
     def changed(self, points: Array, new: PlasticState) -> PlasticState:
-        """Return the state with another one at some points, (k,) int array."""
+        """Return the state with a `new` one at some points, (k,) int array."""
         strain, equivalent, back = self.strain.copy(), self.equivalent.copy(), self.back.copy()
         strain[points], equivalent[points], back[points] = new.strain, new.equivalent, new.back
         return PlasticState(strain, equivalent, back)
