@@ -247,10 +247,13 @@ CASES = {
                                 figures=("friction_half_space.png",)),
     "friction_random_starts": Case("friction/random_starts.py", limits(("failures", "violation", "newton_steps"))),
     "friction_motion": Case("friction/motion.py", limits(
-        ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin"))),
+        ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin", "drum_after", "drum_at")),
+        quick=()),
+    "friction_two_balls": Case("friction/two_balls.py", limits(("maw", "force", "stick_radius", "loss")),
+                               figures=("friction_two_balls.png",)),
     "friction_kharaz": Case("friction/kharaz.py", limits(("spin", "energy")), figures=("friction_kharaz.png",)),
     "friction_oblique": Case("friction/oblique.py", limits(
-        ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step")),
+        ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step", "free_flight")),
         figures=("friction_oblique.png",)),
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),

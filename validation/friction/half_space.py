@@ -26,6 +26,7 @@ E, NU, RHO = 210e9, 0.3, 7850.0
 SHEAR, PLANE = E / (2 + 2 * NU), E / (1 - NU**2)
 MASS = 4 / 3 * np.pi * RHO * RADIUS**3
 KAPPA = 2 * (1 - NU) / (2 - NU)
+REST = 0.3e-3  # contact radius at rest [m]
 ACROSS, STEPS = 18, 400  # squares across the largest contact, steps in an impact
 MAW = {0.25: 0.042, 0.5: 0.048, 1.0: -0.060, 1.5: -0.428, 2.0: -0.837, 2.5: -1.162, 3.0: -1.380, 3.5: -1.477,
        4.0: -1.437, 4.5: -1.218, 6.0: 0.235, 8.0: 2.235}  # psi1: psi2, nu = 0.3  # fmt: skip
@@ -57,7 +58,7 @@ class Squares:
 
     def radius(self, *states):
         """Radius of a disc with the area of the squares in these states [m]."""
-        return np.sqrt(np.isin(self.problem.state, states).sum() * self.area / np.pi)
+        return np.sqrt(np.sum(np.isin(self.problem.state, states) * self.area) / np.pi)
 
 
 def impact(psi1):
@@ -87,12 +88,11 @@ def impact(psi1):
     }
 
 
-def at_rest(share=0.8, points=40):
-    """Load up to `share` of mu P and a whole cycle, against Cattaneo and Mindlin."""
-    a = 0.3e-3
-    squares = Squares(a)
+def at_rest(squares, a, share=0.8, points=40):
+    """Load up to `share` of mu P and a whole cycle at a contact radius near a [m], against Cattaneo and Mindlin."""
     approach = a**2 / RADIUS
     normal = squares.press(approach, 0.0)[0]
+    a = (3 * normal * RADIUS / (4 * PLANE)) ** (1 / 3)
     slope = 3 * MU * normal * (2 - NU) / (16 * a * SHEAR)
     top = slope * (1 - (1 - share) ** (2 / 3))
     ways, forces, sticks, expected = [], [], [], []
@@ -150,7 +150,7 @@ def draw(impacts, rest):
 
 def main():
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rest, impacts, console = at_rest(), {}, Console(width=150)
+    rest, impacts, console = at_rest(Squares(REST), REST), {}, Console(width=150)
     for psi1, psi2 in MAW.items():
         impacts[psi1] = found = impact(psi1)
         found["error"] = found["psi2"] - psi2
