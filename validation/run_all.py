@@ -249,8 +249,9 @@ CASES = {
     "friction_motion": Case("friction/motion.py", limits(
         ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin", "drum_after", "drum_at")),
         quick=()),
-    "friction_two_balls": Case("friction/two_balls.py", limits(("maw", "force", "stick_radius", "loss")),
-                               figures=("friction_two_balls.png",)),
+    "friction_two_balls": Case("friction/two_balls.py", limits(("maw",)), figures=("friction_two_balls.png",)),
+    "friction_at_rest": Case("friction/at_rest.py", limits(("force", "stick_radius", "loss")),
+                             figures=("friction_at_rest.png",)),
     "friction_kharaz": Case("friction/kharaz.py", limits(("spin", "energy")), figures=("friction_kharaz.png",)),
     "friction_oblique": Case("friction/oblique.py", limits(
         ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step", "free_flight")),
