@@ -157,7 +157,7 @@ def test_flow_at_the_edge_of_the_zone_warns(models):
     mbs.Assemble()
     with pytest.warns(YieldWarning, match="reached the edge of its plastic zone") as warned:
         result = ep.solve_dynamic(mbs, end_time=20e-6)
-    assert not any("Bodies stay elastic here" in str(w.message) for w in warned)
+    assert not any("stays elastic here" in str(w.message) for w in warned)
     side, place = contact.flow_at_border(result)
     assert side == "slave"
     assert np.linalg.norm(place) < 0.6e-3
