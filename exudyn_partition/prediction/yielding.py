@@ -150,7 +150,7 @@ class Stress:
         return (
             f"the von Mises stress of {bodies[body]} reaches {stress:.4g} Pa, {stress / limit:.3g} times the yield "
             f"stress of {limit:.4g} Pa ({how}, at {self.force:.4g} N): it begins to yield at {self.yield_force:.3g} N. "
-            "The body stays elastic here; a real one dents, with a smaller and longer force, and rebounds slower. Let "
-            "its patch yield (hardening= of Material), reduce speed or force, enlarge the radius, or take a harder "
-            "material; its own value is given by yield_stress= of Material, those of STEEL and ALUMINIUM are typical ones"
+            "The body stays elastic here; a real one dents, with a smaller and longer force, and rebounds slower. "
+            "Reduce speed or force, enlarge the radius, take a harder material, or let its patch yield (hardening= of "
+            "Material). Its own value is given by yield_stress= of Material; those of STEEL and ALUMINIUM are typical"
         )
