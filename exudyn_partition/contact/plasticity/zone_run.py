@@ -126,6 +126,7 @@ class ZoneRun:
 
     Attributes
     ----------
+    zone : PlasticZone
     committed, present : PlasticState
     generalised : (n,) array
         Forces of the present pseudo-forces on the last coordinates of the body [N].
