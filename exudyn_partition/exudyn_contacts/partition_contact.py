@@ -25,8 +25,8 @@ class PartitionContact(ContactResults):
     the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an explicit run,
     total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in space [N], the number
     of rows that stick, of those that slip, the energy that friction has taken and what the contact stores [J].
-    `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest equivalent plastic strain,
-    and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the slave [N m].
+    `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest equivalent plastic
+    strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the slave [N m].
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """
