@@ -2,6 +2,7 @@
 
 from . import errors, reference
 from ._version import __version__ as __version__
+from .accuracy.mesh_error import mesh_error
 from .algebra.coulomb import Coulomb
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
 from .exudyn_bodies.create_body import CreatePartitionBody
@@ -70,6 +71,7 @@ __all__ = [
     "generate_mesh",
     "hertz",
     "load_body",
+    "mesh_error",
     "output",
     "plot",
     "progress",

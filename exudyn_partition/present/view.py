@@ -42,7 +42,7 @@ from .graphics import GraphicsData, colour_bar, peak_time, rigid_surfaces
 from .output import BodyFields, Shown, contact_loads, shown_bodies
 
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
-Contacts = Callable[[], Sequence[PartitionContact]]
+Contacts = Callable[[MainSystem], Sequence[PartitionContact]]
 
 ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
 UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
@@ -112,7 +112,7 @@ def CreatePartitionView(
     for piece in pieces:
         if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it
             mbs.SetObjectParameter(piece.item["oFFRFreducedOrder"], "Vshow", False)
-    return _add(mbs, pieces, fields, field, scale, limits, lambda: partition_items(mbs)[1])
+    return _add(mbs, pieces, fields, field, scale, limits, lambda mbs: partition_items(mbs)[1])
 
 
 def picture(
@@ -261,7 +261,7 @@ def _scene(
         q, q_t = histories[id(piece)]
         return piece.fields(q[i], q_t[i], piece.forces(loads, i))
 
-    _add(mbs, pieces, fields, field, scale, limits, lambda: result.contacts, turn)
+    _add(mbs, pieces, fields, field, scale, limits, lambda mbs: result.contacts, turn)
     mbs.Assemble()
     return SC, mbs
 
@@ -287,7 +287,8 @@ def _add(
         )
 
     def draw(mbs: MainSystem, item: ItemIndex) -> list[GraphicsData]:
-        return _graphics(pieces, partial(fields, mbs), field, scale, given, turn or Rotation.identity(), contacts)
+        turned = turn or Rotation.identity()
+        return _graphics(pieces, partial(fields, mbs), field, scale, given, turned, contacts(mbs))
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
 
@@ -299,7 +300,7 @@ def _graphics(
     scale: float,
     limits: Array | None,
     turn: Rotation,
-    contacts: Contacts,
+    contacts: Sequence[PartitionContact],
 ) -> list[GraphicsData]:
     """Exudyn's graphics data of the deformed surfaces, of rigid surfaces, and of the scale of the colours."""
     places, values = [], []
@@ -317,7 +318,7 @@ def _graphics(
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
-    rigid = rigid_surfaces(contacts(), np.vstack(places))
+    rigid = rigid_surfaces(contacts, np.vstack(places))
     seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in rigid)])
     title = [f"{field} [{UNITS[field]}]"] + [f"deformed x {scale:g}: bodies may seem to overlap"] * (scale != 1)
     ends = f"{least:.3g}", f"{largest:.3g}"
