@@ -7,6 +7,7 @@ from pathlib import Path
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import numpy as np
 import pytest
 
 import exudyn_partition as ep
@@ -62,11 +63,12 @@ def test_models_that_are_dropped_are_gone(bodies, kind):
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="there is no such file on this system")
 def test_many_models_need_no_more_memory_than_few(bodies):
+    """What leaks grows in both halves; the memory of a process that ran other tests may jump once."""
+    sizes = []
     for cycle in range(60):
         for kind in ("floating", "markers", "carried", "view"):
             model(bodies[0], kind)
-        if cycle == 9:
+        if cycle in (9, 34, 59):
             gc.collect()
-            before = resident()
-    gc.collect()
-    assert resident() - before < 200 * 0.1
+            sizes.append(resident())
+    assert np.diff(sizes).min() < 100 * 0.1
