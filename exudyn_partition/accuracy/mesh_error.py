@@ -11,7 +11,7 @@ r = [r_1 ... R], x = K_ss^-1 r, y = (K - w^2 M)_2s x, and the flexibility F_r of
 
 are the changes, of opposite sign for the stiffness diag(w^2) of the shapes, of their gaps at the rows, and of the
 flexibility F there: the first two terms of a series for the inverse of a Schur complement. K_ss is well conditioned, so
-a dozen steps of conjugate gradients solve with it.
+a few steps of conjugate gradients solve with it.
 
 The impact of the scene runs with and without these corrections. Its difference is the estimate (Bank and Weiser 1985).
 It is no bound. Below two elements in a contact radius it is too small.
@@ -146,7 +146,7 @@ def mesh_error(
 
     Notes
     -----
-    It costs about as much as the reduction of the bodies.
+    It costs a factorisation of each body, and solutions for its rows and shapes: `validation/mesh/effectivity.py`.
     """
     for name, pair in (("slave", slave), ("master", master)):
         _check(name, pair)

@@ -16,6 +16,7 @@ from ..support.arrays import Array
 from ..support.progress import Progress
 from .factorisation import Factorisation
 
+COLUMNS = 96  # unit loads that are solved for at a time; of the answers only what is needed is kept
 _DEPENDENT = 1e-10  # a vector is dropped if less than this of its length lies outside the basis
 _TOO_CLOSE = 1e-9  # relative distance from the shift, below which a mode hides all others in the solves
 _ENERGY_OFF = 1e-7  # largest error of the modes' strain energy, by omega_max^2; it is below 1e-9 in sound models

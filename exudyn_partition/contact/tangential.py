@@ -19,7 +19,7 @@ from ..surfaces.surface import cross
 from .gaps import Gaps, dense, joined
 from .side import Side
 
-_SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility; moves forces by 5e-5
+_SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
 

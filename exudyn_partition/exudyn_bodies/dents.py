@@ -30,7 +30,7 @@ def set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[int
     """
     if not isinstance(states, Mapping):
         raise InputError(f"plasticStates: expected a dict of patch: PlasticState, got {type(states).__name__}")
-    force = np.zeros(0)
+    forces = []
     for key, state in states.items():
         patch = item.body.partition.patch(key)
         motion = ZoneMotion.of(item.kinematics, patch)
@@ -40,9 +40,11 @@ def set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[int
                 "material, and reduce it with basis 'contact-adapted' or 'residual'"
             )
         item.plastic_states[patch] = validate_state("plasticStates", state, len(motion.zone))
-        own = motion.kinematics.rows.T @ motion.zone.pseudo_forces(state)
-        force = own if not force.size else force + own
-    omega = item.body.basis.omega[len(item.body.basis.omega) - len(force) :]
+        forces.append(motion.kinematics.rows.T @ motion.zone.pseudo_forces(state))
+    if not forces:
+        return
+    force = np.sum(forces, axis=0)
+    omega = item.body.basis.omega[item.body.n_shapes - len(force) :]
     elastic = omega > 0
     if elastic.any():
         shape = np.zeros(len(force))

@@ -214,8 +214,8 @@ class Partition:
             enough without friction, or in all three.
         plastic_radius : float, optional
             Elements with their centre in this distance from `center` may yield [m], if the material has `hardening`.
-            Two contact radii are enough (`hertz.contact_radius`); cost and memory grow with the square of their
-            nodes. Default: `radius` for such a material, none for others.
+            Begin with two contact radii (`hertz.contact_radius`); a warning tells if flow reaches the edge. Cost
+            and memory grow with the square of its nodes. Default: `radius` for such a material, none for others.
         name : str
             To tell patches of one body apart.
 

@@ -226,3 +226,12 @@ def integration_gradients(n_nodes: int) -> Array:
         return tetrahedron_functions(np.column_stack([r, s * (1 - r), t * (1 - r) * (1 - s)]), 20)[1]
     at = np.full((4, 4), (5 - np.sqrt(5)) / 20) + np.eye(4) / np.sqrt(5)  # four-point rule, barycentric
     return tetrahedron_functions(at[:, 1:], 10)[1]
+
+
+def integration_weights(n_nodes: int) -> Array:
+    """(q,) array: weights of the points of `integration_gradients`; their sum is the element's volume there."""
+    if n_nodes == 20:
+        x, w = (values / 2 for values in np.polynomial.legendre.leggauss(3))
+        end = 0.5 - x  # from the faces of the cube that collapse
+        return np.asarray(np.einsum("i,j,k->jik", w * end**2, w * end, w)).ravel()  # in the order of meshgrid
+    return {4: np.array([1 / 6]), 10: np.full(4, 1 / 24), 8: np.ones(8)}[n_nodes]

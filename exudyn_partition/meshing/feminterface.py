@@ -10,13 +10,12 @@ from ..errors import InputError, MeshError
 from ..fe.material import Material
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
-from ..fe.shapes import TET_EDGES, integration_gradients
+from ..fe.shapes import TET_EDGES, integration_gradients, integration_weights
 from ..support.arrays import Array
 from ..support.checks import validate_type
 from ..support.foreign import FEMinterface
 
 _NODES = {"Tet4": 4, "Tet10": 10, "Hex8": 8}  # of an element, by Exudyn's name
-_WEIGHT = {4: 1 / 6, 10: 1 / 24, 8: 1.0}  # of each integration point, by an element's nodes
 _FLIPPED = {  # order of nodes that turns an element of negative volume
     4: [1, 0, 2, 3],
     10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9],
@@ -61,7 +60,7 @@ def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
     cells = _cells(fem, points)
     gradients = integration_gradients(cells.shape[1])
     jacobian = np.einsum("qnd,cnx->cqdx", gradients, points[cells])
-    volume = _WEIGHT[cells.shape[1]] * np.linalg.det(jacobian).sum(axis=1)
+    volume = np.linalg.det(jacobian) @ integration_weights(cells.shape[1])
     flip = volume < 0
     cells[flip] = cells[flip][:, _FLIPPED[cells.shape[1]]]
     cell_mass, total = material.rho * abs(volume), float(mass.sum()) / 3

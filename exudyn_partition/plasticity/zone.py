@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from ..fe.material import Material
 from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
-from ..fe.shapes import integration_gradients
+from ..fe.shapes import integration_gradients, integration_weights
 from ..support.arrays import Array
 from .flow import Flow, PlasticState
 
@@ -17,15 +17,6 @@ _MANDEL = np.zeros((6, 3, 3))
 _MANDEL[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
 _MANDEL[:3] -= np.eye(3) / 3
 _MANDEL[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = _MANDEL[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = np.sqrt(0.5)
-
-
-def _weights(n_nodes: int) -> Array:
-    """(q,) array: weights of the points of `integration_gradients`, for an element's volume in local coordinates."""
-    if n_nodes == 20:
-        x, w = (values / 2 for values in np.polynomial.legendre.leggauss(3))
-        end = 0.5 - x  # from the faces of the cube that collapse
-        return np.asarray(np.einsum("i,j,k->jik", w * end**2, w * end, w)).ravel()  # in the order of meshgrid
-    return {4: np.array([1 / 6]), 10: np.full(4, 1 / 24), 8: np.ones(8)}[n_nodes]
 
 
 class PlasticZone:
@@ -62,7 +53,7 @@ class PlasticZone:
         jacobian = np.einsum("cka,qkj->cqaj", points[region.cells], derivatives)
         gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, k, 3)
         cells, q, k, _ = gradient.shape
-        self.weight = (_weights(k) * np.linalg.det(jacobian)).ravel()
+        self.weight = (integration_weights(k) * np.linalg.det(jacobian)).ravel()
         values = np.einsum("vab,cqkb->cqvka", _MANDEL, gradient).reshape(-1, 3 * k)
         columns = np.repeat(node_dofs(own.ravel()).reshape(cells, 3 * k), 6 * q, axis=0)
         starts = 3 * k * np.arange(6 * cells * q + 1)

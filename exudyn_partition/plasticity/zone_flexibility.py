@@ -8,11 +8,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from ..algebra.krylov import FreeBodyFlexibility
+from ..algebra.krylov import COLUMNS, FreeBodyFlexibility
 from ..support.arrays import Array
 from ..support.checks import check_floats, read_only
-
-_COLUMNS = 96  # right-hand sides that are solved for at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +69,8 @@ def zone_answers(flexibility: FreeBodyFlexibility, stiffness: sp.csr_matrix, dof
     held = ~np.isin(dofs, flexibility.free)
     edge, inner = np.flatnonzero(coupled & ~held), np.flatnonzero(~coupled & ~held)
     C = np.zeros((len(dofs),) * 2)
-    for first in range(0, len(edge), _COLUMNS):
-        some = edge[first : first + _COLUMNS]
+    for first in range(0, len(edge), COLUMNS):
+        some = edge[first : first + COLUMNS]
         loads = np.zeros((stiffness.shape[0], len(some)))
         loads[dofs[some], np.arange(len(some))] = 1.0
         C[:, some] = flexibility.held(loads)[dofs]

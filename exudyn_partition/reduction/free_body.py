@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..algebra.factorisation import Factorisation
-from ..algebra.krylov import BlockKrylov, FreeBodyFlexibility, RitzPairs, mass_normalised, orthonormal_complement
+from ..algebra.krylov import (
+    COLUMNS,
+    BlockKrylov,
+    FreeBodyFlexibility,
+    RitzPairs,
+    mass_normalised,
+    orthonormal_complement,
+)
 from ..errors import InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
@@ -28,7 +35,6 @@ _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequenc
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
 _BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
 _OCTAVES = (_MEMORY + 1j) * np.geomspace(1 / 64, 1.0, 300)[:, None]
-COLUMNS = 96  # unit loads that are solved for at a time; of the answers only what is needed is kept
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,11 @@ import logging
 import warnings
 from collections.abc import Iterator, Sequence
 
+from ..algebra.krylov import COLUMNS
 from ..errors import MemoryLimitError, MemoryWarning
 from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..support.machine import available_memory
-from .free_body import COLUMNS
 
 _LOG = logging.getLogger(__name__)
 

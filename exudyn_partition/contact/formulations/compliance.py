@@ -202,9 +202,7 @@ class PlasticCompliance(ComplianceContact):
 
     def resume(self, earlier: Law, q: Array) -> bool:
         """See `Law`."""
-        if not isinstance(earlier, PlasticCompliance):
-            return False
-        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+        if not isinstance(earlier, PlasticCompliance) or not earlier.ended_at(q):
             return False
         self.yielding.resume(earlier.yielding)
         return True

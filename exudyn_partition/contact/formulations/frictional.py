@@ -243,7 +243,7 @@ class FrictionalContact(FrictionalRows):
         """See `Law`: rows stick where they stuck, with the forces that they had; the dissipation begins anew."""
         if not isinstance(earlier, FrictionalContact) or not earlier.index.size:
             return False
-        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+        if not earlier.ended_at(q):
             return False
         nodes = earlier.gaps.row_nodes
         self._last[nodes, 0] = earlier.forces[:, 0]

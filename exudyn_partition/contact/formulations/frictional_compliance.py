@@ -199,9 +199,7 @@ class PlasticFrictionalCompliance(FrictionalCompliance):
 
     def resume(self, earlier: Law, q: Array) -> bool:
         """See `Law`."""
-        if not isinstance(earlier, PlasticFrictionalCompliance):
-            return False
-        if not np.array_equal(np.concatenate(earlier.gaps.coordinates), q):
+        if not isinstance(earlier, PlasticFrictionalCompliance) or not earlier.ended_at(q):
             return False
         self.yielding.resume(earlier.yielding)
         super().resume(earlier, q)  # of an open contact nothing else is to be remembered

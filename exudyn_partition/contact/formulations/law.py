@@ -92,6 +92,10 @@ class ContactLaw:
     def rollback(self) -> None:
         """See `Law`."""
 
+    def ended_at(self, q: Array) -> bool:
+        """Whether the coordinates, (n,), are those of the last evaluation."""
+        return np.array_equal(np.concatenate(self.gaps.coordinates), q)
+
     def resume(self, earlier: Law, q: Array) -> bool:
         """See `Law`."""
         return False
