@@ -13,7 +13,7 @@ Limits, for each scene:
 - the paper's basis `free`, rod on plate: the default basis has a tenth of its coordinates at no larger error, and a
   tenth of its error with no more coordinates.
 
-    python validation/pareto.py
+    python -m validation.pareto
 """
 
 import json
@@ -26,14 +26,14 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from validation.tables import PAGE, README, write_between
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[1]
-MEASURED, OUT, README = ROOT / "validation" / "error_against_time", ROOT / "out", ROOT / "README.md"
+MEASURED, OUT = ROOT / "validation" / "error_against_time", ROOT / "out"
 PICTURE = Path(__file__).with_suffix(".png")  # the README's
-BEGIN, END = (f"<!-- validation/pareto.py: {x} -->\n" for x in ("begin", "end"))
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")
 TARGETS = (0.1, 0.01, 0.001)
 TIMES = {"off-line": ("offline_s",), "on-line": ("online_s",), "together": ("offline_s", "online_s")}
@@ -291,16 +291,14 @@ def tables(scenes):
     }  # fmt: skip
 
 
-def in_short(scenes):
-    """Head and rows of the README's second table: recommended settings, and Exudyn's own methods."""
+def settings(scenes):
+    """Head and rows of the second table of the site: recommended settings, and Exudyn's own methods."""
     rows = []
     for s in scenes:
         cms, rigid = s.against_cms().values(), s.runs["rigid, Hertz"]
-        best = min(cms, key=lambda row: row["error"])
         rows.append((
-            s.name, *(s.recommended(target)[1] for target in TARGETS),
-            f"{best['error']:.0%} in {best['online_s']:.3g} s", f"{min(row['faster'] for row in cms):.0f}",
-            f"{min(row['less_error'] for row in cms):.0f}",
+            s.name, *(s.recommended(target)[1] for target in TARGETS), best_cms(s),
+            f"{min(row['faster'] for row in cms):.0f}", f"{min(row['less_error'] for row in cms):.0f}",
             f"{rigid['error']['force']:.1%} in {rigid['online_s']:.2g} s",
         ))  # fmt: skip
     head = ("scene", *(f"quickest on-line for {target:.1%}" for target in TARGETS), "best of Exudyn's CMS",
@@ -308,14 +306,29 @@ def in_short(scenes):
     return head, rows
 
 
-def write_readme(*tables):
-    """The README's tables: bodies that `tolerance=` chose, and the scenes in short."""
-    text = "\n".join(
-        "".join("| " + " | ".join(map(str, line)) + " |\n" for line in (head, ["---"] * len(head), *rows))
-        for head, rows in tables
-    )
-    before, rest = README.read_text().split(BEGIN)
-    README.write_text(before + BEGIN + text + END + rest.split(END)[1])
+def best_cms(scene):
+    """Error and time of the best run of Exudyn's bodies with GeneralContact."""
+    best = min(scene.against_cms().values(), key=lambda row: row["error"])
+    return f"{best['error']:.0%} in {best['online_s']:.3g} s"
+
+
+def in_short(scenes):
+    """Head and rows of the README's table: the bodies of a tolerance of 1 %."""
+    rows = []
+    for s in scenes:
+        (name,) = (name for name, row in s.tolerances().items() if row["tolerance"] == 0.01)
+        run = s.runs[name]
+        rows.append((
+            s.name, s.data["model"]["fe_dofs"], run["dofs"], f"{run['error']['force']:.2%}",
+            f"{run['offline_s']:.1f} s", f"{run['online_s']:.2g} s", f"{s.reference['time_s']:.0f} s", best_cms(s),
+        ))  # fmt: skip
+    head = ("scene", "FE dofs", "kept dofs", "error of the force", "off-line", "on-line", "full FE", "Exudyn's CMS")
+    return head, rows
+
+
+def markdown(head, rows):
+    """A table as text."""
+    return "".join("| " + " | ".join(map(str, line)) + " |\n" for line in (head, ["---"] * len(head), *rows))
 
 
 def main():
@@ -327,7 +340,9 @@ def main():
             table.add_row(*map(str, row))
         Console(width=200).print(table)
     pictures(scenes)
-    write_readme(list(found.values())[1], in_short(scenes))
+    write_between(README, "pareto.py, in short", markdown(*in_short(scenes)))
+    by_tolerance = list(found.values())[1]
+    write_between(PAGE, "pareto.py", "\n".join(markdown(*table) for table in (by_tolerance, settings(scenes))))
     failed = [what for scene in scenes for what in scene.failures()]
     result = {
         "scenes": {s.name: {"floor": s.floor, "mesh": s.data["mesh"]["error"], "fronts": s.fronts(),

@@ -1,11 +1,11 @@
-"""Run the rod-on-plate example at full size with every basis, store its reference, and write the README's table.
+"""Run the rod-on-plate example at full size with every basis, store its reference, and write its table on the site.
 
 Reference: the full FE model of the same mesh and integrated contact rows, 1 us HHT steps, computed by the first case.
 All cases have these rows too, except the paper's basis, which has the paper's rows, node to segment.
 Quantity: relative L2 error of contact force and velocities of P1 and P2; run times and peak memory of the same session.
 Tolerance: force 1 %, P1 0.8 %, P2 3 %, momentum 1e-6, energy 0.1 % with the default basis.
 
-    python validation/rod_on_plate.py [--keep-reference]
+    python -m validation.rod_on_plate [--keep-reference]
 """
 
 import argparse
@@ -17,12 +17,12 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+from validation.tables import PAGE, write_between
+
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples" / "rod_on_plate.py"
 RESULTS = ROOT / "validation" / "rod_on_plate.json"
-README = ROOT / "README.md"
 OUT = ROOT / "out" / "validation"
-BEGIN, END = "<!-- validation/rod_on_plate.py: begin -->\n", "<!-- validation/rod_on_plate.py: end -->\n"
 
 CASES = {
     "contact-adapted, explicit": [],
@@ -58,7 +58,7 @@ def ratio(value):
 
 
 def table(results, reference, step_error):
-    """The README's table, from results alone."""
+    """The table on the site's page of validation, from results alone."""
     head = (
         f"Rod on plate, {reference['fe_dofs']} FE dofs, {reference['contact_nodes']} contact rows, f_cut 40 kHz "
         f"unless said; the full FE reference took {reference['time']['reference_s']:.0f} s for its 5000 steps of 1 us "
@@ -98,9 +98,7 @@ def main():
         step_error = reference_step_error()
     everything = {"reference": reference, "reference_step_error": step_error, "cases": results}
     RESULTS.write_text(json.dumps(everything, indent=1) + "\n")
-    text = README.read_text()
-    before, rest = text.split(BEGIN)
-    README.write_text(before + BEGIN + table(results, reference, step_error) + END + rest.split(END)[1])
+    write_between(PAGE, "rod_on_plate.py", table(results, reference, step_error))
 
     default = results["contact-adapted, explicit"]
     failed = [key for key, limit in LIMITS.items() if default["error"][key] > limit]

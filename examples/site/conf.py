@@ -19,13 +19,13 @@ autodoc_typehints = "none"  # docstrings have the types, with shapes and units
 numpydoc_show_class_members = False
 
 
-def without_links_to_files(app, relative_path, parent_docname, content):
-    """Take links to files of the repository out of included pages; the site does not hold these files."""
-    content[0] = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)[^)]+\)", r"\1", content[0])
-    if parent_docname != "guide":  # which has README's sections
-        content[0] = content[0].replace("](#", "](guide.md#")
+def links_as_on_the_site(app, relative_path, parent_docname, content):
+    """In included pages: link to pages of the site, and take away links to files that it does not hold."""
+    text = re.sub(r"\]\(examples/site/([\w-]+\.md)", r"](\1", content[0])
+    text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|[\w-]+\.md)[^)]+\)", r"\1", text)
+    content[0] = text.replace("](#limits)", "](limits.md)")
 
 
 def setup(app):
     """Connect what changes pages as they are read."""
-    app.connect("include-read", without_links_to_files)
+    app.connect("include-read", links_as_on_the_site)

@@ -228,7 +228,7 @@ def _warn_of_ringing(contact: PartitionContact, result: Result) -> None:
                 f"the last mode. Read means over {period:.3g} s or more, not peaks. What helps: "
                 "basis='craig-bampton' with formulation='lagrange' and method='implicit'; or method='implicit', "
                 f"spectral_radius=0.3, step={0.12 * period:.2g}; or a damping ratio of 0.3 for modes above 0.7 f_cut, "
-                "damping= of CreatePartitionBody. README tells what each takes of the energy",
+                "damping= of CreatePartitionBody. The page 'Contact' of the documentation tells what each takes",
                 ModelLimitWarning,
                 stacklevel=4,
             )

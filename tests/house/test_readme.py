@@ -1,10 +1,9 @@
-"""The README and what is published with it: its programs run, its links lead somewhere, its commands parse."""
+"""The README and what is published with it: it is short, its links lead somewhere, commands parse."""
 
 import importlib
 import re
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import pytest
 
 import exudyn_partition as ep
@@ -22,14 +21,10 @@ def test_it_starts_with_two_shell_blocks_that_name_what_exists():
     assert blocks[1][1].strip().splitlines()[-1] == "python -m pytest"
 
 
-def test_its_programs_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    programs = re.findall(r"^```python\n(.*?)^```", README, re.M | re.S)
-    assert len(programs) == 2
-    for program in programs:
-        exec(compile(program, "README.md", "exec"), {"__name__": "__main__"})
-    plt.close("all")
-    assert (tmp_path / "balls.html").stat().st_size > 10_000
+def test_it_is_short_and_has_one_program():
+    """The site's test runs the program, for pages of the site go on from it."""
+    assert len(README.split()) < 1250
+    assert len(re.findall(r"^```python\n", README, re.M)) == 1
 
 
 @pytest.mark.parametrize("page", ["README.md", "examples/README.md"])
@@ -45,7 +40,8 @@ def test_links_lead_somewhere(page):
 def test_calls_in_the_table_of_commands_are_understood(tmp_path, monkeypatch, capsys):
     """A call that does not parse ends the program with 2; a file that is not there, as here, with 1."""
     monkeypatch.chdir(tmp_path)
-    calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", README, re.M)
+    page = (ROOT / "examples" / "site" / "command-line.md").read_text()
+    calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", page, re.M)
     assert len(calls) == 4
     for call in calls:
         code = cli.main(call.split())

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 import exudyn_partition as ep
@@ -16,8 +17,8 @@ PAGES = {path.stem: path.read_text() for path in sorted(SITE.glob("*.md"))}
 
 
 def test_every_page_is_in_the_table_of_contents():
-    listed = re.search(r"\{toctree\}.*?\n\n(.*?)```", PAGES["index"], re.S)[1].split()
-    assert sorted(listed) == sorted(set(PAGES) - {"index"})
+    lists = re.findall(r"\{toctree\}.*?\n\n(.*?)```", PAGES["index"], re.S)
+    assert sorted(" ".join(lists).split()) == sorted(set(PAGES) - {"index"})
 
 
 def test_the_reference_has_every_public_name():
@@ -51,13 +52,39 @@ def test_sources_are_cited():
         assert author in text or key in text, author
 
 
-def test_the_programs_beside_exudyn_s_run(tmp_path, monkeypatch):
+def programs(text):
+    return re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
+
+
+@pytest.fixture(scope="module")
+def first_program(tmp_path_factory):
+    """Names of the README's program, after it has run; the page `start` shows it."""
+    with pytest.MonkeyPatch.context() as context:
+        context.chdir(tmp_path_factory.mktemp("readme"))
+        names = {"__name__": "__main__"}
+        exec(compile(programs((ROOT / "README.md").read_text())[0], "README.md", "exec"), names)
+        plt.close("all")
+        assert Path("balls.html").stat().st_size > 10_000
+    return names
+
+
+@pytest.mark.parametrize("page", [name for name, text in PAGES.items() if programs(text)])
+def test_the_programs_of_a_page_run_one_after_the_other(page, first_program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = {}
-    programs = re.findall(r"^```python\n(.*?)^```", PAGES["ffrf"], re.M | re.S)
-    assert len(programs) == 8
-    for program in programs:
-        exec(compile(program, "ffrf.md", "exec"), names)
+    names = dict(first_program) if "first program](" in PAGES[page] else {}
+    for program in programs(PAGES[page]):
+        exec(compile(program, f"{page}.md", "exec"), names)
+    plt.close("all")
+
+
+def test_links_between_pages_lead_to_a_heading():
+    """As the build holds too, where Sphinx is."""
+    included = {"start": "A complete program", "limits": "", "contributing": "", "changes": ""}
+    for name, text in PAGES.items():
+        for page, anchor in re.findall(r"\]\(([\w-]+)\.md(?:#([\w-]+))?\)", text):
+            headings = re.findall(r"^#+ (.+)$", PAGES[page] + f"\n# {included.get(page, '')}", re.M)
+            anchors = {re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in headings}
+            assert not anchor or anchor in anchors, (name, page, anchor)
 
 
 def test_the_site_builds_without_a_warning(tmp_path):

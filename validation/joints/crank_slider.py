@@ -49,10 +49,9 @@ from examples.models.crank_slider_parts import (
 from examples.models.crank_slider_results import histories, imbalance
 from validation.joints.baselines import add_cms_link, cms_blocks, cms_link, cms_run, hertz_run
 from validation.joints.full_blocks import full_blocks
+from validation.tables import PAGE, write_between
 
 ROOT = Path(__file__).resolve().parents[2]
-README = ROOT / "README.md"
-BEGIN, END = (f"<!-- validation/joints/crank_slider.py: {x} -->\n" for x in ("begin", "end"))
 BEFORE, WINDOW = 20e-6, 0.4e-3  # [s]
 ANGLE = CONTACT_ANGLE - BEFORE * SPEED
 LIMITS = {"peak": 0.01, "impulse": 0.01, "force": 0.03, "torque": 0.02, "energy": 0.005, "integrators": 0.01}
@@ -198,7 +197,7 @@ def failures(result):
 
 
 def write_table(result):
-    """Write the README's table."""
+    """Write the table on the site's page of validation."""
     turn = result["turn"]
     lines = [
         f"Crank slider, {result['block_fe_nodes']} nodes in both blocks, first {1e3 * WINDOW:g} ms. The full FE "
@@ -215,8 +214,7 @@ def write_table(result):
             f"| {row['name']} | {row['dofs']} | {row['force']:.2%} | {row['peak']:+.2%} | {row['impulse']:+.2%} | "
             f"{row['torque']:.2%} | {row['offline_s']:.1f} s | {row['online_s']:.2g} s |"
         )
-    before, rest = README.read_text().split(BEGIN)
-    README.write_text(before + BEGIN + "\n".join(lines) + "\n" + END + rest.split(END)[1])
+    write_between(PAGE, "joints/crank_slider.py", "\n".join(lines) + "\n")
 
 
 def draw(curves, path):
@@ -237,7 +235,7 @@ def draw(curves, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the example's coarse meshes; nothing is stored")
-    parser.add_argument("--table", action="store_true", help="write the README's table from the stored results alone")
+    parser.add_argument("--table", action="store_true", help="write the table from the stored results alone")
     options = parser.parse_args()
     stored = Path(__file__).with_suffix(".json")
     if options.table:
