@@ -16,7 +16,7 @@ SPHERE_RADIUS = 0.010  # of the fixtures `sphere`, `other_sphere` and `ball` [m]
 MARBLE_RADIUS = 5e-3  # [m]
 SIZE = np.array([0.01, 0.02, 0.03])  # of the fixture `block` [m]
 TOP = (0.0, 0.0, 0.03)  # centre of its upper face [m]
-SPHERE_MATERIAL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
+SPHERE_MATERIAL = ep.Material(E=210e9, nu=0.3, rho=7850.0)
 PLACE = np.array([0.1, -0.2, 0.3])  # anywhere [m]
 TURNED = Rotation.from_rotvec([0.5, -1.0, 0.7]).as_matrix()
 SPIN = np.array([100.0, 200.0, 200.0])  # 300 in all [rad/s]

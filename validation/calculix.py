@@ -1,6 +1,6 @@
 """Two spheres by CalculiX, an independent FE code, compared with the full FE model and the contact-adapted basis.
 
-Scene: two equal steel spheres of 10 mm radius meet at 0.5 m/s (cases.md). All use the same quadratic tetrahedra.
+Scene: two equal steel spheres of 10 mm radius meet at 0.5 m/s. All use the same quadratic tetrahedra.
 CalculiX (`ccx`, Debian's calculix-ccx) has surface-to-surface contact by penalty and implicit HHT steps. Its contact
 force is what it prints for the pair (CF). Its stiffness matrix equals ours to round-off. Its mass matrix does not,
 because it is integrated at four points in an element (tests/validation/test_calculix.py). Only modes of the
@@ -61,7 +61,7 @@ RUNS = {  # of CalculiX, by mesh; those of the last mesh are judged
 }
 QUICK_RUNS = {"coarse": {"1e16 Pa/m": {}}}
 R, SPEED = 0.010, 0.5  # [m], [m/s]
-STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
+STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)
 PATCH = 0.4e-3, 0.5e-3  # radii of the patches of slave and master [m]
 STEP, F_CUT = 1e-6, 150e3
 ALPHA = 0.05  # HHT, damping; CalculiX' default

@@ -1,4 +1,7 @@
-"""Anderson acceleration of a fixed-point iteration."""
+"""Anderson acceleration of a fixed-point iteration.
+
+Theory: examples/site/theory.md, "Plastic zones".
+"""
 
 from __future__ import annotations
 

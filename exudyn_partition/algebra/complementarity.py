@@ -1,4 +1,7 @@
-"""Linear complementarity with a positive definite matrix: lambda >= 0, w = F lambda + h >= 0, lambda'w = 0."""
+"""Linear complementarity with a positive definite matrix: lambda >= 0, w = F lambda + h >= 0, lambda'w = 0.
+
+Theory: examples/site/theory.md, "Contact without a penalty".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Unilateral contact with Coulomb friction: the forces that answer given gaps and slips of contact rows."""
+"""Unilateral contact with Coulomb friction: the forces that answer given gaps and slips of contact rows.
+
+Theory: examples/site/theory.md, "Friction".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Elastic flexibility, block Krylov vectors and eigenmodes of free bodies."""
+"""Elastic flexibility, block Krylov vectors and eigenmodes of free bodies.
+
+Theory: examples/site/theory.md, "Contact-adapted".
+"""
 
 from __future__ import annotations
 

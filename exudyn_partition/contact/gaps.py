@@ -3,6 +3,8 @@
 `Gaps.jacobian` is G_C of the paper (eq. 25-27).
 
 Module `contact.patch_gaps` has the gaps to another patch, `contact.rigid` the gaps to rigid surfaces.
+
+Theory: examples/site/theory.md, "Rows of gaps".
 """
 
 from __future__ import annotations

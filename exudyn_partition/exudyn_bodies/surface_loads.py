@@ -1,4 +1,7 @@
-"""Exudyn adapter: uniform tractions on faces of a partition body."""
+"""Exudyn adapter: uniform tractions on faces of a partition body.
+
+Theory: examples/site/theory.md, "Uniform tractions".
+"""
 
 from __future__ import annotations
 

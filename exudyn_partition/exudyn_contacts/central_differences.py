@@ -1,4 +1,7 @@
-"""Multipliers of contacts and joints in Exudyn's VelocityVerlet, which has neither (paper, eq. 28 with joints, 29)."""
+"""Multipliers of contacts and joints in Exudyn's VelocityVerlet, which has neither (paper, eq. 28 with joints, 29).
+
+Theory: examples/site/theory.md, "Joints in explicit steps".
+"""
 
 from __future__ import annotations
 

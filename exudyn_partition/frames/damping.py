@@ -2,6 +2,8 @@
 
 The damping force on a mode of circular frequency omega is 2 zeta omega times the velocity of its coordinate. Rigid
 motion is not damped, because the force acts on the deformation only.
+
+Theory: examples/site/theory.md, "Damping".
 """
 
 from __future__ import annotations

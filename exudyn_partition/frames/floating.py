@@ -2,6 +2,8 @@
 
 Places and velocities of nodes (paper, eq. 1, 2a), rows B of these velocities (eq. 4a, 5a), generalised forces (eq. 8c),
 elastic forces (eq. 8d), and the velocities v = (r_t, omega, deformation) of eq. 12 and 14.
+
+Theory: examples/site/theory.md, "Floating frame".
 """
 
 from __future__ import annotations

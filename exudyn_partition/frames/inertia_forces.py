@@ -15,6 +15,8 @@ These are the paper's equations of motion of one body (eq. 6 to 9). On the right
 beforehand.
 
 Shabana, Dynamics of Multibody Systems (2013), chapter 5; mean axes: Agrawal and Shabana (1985).
+
+Theory: examples/site/theory.md, "Floating frame".
 """
 
 from __future__ import annotations

@@ -11,6 +11,8 @@ six of the block reflector
 
 (Schreiber and Parlett 1988). H maps the first six columns of the identity onto rigid motion, and changes the others by
 a matrix of rank six. If six rigid shapes stand first, E is the identity below them.
+
+Theory: examples/site/theory.md, "Floating frame".
 """
 
 from __future__ import annotations

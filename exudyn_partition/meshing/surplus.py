@@ -1,4 +1,7 @@
-"""What functions of one order more would add to an FE model, on the same elements."""
+"""What functions of one order more would add to an FE model, on the same elements.
+
+Theory: examples/site/theory.md, "The error of a mesh".
+"""
 
 from __future__ import annotations
 

@@ -6,6 +6,8 @@ the double contraction of two tensors is the scalar product of their vectors.
 References
 ----------
 J. C. Simo, T. J. R. Hughes, Computational Inelasticity, 1998, sections 3.3 and 3.4.
+
+Theory: examples/site/theory.md, "Plastic zones".
 """
 
 from __future__ import annotations

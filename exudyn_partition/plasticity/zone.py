@@ -1,4 +1,7 @@
-"""The plastic zone of a contact patch: elements that may yield, their strains and pseudo-forces (paper, region II)."""
+"""The plastic zone of a contact patch: elements that may yield, their strains and pseudo-forces (paper, region II).
+
+Theory: examples/site/theory.md, "Plastic zones".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Residual flexibility of the nodes of a plastic zone, without a solution for each of them."""
+"""Residual flexibility of the nodes of a plastic zone, without a solution for each of them.
+
+Theory: examples/site/theory.md, "Plastic zones".
+"""
 
 from __future__ import annotations
 

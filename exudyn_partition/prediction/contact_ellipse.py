@@ -1,4 +1,7 @@
-"""Semi-axes of a contact, from the forces on its rows."""
+"""Semi-axes of a contact, from the forces on its rows.
+
+Theory: examples/site/theory.md, "Hertz's impact and first yield".
+"""
 
 from __future__ import annotations
 

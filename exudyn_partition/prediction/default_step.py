@@ -1,4 +1,7 @@
-"""The default step: runs choose their steps by this rule, and estimates of a tolerance judge steps by it."""
+"""The default step: runs choose their steps by this rule, and estimates of a tolerance judge steps by it.
+
+Theory: examples/site/theory.md, "The default step".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Estimates by Hertz's theory, before there is a mesh: contact radius (paper, eq. 30), impacts, f_cut."""
+"""Estimates by Hertz's theory, before there is a mesh: contact radius (paper, eq. 30), impacts, f_cut.
+
+Theory: examples/site/theory.md, "Hertz's impact and first yield".
+"""
 
 from __future__ import annotations
 

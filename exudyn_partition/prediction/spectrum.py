@@ -1,4 +1,7 @@
-"""Frequency content of a signal, and the truncation frequency that it asks for (paper, section 5.2)."""
+"""Frequency content of a signal, and the truncation frequency that it asks for (paper, section 5.2).
+
+Theory: examples/site/theory.md, "Hertz's impact and first yield".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""First yield beneath a contact, by Hertz's field of stress on the axis (Johnson, Contact Mechanics, 3.4, 4.2, 6.1)."""
+"""First yield beneath a contact, by Hertz's field of stress on the axis (Johnson, Contact Mechanics, 3.4, 4.2, 6.1).
+
+Theory: examples/site/theory.md, "Hertz's impact and first yield".
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,8 @@ paper's basis has, are unit displacements of the nodes of the impact region (pap
 
 All bases treat interfaces for joints alike. Rigid ones are tied first (`tied`). The static answer to the six resultants
 of each interface is in the span of the shapes; where other shapes do not contain it, attachment modes are added.
+
+Theory: examples/site/theory.md, "The paper's partition basis".
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ bending stiffness is wrong by the ratio of the force and the buckling load. Both
 static answer to forces and moments between two interfaces is exact.
 
 S. P. Timoshenko, J. M. Gere, Theory of Elastic Stability, 1961, sections 1.11 and 2.1.
+
+Theory: examples/site/theory.md, "Compression".
 """
 
 from __future__ import annotations

@@ -17,6 +17,8 @@ of the change in velocity since the start.
 
 This is an estimate and no bound. It assumes that f_top is high enough for differences to become smaller and smaller
 (saturation assumption; Bank and Weiser 1985). It does not include the error of the mesh.
+
+Theory: examples/site/theory.md, "The error of a truncation".
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The free body under the loads of a scene: static answers, and the Krylov space of the contact-adapted basis."""
+"""The free body under the loads of a scene: static answers, and the Krylov space of the contact-adapted basis.
+
+Theory: examples/site/theory.md, "Contact-adapted".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""From an FE model to a reduced body: at a truncation frequency, or to a tolerance of its impact."""
+"""From an FE model to a reduced body: at a truncation frequency, or to a tolerance of its impact.
+
+Theory: examples/site/theory.md, "Residual flexibility".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The part of a body's static answer to forces that its kept shapes do not contain (mode acceleration)."""
+"""The part of a body's static answer to forces that its kept shapes do not contain (mode acceleration).
+
+Theory: examples/site/theory.md, "Stress near a contact".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The largest stable step of explicit runs."""
+"""The largest stable step of explicit runs.
+
+Theory: examples/site/theory.md, "The default step".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Gap rows of a contact pair: g = g0 + G_s u_s + G_m u_m (paper, eq. 19, 20)."""
+"""Gap rows of a contact pair: g = g0 + G_s u_s + G_m u_m (paper, eq. 19, 20).
+
+Theory: examples/site/theory.md, "Rows of gaps".
+"""
 
 from __future__ import annotations
 

@@ -52,6 +52,31 @@ def test_sources_are_cited():
         assert author in text or key in text, author
 
 
+def test_each_section_of_the_theory_is_where_docstrings_look_for_it():
+    text = "".join(path.read_text() for path in (ROOT / "exudyn_partition").rglob("*.py"))
+    cited = set(re.findall(r'examples/site/theory\.md, "(.+)"\.', text))
+    assert len(cited) > 15
+    assert cited <= set(re.findall(r"^###? (.+)$", PAGES["theory"], re.M))
+
+
+def test_files_that_sources_cite_are_in_the_repository():
+    files = [
+        path for folder in ("exudyn_partition", "validation", "examples") for path in (ROOT / folder).rglob("*.py")
+    ]
+    names = {path.name for path in ROOT.rglob("*.md") if ".venv" not in path.parts} | {
+        "report.md"
+    }  # which a script writes
+    for path in files:
+        for name in re.findall(r"\b([\w-]+\.md)\b", path.read_text()):
+            assert name in names, (path, name)
+
+
+def test_each_source_of_the_theory_is_in_the_bibliography():
+    for keys in re.findall(r"\{ref\}`\[([\w, ]+)\]", PAGES["theory"]):
+        for key in keys.split(", "):
+            assert f"**[{key}]**" in PAGES["bibliography"], key
+
+
 def programs(text):
     return re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
 

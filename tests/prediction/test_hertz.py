@@ -1,4 +1,4 @@
-"""Hertz's formulas and Zener's impacts against the values of cases.md, closed forms and limits."""
+"""Hertz's formulas and Zener's impacts against values of the closed forms, and limits."""
 
 import math
 import re
@@ -72,7 +72,7 @@ def test_impedances_alone_in_closed_form(impedance, speed):
 
 
 def test_rods_of_saint_venant():
-    """Two bars, and a bar on a wall (cases.md); a stiff contact of a heavy body comes to the same force."""
+    """Two bars, and a bar on a wall; a stiff contact of a heavy body comes to the same force."""
     bar = ep.Material(E=1.0, nu=0.0, rho=1.0)
     impedance = hertz.effective(hertz.rod_impedance(bar, 4.0), hertz.rod_impedance(bar, 4.0))
     assert hertz.impact(math.inf, 0.2, *SPHERE_ON_PLANE, impedance=impedance).peak_force == pytest.approx(0.4)

@@ -80,7 +80,7 @@ def test_contact_adapted_basis_lacks_no_more_than_the_residual_one(block, top, f
 
 
 def test_the_paper_s_basis_lacks_the_static_field(block, top):
-    """What method.md says of it: at equal truncation the free basis is far too stiff at the contact."""
+    """At equal truncation the free basis is far too stiff at the contact."""
     defect = {}
     for basis in BASES:
         body = ep.reduce(block, top, basis=basis, f_cut=80e3)

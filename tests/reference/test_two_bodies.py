@@ -28,7 +28,7 @@ def impact(bars):
 
 
 def test_two_bars(impact):
-    """cases.md: force 0.4 for 20 units of time; the velocities swap exactly."""
+    """Saint-Venant: force 0.4 for 20 units of time; the velocities swap exactly."""
     plateau = (impact.t > 2) & (impact.t < 14)
     assert impact.force[plateau].mean() == pytest.approx(0.4, rel=5e-3)
     assert impact.force[plateau].std() < 0.02 * 0.4

@@ -1,4 +1,4 @@
-"""Two meshed spheres against Hertz, and the reduced model against the full FE one (cases.md)."""
+"""Two meshed spheres against Hertz, and the reduced model against the full FE one."""
 
 import math
 

@@ -1,6 +1,6 @@
 """Longitudinal impacts of bars: two equal bars, and a bar on a rigid wall, compared with Saint-Venant's waves.
 
-Reference (cases.md): two 2 x 2 x 10 bars, E = rho = 1, nu = 0, speeds +-0.1: force 0.4, contact lasts 20, velocities
+Reference: two 2 x 2 x 10 bars, E = rho = 1, nu = 0, speeds +-0.1: force 0.4, contact lasts 20, velocities
 swap exactly. Steel bar on a wall: L = 1 m, section 3.14e-4 m2, nu = 0, gap 50 um, 0.1 m/s: contact starts at 0.5 ms,
 lasts 385.4 us, force 1270.8 N, the velocity is reversed.
 Quantity: for several f_cut, the mean force over the middle half of the contact, its start (error over the duration),

@@ -1,10 +1,10 @@
 """Impacts of spheres, and the static contact of one, compared with Hertz and with whole elastic spheres.
 
-Reference: Hertz' closed formulas (cases.md), which are for half-spaces; and the series solution for a whole elastic
+Reference: Hertz' closed formulas, which are for half-spaces; and the series solution for a whole elastic
 sphere (elastic_sphere.py), to which meshes of spheres converge. They differ by the order of contact radius over radius.
 Quantity: peak force, largest approach of the centres of mass and duration of impacts, for both kinds of rows. Meshes
 are refined in four levels and placed at random. Results are the order of convergence, and the error for a number of
-closed rows. Static, at 1e4 N (cases.md): pressure as means over the hat functions of the facets' corners, and radius of
+closed rows. Static, at 1e4 N: pressure as means over the hat functions of the facets' corners, and radius of
 the contact area. Also the pressure around each node as `PartitionContact.pressure` gives it, against Hertz at the node.
 Limits: on the finest mesh 1 % of the sphere's series for peak, approach and duration, 3 % for static pressure
 (relative L2) and radius, with the better kind of rows. Deviations from Hertz himself are reported.
@@ -127,7 +127,7 @@ def summary(runs):
 
 
 def static(level=0.15):
-    """Pressure and radius of the contact area of cases.md's static contact."""
+    """Pressure and radius of the contact area of a sphere that a force presses on a plane."""
     radius, force = 2.0, 1e4
     soft = ep.Material(E=1.40625e7, nu=0.25, rho=1000.0)
     a = ep.hertz.contact_radius(force, radius, math.inf, soft)

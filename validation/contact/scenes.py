@@ -13,7 +13,7 @@ import scipy.linalg
 import exudyn_partition as ep
 
 ROOT = Path(__file__).resolve().parents[2]
-STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)  # cases.md
+STEEL = ep.Material(E=210e9, nu=0.3, rho=7850.0)
 
 
 def sphere(radius, material, contact_radius, h, *, up=True, rng=None, spare=0.0, maxh=0.25):

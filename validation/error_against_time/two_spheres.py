@@ -1,4 +1,4 @@
-"""Error against run time: two equal steel spheres, one at rest (cases.md).
+"""Error against run time: two equal steel spheres, one at rest.
 
 Reference: the full FE model of the same mesh, HHT. Its own error is what twice its step changes, and what a finer mesh
 changes in the force of reduced bodies. Quantity: see measure.py. There are no limits here: ../pareto.py has them.

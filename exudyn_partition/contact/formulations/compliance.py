@@ -1,4 +1,7 @@
-"""Contact through the residual flexibility: a force element without penalty parameter (theory.md of the site)."""
+"""Contact through the residual flexibility: a force element without penalty parameter.
+
+Theory: examples/site/theory.md, "Contact without a penalty".
+"""
 
 from __future__ import annotations
 

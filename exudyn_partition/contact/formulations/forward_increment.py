@@ -1,4 +1,7 @@
-"""Multipliers of several contacts solved together: contacts that share bodies, or that joints connect."""
+"""Multipliers of several contacts solved together: contacts that share bodies, or that joints connect.
+
+Theory: examples/site/theory.md, "Explicit steps".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Contact through the residual flexibility with friction: an incremental problem of normal and tangential forces."""
+"""Contact through the residual flexibility with friction: an incremental problem of normal and tangential forces.
+
+Theory: examples/site/theory.md, "Friction".
+"""
 
 from __future__ import annotations
 

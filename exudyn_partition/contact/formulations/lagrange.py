@@ -1,4 +1,7 @@
-"""Contact by Lagrange multipliers on nodal coordinates, forward-increment central differences (paper, eq. 21-28)."""
+"""Contact by Lagrange multipliers on nodal coordinates, forward-increment central differences (paper, eq. 21-28).
+
+Theory: examples/site/theory.md, "Explicit steps".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Contact by a penalty: an elastic layer on the slave's patch, for comparison, and for bodies with any basis."""
+"""Contact by a penalty: an elastic layer on the slave's patch, for comparison, and for bodies with any basis.
+
+Theory: examples/site/theory.md, "Penalty and two passes".
+"""
 
 from __future__ import annotations
 

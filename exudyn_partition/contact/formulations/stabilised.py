@@ -1,4 +1,7 @@
-"""Contact by Lagrange multipliers in implicit steps, as a force element with a tangent for Newton's iteration."""
+"""Contact by Lagrange multipliers in implicit steps, as a force element with a tangent for Newton's iteration.
+
+Theory: examples/site/theory.md, "Implicit steps".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Two-pass contact: the mean of the forces for both choices of slave and master."""
+"""Two-pass contact: the mean of the forces for both choices of slave and master.
+
+Theory: examples/site/theory.md, "Penalty and two passes".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The plastic zone of a patch in a run: its present state, and how it moves the patch and the body."""
+"""The plastic zone of a patch in a run: its present state, and how it moves the patch and the body.
+
+Theory: examples/site/theory.md, "Plastic zones".
+"""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def test_floating_frames_as_inertial_ones(pair_of):
 
 @pytest.fixture(scope="module")
 def bars(tmp_path_factory):
-    """Two bars of hexahedra, 2 x 2 x 10 (cases.md), the second one upwards from the first."""
+    """Two bars of hexahedra, 2 x 2 x 10, the second one upwards from the first."""
     material = ep.Material(E=1.0, nu=0.0, rho=1.0)
     points, cells = hexahedra(3, 3, 18)
     points = points / [0.01, 0.02, 0.03] * [2, 2, 10]
@@ -108,7 +108,7 @@ def bars(tmp_path_factory):
     ("implicit", 0.05), ("implicit", 0.1), ("implicit", 0.2), ("explicit", 0.05),
 ])  # fmt: skip
 def test_two_bars_flat_on_flat(mbs, bars, method, step):
-    """cases.md: 0.4 for 20 units of time, velocities swap but for what coarse nodes carry when they meet."""
+    """Saint-Venant: 0.4 for 20 units of time, velocities swap but for what coarse nodes carry when they meet."""
     lower = ep.CreatePartitionBody(mbs, bars[0], initialVelocity=[0, 0, 0.1])
     upper = ep.CreatePartitionBody(mbs, bars[1], referencePosition=[0, 0, 10], initialVelocity=[0, 0, -0.1])
     contact = ep.CreatePartitionContact(mbs, lower, upper, formulation="lagrange")
