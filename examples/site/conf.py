@@ -1,19 +1,24 @@
 """Sphinx configuration of the site; `python -m sphinx -W -b html examples/site out/site` builds it."""
 
 import re
+import runpy
+from pathlib import Path
 
 import exudyn_partition
 
 project = "exudyn_partition"
 author = "The exudyn_partition developers"
 release = exudyn_partition.__version__
-extensions = ["myst_parser", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax"]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax"]
 exclude_patterns = ["templates"]
 html_theme = "furo"
 html_title = f"exudyn_partition {release}"
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 suppress_warnings = ["myst.header"]  # pages include sections of README below a title of their own
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
 templates_path = ["templates"]
 autodoc_typehints = "none"  # docstrings have the types, with shapes and units
 numpydoc_show_class_members = False
@@ -26,6 +31,14 @@ def links_as_on_the_site(app, relative_path, parent_docname, content):
     content[0] = text.replace("](#limits)", "](limits.md)")
 
 
+def run_the_notebook_or_not(app, config):
+    """The tutorial runs where the examples do."""
+    config.nb_execution_mode = "force" if config.run_examples else "off"
+
+
 def setup(app):
-    """Connect what changes pages as they are read."""
+    """Connect what writes pages, and what changes them as they are read."""
+    app.add_config_value("run_examples", True, "env", [bool])
+    app.connect("config-inited", run_the_notebook_or_not)
+    app.connect("builder-inited", runpy.run_path(str(Path(__file__).with_name("gallery.py")))["write_pages"])
     app.connect("include-read", links_as_on_the_site)

@@ -1,0 +1,74 @@
+"""Pages of the gallery: each example is run with `--quick`, and its page shows figures, output and source.
+
+`python -m sphinx -D run_examples=0 ...` writes the pages without a run, for builds that only check text and links.
+"""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from sphinx.errors import ExtensionError
+from sphinx.util import logging
+
+EXAMPLES = Path(__file__).resolve().parents[1]
+FOLDER = Path(__file__).resolve().parent / "gallery"  # written anew by each build
+LIST = (EXAMPLES / "README.md").read_text()  # names of all examples, in the order of learning
+NAMES = re.findall(r"^\d+\. \[`(\w+)\.py`\]", LIST, re.M)
+LIMIT_S = 300.0
+
+
+def write_pages(app):
+    """Write the gallery's index, a page for each example, and the tutorial; run the examples if asked to."""
+    FOLDER.mkdir(exist_ok=True)
+    printed = dict.fromkeys(NAMES, "")
+    if app.config.run_examples:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            printed = dict(zip(NAMES, pool.map(run, NAMES), strict=True))
+    pages = {"index": index(), **{name: page(name, printed[name]) for name in NAMES}}
+    for name, text in pages.items():
+        (FOLDER / f"{name}.md").write_text(text, encoding="utf-8")
+    notebook = (EXAMPLES / "tutorial.ipynb").read_text(encoding="utf-8")
+    (FOLDER / "tutorial.ipynb").write_text(as_on_the_site(notebook), encoding="utf-8")
+
+
+def as_on_the_site(text):
+    """Let links to examples lead to their pages, and take those to other files away."""
+    text = re.sub(r"\]\((\w+)\.(?:py|ipynb)\)", r"](\1)", text).replace("](README.md)", "](index)")
+    for name in re.findall(r"\]\((\w+)\)", text):
+        text = text.replace(f"]({name})", f"]({name}.{'ipynb' if name == 'tutorial' else 'md'})")
+    return re.sub(r"\[([^\]]+)\]\(models[^)]*\)", r"\1", text)
+
+
+def index():
+    """The list of examples, and where they stand in the table of contents."""
+    toc = "\n".join(["tutorial", *NAMES])
+    return f"{as_on_the_site(LIST)}\n```{{toctree}}\n:hidden:\n\n{toc}\n```\n"
+
+
+def run(name):
+    """Run an example; returns what it printed, without the path of its figure."""
+    logging.getLogger(__name__).info("running %s.py", name)
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), "--quick", "--out", str(FOLDER / name)]
+    environment = {**os.environ, "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, env=environment, check=True)
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+        raise ExtensionError(f"examples/{name}.py failed: {error}\n{(error.stderr or '')[-2000:]}") from error
+    return "\n".join(line for line in done.stdout.splitlines() if not line.endswith(".png"))
+
+
+def page(name, printed):
+    """A page: what the example is, its figures, what it printed, and its source."""
+    what = ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")))
+    parts = [f"# {name.replace('_', ' ').capitalize()}", what]
+    if printed:
+        figures = sorted(path.name for path in (FOLDER / name).glob("*.png"))
+        parts += [f"With `--quick`, `python examples/{name}.py` draws and prints:"]
+        parts += [f"```{{image}} {name}/{figure}\n:alt: {figure}\n```" for figure in figures]
+        parts += [f"```text\n{printed}\n```"]
+    parts += [f"```{{literalinclude}} ../../{name}.py\n:language: python\n```"]
+    return "\n\n".join(parts) + "\n"
