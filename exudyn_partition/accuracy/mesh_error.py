@@ -1,4 +1,4 @@
-"""Estimate of the error that the meshes of two bodies make in their impact, by functions of one order more.
+"""Estimate of the error that the meshes of bodies make in their impact, by functions of one order more.
 
 The functions s that the next order adds on the same elements (hierarchical surplus) have the residuals
 
@@ -27,20 +27,16 @@ import scipy.sparse as sp
 
 from ..algebra.factorisation import one_blas_thread
 from ..algebra.krylov import FreeBodyFlexibility
+from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
-from ..fe.patches import Patch
-from ..fe.shapes import FACET_NODES
 from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
 from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
-from ..reduction.loads import patch_slice
 from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_type
-from ..surfaces.points import ContactPoints
-from ..surfaces.rows import pair_surfaces
-from ..surfaces.surface import Surface
+from .modal_pair import Pair, Side, impact_of
 
 _STEPS, _SOLVED = 40, 1e-3  # of conjugate gradients; relative residual
 _LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
@@ -57,15 +53,20 @@ class MeshEstimate:
         Error of the contact force.
     velocity : float
         Error of the velocities of the bodies, in the norm of the kinetic energy, relative to their change.
-    of_bodies : (float, float)
-        Error of the force by the mesh of each body alone.
+    of_bodies : (float, ...)
+        Error of the force by the mesh of each body alone, the slave first.
+    far, local : (float, ...)
+        The larger error of force and velocity, by what the mesh of each body changes in its modes alone, and in the
+        static answer of its contact alone. So they tell whether to refine far from the contact or near to it.
     speed, duration : float
         Of the impact [m/s], [s].
     """
 
     force: float
     velocity: float
-    of_bodies: tuple[float, float]
+    of_bodies: tuple[float, ...]
+    far: tuple[float, ...]
+    local: tuple[float, ...]
     speed: float
     duration: float
 
@@ -75,61 +76,27 @@ class MeshEstimate:
         return max(self.force, self.velocity)
 
 
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """A body in the impact.
-
-    Parameters
-    ----------
-    fem : FEModel
-    body : ReducedBody
-    on_patch : (nr, 3 np) csr matrix
-        Rows of the contact on the displacements of the patch's nodes.
-    patch : Patch
-    residual : (nr, nr) array
-        Residual flexibility at the rows [m/N].
-    corners, local, normals : (p, 3) int array, (p, 2) array, (p, 3) array
-        Facets' corner nodes, places in the facets, and directions of the contact points.
-    mean : (nr, p) csr matrix
-        Weights of the points in each row.
-    """
-
-    fem: FEModel
-    body: ReducedBody
-    on_patch: sp.csr_matrix
-    patch: Patch
-    residual: Array
-    corners: Array
-    local: Array
-    normals: Array
-    mean: sp.csr_matrix
-
-    @property
-    def gaps(self) -> Array:
-        """(nr, ns) array: gaps of the rows by the coordinates."""
-        return np.asarray(self.on_patch @ self.body.basis.shapes[node_dofs(self.patch.nodes)])
-
-
 def mesh_error(
-    slave: tuple[FEModel, ReducedBody],
-    master: tuple[FEModel, ReducedBody],
+    slave: Pair,
+    master: Pair | RigidSurface,
     *,
     speed: float,
     duration: float | None = None,
     patches: tuple[int | str | None, int | str | None] = (None, None),
 ) -> MeshEstimate:
-    """Estimate the error of the meshes of two reduced bodies in their frictionless impact on each other.
+    """Estimate the error of the meshes of reduced bodies in a frictionless impact, of two or on a rigid surface.
 
     Parameters
     ----------
-    slave, master : (FEModel, ReducedBody)
+    slave : (FEModel, ReducedBody)
+    master : (FEModel, ReducedBody), RigidPlane, RigidSphere or RigidCylinder
         Placed where they touch, or apart along their line of contact, as for `reduce_pair`.
     speed : float
         Approach speed along the line of contact [m/s].
     duration : float, optional
         [s]; default: that of the bodies' `estimate`, needed if they have none.
     patches : (int or str, int or str), optional
-        Which patches meet, if a body has several.
+        Which patches meet, if a body has several; a rigid surface has none.
 
     Returns
     -------
@@ -148,43 +115,67 @@ def mesh_error(
     -----
     It costs a factorisation of each body, and solutions for its rows and shapes: `validation/mesh/effectivity.py`.
     """
-    for name, pair in (("slave", slave), ("master", master)):
-        _check(name, pair)
+    _check("slave", slave)
+    pairs, rigid = [slave], None
+    if isinstance(master, (RigidPlane, RigidSphere, RigidCylinder)):
+        rigid = master
+    else:
+        _check("master", master, ", or a RigidPlane, RigidSphere or RigidCylinder")
+        pairs.append(master)  # type: ignore[arg-type]
     if not isinstance(patches, tuple | list) or len(patches) != 2:
         raise InputError(f"patches: expected the slave's and the master's, two names or numbers, got {patches!r}")
+    if rigid is not None and patches[1] is not None:
+        raise InputError(f"patches: a {type(rigid).__name__} has none, expected None for it, got {patches[1]!r}")
     speed = validate_positive("speed", speed, "m/s")
     if duration is None:
-        known = [body.estimate.duration for _, body in (slave, master) if body.estimate is not None]
+        known = [body.estimate.duration for _, body in pairs if body.estimate is not None]
         if not known:
             raise InputError("duration: expected one [s], because the bodies were not reduced to a tolerance")
         duration = max(known)
     duration = validate_positive("duration", duration, "s")
-    numbers = [body.partition.patch(key) for (_, body), key in zip((slave, master), patches, strict=True)]
+    numbers = [body.partition.patch(key) for (_, body), key in zip(pairs, patches, strict=False)]
     with one_blas_thread():
-        sides, impact = _impact((slave, master), numbers, speed)
-        corrections = [_correction(side) for side in sides]
-        f_cut = min(body.f_cut for _, body in (slave, master))
-        both, _ = _corrected(impact, corrections, (True, True))
-        step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
-        _, force, velocity = impact.run(duration, step)
-        errors = []
-        for kept in ((True, True), (True, False), (False, True)):
-            better_impact, turn = _corrected(impact, corrections, kept)
-            _, better, better_velocity = better_impact.run(duration, step)
-            better_velocity = better_velocity @ turn.T
-            scale = np.linalg.norm(better_velocity - better_velocity[0])
-            errors.append(
-                (
-                    float(np.linalg.norm(force - better) / np.linalg.norm(better)),
-                    float(np.linalg.norm(velocity - better_velocity) / scale),
-                )
-            )
-    return MeshEstimate(*errors[0], (errors[1][0], errors[2][0]), speed, duration)
+        return estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration)
 
 
-def _check(name: str, pair: object) -> None:
+def estimate_of(sides: Sequence[Side], impact: Impact, speed: float, duration: float) -> MeshEstimate:
+    """Do the work of `mesh_error`, for what `impact_of` returns."""
+    corrections = [_correction(side) for side in sides]
+    n = len(sides)
+    f_cut = min(side.body.f_cut for side in sides)
+    whole = [(True, True)] * n
+    both, _ = _corrected(impact, corrections, whole)
+    step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
+    _, force, velocity = impact.run(duration, step)
+
+    def change(kept: Sequence[tuple[bool, bool]]) -> tuple[float, float]:
+        """Relative change of force and velocity by some of the corrections."""
+        better_impact, turn = _corrected(impact, corrections, kept)
+        _, better, better_velocity = better_impact.run(duration, step)
+        better_velocity = better_velocity @ turn.T
+        scale = np.linalg.norm(better_velocity - better_velocity[0])
+        return (
+            float(np.linalg.norm(force - better) / np.linalg.norm(better)),
+            float(np.linalg.norm(velocity - better_velocity) / scale),
+        )
+
+    def of_each(far: bool, local: bool) -> list[tuple[float, float]]:
+        return [change([(far, local) if i == j else (False, False) for j in range(n)]) for i in range(n)]
+
+    together = change(whole)
+    return MeshEstimate(
+        *together,
+        of_bodies=tuple(force for force, _ in of_each(True, True)) if n > 1 else together[:1],
+        far=tuple(map(max, of_each(True, False))),
+        local=tuple(map(max, of_each(False, True))),
+        speed=speed,
+        duration=duration,
+    )
+
+
+def _check(name: str, pair: object, others: str = "") -> None:
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        raise InputError(f"{name}: expected (FEModel, ReducedBody), got {type(pair).__name__}")
+        raise InputError(f"{name}: expected (FEModel, ReducedBody){others}, got {type(pair).__name__}")
     fem, body = pair
     validate_type(f"{name}[0]", fem, FEModel, "fe_model()")
     validate_type(f"{name}[1]", body, ReducedBody, "reduce()")
@@ -195,45 +186,6 @@ def _check(name: str, pair: object) -> None:
             f"{name}: expected a body with basis 'contact-adapted' or 'residual', got {body.basis.name!r}, whose "
             "contact has no residual flexibility"
         )
-
-
-def _impact(
-    pairs: Sequence[tuple[FEModel, ReducedBody]], numbers: Sequence[int], speed: float
-) -> tuple[list[_Side], Impact]:
-    """Both sides and their impact, at the place where they touch."""
-    surfaces = [
-        Surface.of(fem.points, body.partition.patches[i], np.zeros(3))
-        for (fem, body), i in zip(pairs, numbers, strict=True)
-    ]
-    contact = pair_surfaces(surfaces[0], surfaces[1], placed_by="the points of its mesh, which are taken as they are")
-    sizes = [len(surface.points) for surface in surfaces]
-    points: ContactPoints = contact.points
-    places = (
-        (points.nodes, points.weights @ FACET_NODES[points.nodes.shape[1]], contact.normals),
-        (contact.master, contact.local, -contact.normals),
-    )
-    sides = []
-    for (fem, body), i, on_patch, weight, (nodes, local, normals) in zip(
-        pairs, numbers, contact.matrices(*sizes), contact.interpolation(*sizes), places, strict=True
-    ):
-        patch, own = body.partition.patches[i], patch_slice(body.partition, i)
-        to_rows = on_patch if patch.axes == "xyz" else weight
-        assert body.basis.flexibility is not None
-        residual = to_rows @ body.basis.flexibility[own, own] @ to_rows.T
-        corners = patch.nodes[nodes[:, :3]]
-        sides.append(_Side(fem, body, on_patch, patch, residual, corners, local, normals, points.mean))
-    first = pairs[0][1]
-    velocity = np.zeros(sum(body.n_dofs for _, body in pairs))
-    velocity[: first.n_dofs] = first.rigid @ np.r_[speed * contact.approach, np.zeros(3)]
-    impact = Impact(
-        gap=contact.gap - contact.gap.min(),
-        H=np.hstack([side.gaps for side in sides]),
-        F=sides[0].residual + sides[1].residual,
-        omega=np.concatenate([body.basis.omega for _, body in pairs]),
-        velocity=velocity,
-        size=surfaces[0].facet_size,
-    )
-    return sides, impact
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +210,7 @@ class _Correction:
     flexibility: Array
 
 
-def _correction(side: _Side) -> _Correction:
+def _correction(side: Side) -> _Correction:
     """What the surplus changes of a body; see the module."""
     fem, basis = side.fem, side.body.basis
     surplus = surplus_of(fem)
@@ -290,7 +242,7 @@ def _correction(side: _Side) -> _Correction:
     return _Correction(turn, new, gaps, E[m:, m:])
 
 
-def _loads(side: _Side, surplus: Surplus) -> tuple[Array, Array]:
+def _loads(side: Side, surplus: Surplus) -> tuple[Array, Array]:
     """Forces of the rows on the nodes, (3n, nr), and on the functions of the surplus, (3 s, nr)."""
     n, dofs = len(side.patch.nodes), node_dofs(side.patch.nodes)
     on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
@@ -301,17 +253,20 @@ def _loads(side: _Side, surplus: Surplus) -> tuple[Array, Array]:
     return (side.on_patch @ on_body).T.toarray(), on_surplus.T.toarray()
 
 
-def _corrected(impact: Impact, corrections: Sequence[_Correction], kept: Sequence[bool]) -> tuple[Impact, Array]:
-    """The impact with the corrections of one or both bodies, and its coordinates by the old ones."""
+def _corrected(
+    impact: Impact, corrections: Sequence[_Correction], kept: Sequence[tuple[bool, bool]]
+) -> tuple[Impact, Array]:
+    """The impact with some corrections, of each body's modes and of its static answer; its coordinates by the old."""
     n = len(impact.omega)
     turn, squares, H, F = np.eye(n), impact.omega**2, impact.H.copy(), impact.F.copy()
     start = 0
-    for by, use in zip(corrections, kept, strict=True):
+    for by, (far, local) in zip(corrections, kept, strict=True):
         own = slice(start, start + len(by.squares))
         start = own.stop
-        if use:
+        if far:
             turn[own, own], squares[own] = by.turn, by.squares
             H[:, own] = (H[:, own] + by.gaps) @ by.turn
+        if local:
             F += by.flexibility
     velocity = turn.T @ impact.velocity
     return replace(impact, omega=np.sqrt(squares), H=H, F=F, velocity=velocity), turn
