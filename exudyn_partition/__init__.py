@@ -36,6 +36,8 @@ _HOMES = {
     "reduction.body": ("ReducedBody", "load_body"),
     "reduction.reduction": ("reduce", "reduce_pair"),
     "reduction.estimate": ("Estimate",),
+    "accuracy.design": ("design_impact",),
+    "accuracy.impact_design": ("ImpactDesign",),
     "accuracy.mesh_error": ("mesh_error",),
     "reduction.recovery": ("StrainGauge",),
     "frames.damping": ("Rayleigh",),

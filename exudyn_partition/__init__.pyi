@@ -2,6 +2,8 @@
 
 from . import errors, reference
 from ._version import __version__ as __version__
+from .accuracy.design import design_impact
+from .accuracy.impact_design import ImpactDesign
 from .accuracy.mesh_error import mesh_error
 from .algebra.coulomb import Coulomb
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere

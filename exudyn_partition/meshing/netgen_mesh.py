@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError, MeshError, UnitsWarning
 from ..support.arrays import Array
-from ..support.checks import validate_file, validate_number, validate_positive
+from ..support.checks import validate_file, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolveMesh, Shape, ShapeSurface
 from ..support.optional import require
 from ..support.progress import pulsing
@@ -171,3 +171,45 @@ def read_step(path: Path) -> Shape:
 def scaled(shape: Shape, scale: float) -> Shape:
     """Shape with all lengths times a factor."""
     return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape
+
+
+def shape_of(source: Shape | str | Path, scale: float, name: str = "source") -> Shape:
+    """OCC shape, also of a STEP file, with all lengths times `scale`.
+
+    Raises
+    ------
+    InputError
+        If it is neither a shape nor a STEP file.
+    MeshError
+        If it has no solid.
+    """
+    if not isinstance(source, require("netgen.occ").TopoDS_Shape):
+        if not isinstance(source, str | Path):
+            raise InputError(
+                f"{name}: expected an OCC shape of netgen.occ or the path of a STEP file, got {type(source).__name__}"
+            )
+        path = validate_path(name, source)
+        if path.suffix.lower() not in ENDINGS:
+            raise InputError(f"{name}: expected a STEP file ({', '.join(ENDINGS)}), got {path}")
+        source = read_step(path)
+    if not len(source.solids):
+        raise MeshError(f"{name}: expected a solid, got none: its faces enclose no volume, or some are missing")
+    return scaled(source, scale)
+
+
+def distances(shape: Shape, points: Array) -> Array:
+    """Distances of points, (k, 3) [m], from the surface of a shape, (k,) [m], never negative."""
+    occ = require("netgen.occ")
+    vertices = [occ.Vertex(occ.Pnt(*map(float, point))) for point in points]
+    return np.array([min(face.Distance(vertex) for face in shape.faces) for vertex in vertices])
+
+
+def share_of_cube(shape: Shape, center: Array, side: float) -> tuple[float, Array]:
+    """Share of a cube's volume that lies within a shape, and the middle of that share, (3,) [m]."""
+    occ = require("netgen.occ")
+    middle = occ.Pnt(*map(float, center))
+    low, high = (occ.Pnt(*map(float, center + sign * side / 2)) for sign in (-1, 1))
+    # Turned, because cuts are less safe where faces coincide.
+    part = shape * occ.Box(low, high).Rotate(occ.Axis(middle, occ.Dir(0.31, 0.53, 0.79)), 41.0)
+    middle = part.center
+    return part.mass / side**3, np.array([middle.x, middle.y, middle.z])

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +48,8 @@ from .loads import patch_slice
 _LOG = logging.getLogger(__name__)
 
 PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
+PARTNER = "the rigid surface"  # the same, if it is known
+RigidGaps = Callable[[Array], Array]  # points, (k, 3) [m], to gaps, (k,) [m]
 
 _AIM = 1.5  # trusted accuracy of an estimate: it must be below the tolerance by this factor
 _SETTLED = 3  # the mobilities of the richer bodies converge to this multiple of the tolerance
@@ -76,7 +78,7 @@ class Estimate:
     duration : float
         [s]
     against : str
-        The partner with the largest error: "a rigid plane", "a rigid sphere" or "the other body".
+        The partner with the largest error: "a rigid plane", "a rigid sphere", "the rigid surface" or "the other body".
     tolerance : float
         Tolerance of the user.
     limit : str
@@ -117,14 +119,20 @@ class Sliding:
 
 
 def impacts_of(
-    spaces: Sequence[AdaptedSpace], f_top: float, patches: Sequence[int], speed: float, sliding: Sliding | None = None
+    spaces: Sequence[AdaptedSpace],
+    f_top: float,
+    patches: Sequence[int],
+    speed: float,
+    sliding: Sliding | None = None,
+    rigid: RigidGaps | None = None,
 ) -> dict[str, Impact]:
     """Impacts of one body on something rigid, or of two on each other, with Ritz pairs up to 1.5 `f_top`.
 
     The keys of the result name the partners. Two bodies are moved along their line of contact until they touch; only
     their relative velocity matters. A single body hits a rigid plane. A flat patch would meet the plane everywhere at
     once, so it first hits a rigid sphere whose Hertz contact just fills the patch. The radius of that sphere is
-    (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a (eq. 30 and `hertz.impact`).
+    (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a (eq. 30 and `hertz.impact`). If the rigid partner is known,
+    `rigid` gives the gaps to it, (k,) [m], at points, (k, 3) [m].
     """
     pairs = [space.pairs(f_top) for space in spaces]
     surfaces = [
@@ -134,7 +142,8 @@ def impacts_of(
     if len(spaces) == 1:
         (surface,) = surfaces
         line = surface.direction
-        gaps = _gaps_to_rigid(surface, spaces[0].fem, speed)
+        known = rigid and {PARTNER: rigid(surface.points)}
+        gaps = known or _gaps_to_rigid(surface, spaces[0].fem, speed)
         n = len(surface.points)
         rows = [-sp.kron(sp.identity(n), line[None], format="csr")]
         weights = [sp.identity(n, format="csr")]
@@ -229,6 +238,7 @@ def grow_to_tolerance(
     speed: float,
     duration: float | None,
     sliding: Sliding | None = None,
+    rigid: RigidGaps | None = None,
     progress: Progress | None = None,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
@@ -249,6 +259,8 @@ def grow_to_tolerance(
         [s]; default: 30 crossings of a longitudinal wave through the larger body.
     sliding : Sliding, optional
         Of a pair that hits at an angle with friction.
+    rigid : callable, optional
+        Gaps to the rigid partner of a body alone, if it is known; see `impacts_of`.
 
     Returns
     -------
@@ -277,7 +289,7 @@ def grow_to_tolerance(
         impacts = {
             (i, other): impact
             for i, numbers in enumerate(patches)
-            for other, impact in impacts_of(spaces, f_top, numbers, speed, sliding).items()
+            for other, impact in impacts_of(spaces, f_top, numbers, speed, sliding, rigid).items()
         }
         flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
         found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])

@@ -27,7 +27,7 @@ from ..support.progress import Progress, shown
 from . import basis as bases
 from .basis import BasisName, ReducedBasis
 from .body import FILE, ReducedBody
-from .estimate import Estimate, Sliding, grow_to_tolerance, warn_if_missed
+from .estimate import Estimate, RigidGaps, Sliding, grow_to_tolerance, warn_if_missed
 from .inertia import InertiaIntegrals
 from .memory import watched
 
@@ -151,7 +151,7 @@ def reduce(
             raise InputError("tolerance: the partition has no contact patch whose force could be judged; give f_cut")
         inputs |= options
         with shown(progress, "reduce to a tolerance") as report:
-            (body,) = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, patches, options, report))
+            (body,) = cached(cache, inputs, FILE, lambda: reduce_to_tolerance(models, patches, options, report))
         warn_if_missed(body.estimate)
     return body
 
@@ -226,7 +226,7 @@ def reduce_pair(
         options["sliding"] = sliding
     inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
     with shown(progress, "reduce a pair") as report:
-        first, second = cached(cache, inputs, FILE, lambda: _reduce_to_tolerance(models, [numbers], options, report))
+        first, second = cached(cache, inputs, FILE, lambda: reduce_to_tolerance(models, [numbers], options, report))
     warn_if_missed(first.estimate)
     return first, second
 
@@ -311,15 +311,17 @@ def _reduce(
         return _body(fem, partition, reduced, f_cut, begin)
 
 
-def _reduce_to_tolerance(
-    models: list[tuple[FEModel, Partition]],
-    patches: list[list[int]],
+def reduce_to_tolerance(
+    models: Sequence[tuple[FEModel, Partition]],
+    patches: Sequence[Sequence[int]],
     options: ImpactOptions,
-    progress: Progress | None,
+    progress: Progress | None = None,
+    rigid: RigidGaps | None = None,
 ) -> tuple[ReducedBody, ...]:
+    """Do the work of `reduce` and `reduce_pair` for a tolerance, without warnings; see `grow_to_tolerance`."""
     begin = time.perf_counter()
     with watched(models, "contact-adapted"), one_blas_thread():
-        spaces, estimate = grow_to_tolerance(models, patches, **options, progress=progress)
+        spaces, estimate = grow_to_tolerance(models, patches, **options, rigid=rigid, progress=progress)
         reduced = [bases.adapted_basis(space, estimate.f_cut, "a smaller tolerance keeps more") for space in spaces]
         bodies = [_body(*model, r, estimate.f_cut, begin, estimate) for model, r in zip(models, reduced, strict=True)]
     share = (time.perf_counter() - begin) / len(bodies)

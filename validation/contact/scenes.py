@@ -81,13 +81,13 @@ def _is_curve(values):
     return not any(isinstance(v, dict) for v in values)
 
 
-def finish(script, result, failed):
-    """Write the JSON result beside the script; exit with a message if limits are missed."""
+def finish(script, result, failed, out=None):
+    """Write the JSON result beside the script, or to `out`; exit with a message if limits are missed."""
     machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
     result = {
         **without_curves(json.loads(json.dumps(result, default=float))),
         "beyond_limits": failed,
         "machine": machine,
     }
-    Path(script).with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    (out or Path(script).with_suffix(".json")).write_text(json.dumps(result, indent=1) + "\n")
     sys.exit(f"beyond the stated limits: {'; '.join(failed)}" if failed else 0)

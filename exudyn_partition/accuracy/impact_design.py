@@ -1,0 +1,174 @@
+"""What `design_impact` returns: FE models, bodies and step of an impact, with what was chosen and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ..fe.model import FEModel
+from ..fe.partition import Partition
+from ..reduction.body import ReducedBody
+from ..reduction.estimate import Estimate
+from .contact_place import ContactPlace
+from .mesh_error import MeshEstimate
+from .mesh_rules import Sizes
+
+TRUST = 1.25  # the estimated sum must be below the tolerance by this factor
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One set of meshes, and what it tells.
+
+    Parameters
+    ----------
+    sizes : tuple of Sizes
+        Of the elements of each body.
+    dofs : tuple of int
+        Of each FE model.
+    circle : float
+        Radius of the contact at the peak of the force, of a circle of the same area [m].
+    peak : float
+        Of the force [N].
+    frequency : float
+        Below which 99 % of the force's energy lies [Hz].
+    truncation : Estimate
+        Estimated errors of truncation and step together.
+    mesh : MeshEstimate or None
+        Estimated errors of the meshes; None on the first look.
+    step : float
+        [s]
+    step_error : float
+        Error of the force by the step alone, by comparison with a quarter of it.
+    seconds : dict of str to float
+        Times [s].
+    """
+
+    sizes: tuple[Sizes, ...]
+    dofs: tuple[int, ...]
+    circle: float
+    peak: float
+    frequency: float
+    truncation: Estimate
+    mesh: MeshEstimate | None
+    step: float
+    step_error: float
+    seconds: dict[str, float]
+
+    @property
+    def force(self) -> float:
+        """Estimated error of the force by all together."""
+        return self.truncation.force + (self.mesh.force if self.mesh else 0.0)
+
+    @property
+    def velocity(self) -> float:
+        """Estimated error of the velocities by all together."""
+        return self.truncation.velocity + (self.mesh.velocity if self.mesh else 0.0)
+
+    @property
+    def error(self) -> float:
+        """The larger one of force and velocity."""
+        return max(self.force, self.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactDesign:
+    """FE models, bodies and step of an impact, whose total error is estimated. `print` it for a table.
+
+    The estimate is the sum of those of the meshes and of the truncation with the step. It is no bound:
+    `validation/mesh/design.py` shows it beside the true error.
+
+    Parameters
+    ----------
+    fems : tuple of FEModel
+        One, or two: of the first and of the second body.
+    partitions : tuple of Partition
+    bodies : tuple of ReducedBody
+        For `CreatePartitionBody`. The first one is the slave of the contact, `passes="given"`.
+    look : Look
+        The meshes that were chosen, and their estimates.
+    looks : tuple of Look
+        All that were tried, the first look first.
+    tolerance, speed, duration : float
+        What was asked for: relative error, [m/s], [s].
+    place : ContactPlace
+        Points, normal and curvatures of the contact.
+    limit : str
+        Why the estimate is above the tolerance over 1.25; empty if it is not.
+    """
+
+    fems: tuple[FEModel, ...]
+    partitions: tuple[Partition, ...]
+    bodies: tuple[ReducedBody, ...]
+    look: Look
+    looks: tuple[Look, ...]
+    tolerance: float
+    speed: float
+    duration: float
+    place: ContactPlace
+    limit: str = ""
+
+    @property
+    def step(self) -> float:
+        """Step of the run, for `solve_dynamic` [s]."""
+        return self.look.step
+
+    @property
+    def error(self) -> float:
+        """Estimated total error: the larger one of force and velocity."""
+        return self.look.error
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Times of meshing, assembly, reduction and estimates of all looks [s]."""
+        names = dict.fromkeys(name for look in self.looks for name in look.seconds)
+        return {name: sum(look.seconds[name] for look in self.looks) for name in names}
+
+    def __str__(self) -> str:
+        look, mesh = self.look, self.look.mesh
+        assert mesh is not None
+        low, high = self.place.curvatures
+        long, short = self.place.semi_axes(look.circle)
+        shape = f"{_mm(look.circle)}" if long < 1.1 * short else f"{_mm(long)} by {_mm(short)}"
+        rows = [
+            ("contact radius", shape, f"at {look.peak:.4g} N, relative radii {_mm(1 / high)} and {_mm(1 / low)}"),
+            ("pulse", f"{1e-3 * look.frequency:.3g} kHz", "99 % of the force's energy lies below"),
+        ]
+        for i, (sizes, dofs) in enumerate(zip(look.sizes, look.dofs, strict=True)):
+            elements = f"{_mm(sizes.far)}, order {sizes.order}"
+            rows += [
+                (f"body {i + 1}: elements", elements, f"by {sizes.why}"),
+                ("  at the contact", _mm(sizes.near), f"{dofs} dofs, reduced to {self.bodies[i].n_dofs}"),
+                ("  error by its mesh", f"{mesh.of_bodies[i]:.2%}", f"far {mesh.far[i]:.2%}, near {mesh.local[i]:.2%}"),
+            ]
+        cut = f"f_cut {1e-3 * look.truncation.f_cut:.3g} kHz"
+        rows += [
+            ("error by the meshes", f"{mesh.error:.2%}", f"force {mesh.force:.2%}, velocity {mesh.velocity:.2%}"),
+            (
+                "  by truncation and step",
+                f"{look.truncation.error:.2%}",
+                f"{cut}; the step alone {look.step_error:.2%}",
+            ),
+            ("  in all", f"{self.error:.2%}", f"asked for {self.tolerance:.2%}, {self.limit and 'not '}reached"),
+            (
+                "step",
+                f"{1e6 * self.step:.3g} us",
+                f"{self.duration / self.step:.0f} steps in {1e3 * self.duration:.3g} ms",
+            ),
+            ("time", f"{sum(self.seconds.values()):.1f} s", self._times()),
+        ]
+        return "\n".join([*_columns(rows), *([f"limit: {self.limit}"] if self.limit else [])])
+
+    def _times(self) -> str:
+        return f"{len(self.looks)} meshings: " + ", ".join(f"{name} {x:.1f} s" for name, x in self.seconds.items())
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.3g} mm"
+
+
+def _columns(rows: Iterable[tuple[str, ...]]) -> list[str]:
+    """Lines of a table with columns as wide as their longest entry."""
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True)).rstrip() for row in rows]

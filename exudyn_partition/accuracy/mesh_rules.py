@@ -1,0 +1,146 @@
+"""Sizes of elements by rule: from the wavelengths of an impact far from the contact, and from its radius there.
+
+Far: a wave takes four elements. The frequency is the one below which 99 % of the force's energy lies. The wave is a
+bending wave in walls that are thinner than half of it and that few elements span, and a shear wave elsewhere. Elements
+of such walls are cubic: one or two layers of quadratic ones cannot hold the parabolic shear of a plate that bends.
+Near: quadratic elements of 0.6 contact radii, cubic ones of 0.9, within 1.5 radii; then elements grow.
+
+These sizes make an error of a few percent at most. The tolerance changes them by the rates below; the estimate decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.optimize
+
+from ..errors import InputError
+from ..fe.material import Material
+from ..fe.model import FEModel
+from ..fe.walls import Wall, bending_frequency
+from ..prediction.spectrum import truncation_frequency
+from ..support.arrays import Array
+from ..support.foreign import NGSolveMesh
+
+GRADING = {2: 0.4, 3: 0.5}  # growth of elements away from the contact, by order
+REFINED = 1.5  # radius of the refined ball, by the larger semi-axis of the contact
+REACH = (1.5, 2.0)  # radii of the patches of the first and of the second body, by the same; half an element is added
+
+_OF_A_WAVE = 4  # elements
+_LOCAL = {2: 0.6, 3: 0.9}  # elements at the contact, by order and smaller semi-axis
+_FIRST_LOOK = 12  # elements in the longest side of a body, on its first mesh
+_LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadratic ones are enough
+_FEWEST = 3  # elements in the shortest side of a stocky body
+_ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
+# Tolerances for which the rules are, and powers of it that far and near sizes follow.
+_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 4
+_FAR_RATE, _NEAR_RATE = 2.0, 2.5  # powers by which errors fall with these sizes, at least
+_LEAST_CHANGE, _MOST_CHANGE = 0.85, 0.45  # of a size in one refinement
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How a body is meshed.
+
+    Parameters
+    ----------
+    order : {2, 3}
+        Of its elements.
+    far : float
+        Largest elements [m].
+    near : float
+        Elements at the contact [m].
+    why : str
+        What decided on order and far size.
+    """
+
+    order: int
+    far: float
+    near: float
+    why: str
+
+    def finer(self, far: float | None, near: float | None, wall: Wall) -> Sizes:
+        """Smaller elements, by the ratios of allowed and estimated errors, far and near; None leaves a size.
+
+        Quadratic elements become cubic where the error is far and few of them span a `wall`.
+        """
+        sizes = self if (far, near) == (None, None) else replace(self, why="the estimate")
+        if far is not None and self.order == 2 and math.isfinite(wall.thickness):
+            return replace(sizes, order=3, near=self.near * _LOCAL[3] / _LOCAL[2])
+        if far is not None:
+            sizes = replace(sizes, far=self.far * _factor(far, _FAR_RATE))
+        if near is not None:
+            sizes = replace(sizes, near=self.near * _factor(near, _NEAR_RATE))
+        return sizes
+
+
+def _factor(ratio: float, rate: float) -> float:
+    """Change of a size that makes an error smaller by a ratio."""
+    return min(max(math.pow(ratio, 1 / rate), _MOST_CHANGE), _LEAST_CHANGE)
+
+
+def first_sizes(sides: Array, near: float) -> Sizes:
+    """Quadratic elements of a first look, by the sides of a body, (3,) [m], and the smaller semi-axis [m]."""
+    far = max(float(sides.max()) / _FIRST_LOOK, float(sides.min()) / _FEWEST)
+    return Sizes(2, far, near, "a first look")
+
+
+def sizes_by_rule(fem: FEModel, sides: Array, frequency: float, near: float, tolerance: float) -> Sizes:
+    """Order and sizes for an impact, by the walls that a first mesh shows; see the module.
+
+    Parameters
+    ----------
+    fem : FEModel
+        Of the first mesh.
+    sides : (3,) array
+        Of the body [m].
+    frequency : float
+        Below which the energy of the force lies [Hz].
+    near : float
+        Smaller semi-axis of the contact [m].
+    tolerance : float
+        For the whole error.
+    """
+    wall, material = fem.weakest_wall, fem.material
+    shear = material.shear_wave_speed / frequency
+    bending = bending_wavelength(frequency, wall.thickness, material)
+    far_factor = (tolerance / _FAR_TOLERANCE) ** _FAR_POWER
+    if wall.thickness < min(bending / 2, _LAYERS * wall.element):
+        far, order = bending / _OF_A_WAVE * far_factor, 3
+        why = f"bending waves of {1e3 * bending:.3g} mm at {1e-3 * frequency:.3g} kHz in {1e3 * wall.thickness:.3g} mm"
+    else:
+        far, order = min(shear / _OF_A_WAVE * far_factor, float(sides.min()) / _FEWEST), 2
+        why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or a third of the shortest side"
+    local = _LOCAL[order] * near * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER
+    return Sizes(order, min(far, float(sides.max()) / _FEWEST), local, why)
+
+
+def bending_wavelength(frequency: float, thickness: float, material: Material) -> float:
+    """Length of bending waves in a plate [m]; infinite without a thin wall."""
+    if not math.isfinite(thickness):
+        return math.inf
+
+    def off(log_length: float) -> float:
+        return float(bending_frequency(2 * np.pi / math.exp(log_length), thickness, material)) / frequency - 1
+
+    low, high = 1e-3 * thickness, 1e6 * thickness
+    if off(math.log(low)) < 0:
+        return low
+    return math.exp(float(scipy.optimize.brentq(off, math.log(low), math.log(high))))
+
+
+def energy_frequency(t: Array, force: Array) -> float:
+    """Frequency below which 99 % of the energy of a force lies [Hz]; forces that have not ended are faded out."""
+    try:
+        ends = abs(force[-1]) <= _ENERGY * abs(force).max()
+        return truncation_frequency(t, force, tolerance=_ENERGY, window="none" if ends else "hann") / 2
+    except InputError:  # the samples are too few for what lies above
+        return float(0.25 * (len(t) - 1) / (t[-1] - t[0]))
+
+
+def count_of_dofs(mesh: NGSolveMesh, order: int) -> int:
+    """Dofs of an FE model of that mesh."""
+    nodes = mesh.nv + (order - 1) * mesh.nedge + (order - 1) * (order - 2) // 2 * mesh.nface
+    return int(3 * nodes)
