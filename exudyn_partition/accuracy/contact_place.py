@@ -1,8 +1,8 @@
 """Where two shapes touch: normal and curvatures there, from the shapes themselves, and the size of their contact.
 
 The share of a small cube around a point that lies within a solid, and the middle of that share, tell on which side the
-solid is, and whether the point lies on a smooth surface. Heights of the surface above its tangent plane, on two circles,
-give its curvatures; so poles of parametrised surfaces need no special care.
+solid is, and whether the point lies on a smooth surface. Heights of the surface above its tangent plane, on two
+circles, give its curvatures; so poles of parametrised surfaces need no special care.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _ROUNDS = 6  # of circles that become as large as the contact
 _LARGEST = 0.25  # radius of the contact, by the smallest side of the bodies
 _FAR = 10.0  # distance, by the smallest side, from which on a unit may have slipped
 _TOUCHES = 1e-6  # a point is on a surface if it is nearer than this, by the radius of the circles
+_TURNS = 4  # of a normal; each leaves its error times the radius of the circles over that of the surface
 _MARCHES = 4  # towards the surface; each leaves the square of its slope
 
 
@@ -215,7 +216,7 @@ class _OfShape:
                 f"{share:.0%} of a small cube there is solid. Round the edge, or mesh it yourself and take reduce_pair"
             )
         normal: Array = (foot - middle) / np.linalg.norm(foot - middle)
-        for _ in range(2):
+        for _ in range(_TURNS):
             normal = self._slope(foot + reach * normal, 0.1 * reach)
         return normal
 

@@ -51,6 +51,7 @@ _LOG = logging.getLogger(__name__)
 _TOLERANCES = (2e-3, 0.2)
 _FIRST_LOOK = 0.15  # tolerance of the reduction on the first meshes
 _TRUNCATION = 0.45  # share of the tolerance that the reduction gets; its estimate is then below 0.3
+_COARSEST = 0.4  # tolerance of the coarsest meshes by rule, if finer ones do not fit
 _LOOKS = 6  # most meshes, the first look included
 _COUNTS = 0.3  # parts of the error below this share of the largest one are not refined
 _LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
@@ -89,10 +90,6 @@ class _Scene:
         line = self.place.normal if i == 0 else -self.place.normal
         reach = REACH[i] * self.place.semi_axes(circle)[0] + sizes.near / 2
         return fem, Partition.ball(fem, self.place.points[i], reach, direction=line)
-
-
-class _TooLargeError(Exception):
-    """The next mesh has more dofs than are allowed."""
 
 
 def design_impact(
@@ -217,28 +214,35 @@ class _Search:
         sides = [sides_of(shape) for shape in scene.shapes]
         circle = _first_circle(scene.shapes, scene.materials, scene.speed, place.radius)
         sizes = [first_sizes(own, place.semi_axes(circle)[1]) for own in sides]
-        look = self._look(sizes, circle, _FIRST_LOOK, estimated=False)
-        near_first = look.circle
-        sizes = [
-            sizes_by_rule(fem, own, look.frequency, place.semi_axes(near_first)[1], scene.tolerance)
-            for (_, _, (fem, _)), own in zip(self._models, sides, strict=True)
-        ]
-        circle, limit = near_first, ""
-        while True:
+        first = self._look(sizes, circle, _FIRST_LOOK, estimated=False)
+        fems = [fem for _, _, (fem, _) in self._models]
+        circle, near, limit = first.circle, place.semi_axes(first.circle)[1], ""
+
+        def by_rule(tolerance: float) -> list[Sizes]:
+            return [
+                sizes_by_rule(fem, own, first.frequency, near, tolerance) for fem, own in zip(fems, sides, strict=True)
+            ]
+
+        allowed = scene.tolerance
+        sizes = by_rule(allowed)
+        while not limit:
             if progress:
                 progress(len(self.looks) / _LOOKS)
             try:
                 look = self._look(sizes, circle, _TRUNCATION * scene.tolerance)
-            except (_TooLargeError, MemoryLimitError) as error:
+            except MemoryLimitError as error:
+                if self.best is None and allowed < _COARSEST:  # the best meshes that fit
+                    allowed *= 2
+                    sizes = by_rule(allowed)
+                    continue
                 if self.best is None:
-                    raise InputError(str(error)) if isinstance(error, _TooLargeError) else error
+                    raise
                 limit = str(error)
                 break
             if look.error <= scene.tolerance / TRUST:
                 break
             if len(self.looks) == _LOOKS:
                 limit = f"the number of meshes that are tried, {_LOOKS}; accept that estimate, or mesh by hand"
-                break
             sizes = self._refined(look)
             if abs(look.circle / circle - 1) > _SETTLED:
                 circle = look.circle
@@ -257,9 +261,9 @@ class _Search:
             for i, own in enumerate(sizes)
         ]
         if sum(dofs) > scene.max_dofs:
-            raise _TooLargeError(
-                f"max_dofs: {scene.max_dofs}, as the next meshes have {sum(dofs)} dofs. Allow more, or a larger "
-                "tolerance"
+            raise MemoryLimitError(
+                f"max_dofs: {scene.max_dofs}, and the meshes that are needed next have {sum(dofs)} dofs. Allow more, "
+                "or a larger tolerance"
             )
         made = [
             (own, circle, scene.model(i, meshes[i], own, circle)) if i in meshes else self._models[i]

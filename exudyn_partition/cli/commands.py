@@ -34,6 +34,7 @@ from ..reduction.reduction import BASES, reduce
 from ..support.checks import validate_vector
 from ..support.files import writable
 from .doctor import doctor
+from .impact import impact as impact_command
 from .printing import show
 
 Command = Callable[[argparse.Namespace], tuple[int, dict[str, object]]]  # exit code, and what it found
@@ -46,6 +47,8 @@ _EXAMPLES = {
       --f-cut 40e3 -o rod.npz
   exudyn-partition info rod.npz
   exudyn-partition estimate --first 0.0327 0.010 steel --second inf inf aluminium --speed 0.5
+  exudyn-partition impact rod.step plate.step --scale 1e-3 --material steel --material aluminium --speed 0.6 \\
+      --contact 0,0,0 --tolerance 1e-2 -o out
   exudyn-partition doctor""",
     "reduce": """examples:
   exudyn-partition reduce rod.step --scale 1e-3 --material steel --at 0 0 0 --radius 1e-3 --h 2e-4 --maxh 6e-3 \\
@@ -61,6 +64,13 @@ The file is then read by exudyn_partition.load_body("rod.npz").""",
     exudyn-partition estimate --first 0.0327 0.010 steel --second inf inf aluminium --speed 0.5
   a reduced body with a tip of 10 mm radius on something rigid and flat:
     exudyn-partition estimate --first rod.npz 0.010 steel --speed 0.596""",
+    "impact": """examples:
+  two bodies, placed as they touch, from files in millimetres:
+    exudyn-partition impact rod.step plate.step --scale 1e-3 --material steel --material aluminium --speed 0.6 \\
+        --contact 0,0,0 --tolerance 1e-2 -o out
+  a body on a rigid plane whose outward normal is z:
+    exudyn-partition impact ball.step --scale 1e-3 --material steel --speed 0.3 --contact 0,0,0 --normal 0,0,1 -o out
+The folder then has the reduced bodies, the page impact.html, and impact.py, which runs the impact again.""",
     "doctor": """examples:
   exudyn-partition doctor
   exudyn-partition doctor --json""",
@@ -110,9 +120,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_negative(word: str) -> bool:
-    """Whether an argument is a number below zero."""
+    """Whether an argument is a number below zero, or several numbers of which that is the first."""
     try:
-        return word.startswith("-") and not math.isnan(float(word))
+        return word.startswith("-") and not math.isnan(float(word.split(",")[0]))
     except ValueError:
         return False
 
@@ -176,6 +186,19 @@ def parser() -> argparse.ArgumentParser:
         "--impedance", type=_limit, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
     )
 
+    one = command("impact", impact_command, "Design an impact: from STEP files to reduced bodies, a page and a script.")
+    one.add_argument("source", nargs="+", metavar="STEP", help="one or two STEP files, placed as the bodies touch")
+    one.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="folder, which is made if need be")
+    one.add_argument("--material", required=True, action="append", type=_material, help=f"{_MATERIAL}; of each body")
+    one.add_argument("--speed", required=True, type=_positive, help="of approach [m/s]")
+    one.add_argument("--contact", required=True, type=_vector, metavar="X,Y,Z", help="where they touch, scaled [m]")
+    one.add_argument(
+        "--normal", type=_vector, metavar="X,Y,Z", help="of a rigid plane there, in place of a second body"
+    )
+    one.add_argument("--tolerance", type=_positive, default=1e-2, help="of the whole error (default: 0.01)")
+    one.add_argument("--duration", type=_positive, metavar="S", help="over which errors are measured [s]")
+    one.add_argument("--scale", type=_positive, default=1.0, help="factor on the files' lengths: 1e-3 for millimetres")
+
     command("doctor", doctor, "Check the installation by versions and by a small impact.")
     return result
 
@@ -196,6 +219,15 @@ def _limit(text: str) -> float:
     if not number > 0:
         raise argparse.ArgumentTypeError(f"expected a number above zero, got {text.strip()!r}")
     return number
+
+
+def _vector(text: str) -> tuple[float, float, float]:
+    """Three numbers with commas between them."""
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"expected three numbers such as 0,0,1e-3, got {text.strip()!r}") from error
+    return x, y, z
 
 
 def _material(text: str) -> Material:

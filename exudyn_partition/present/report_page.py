@@ -30,6 +30,7 @@ from .graphics import peak_time
 from .plot_input import plain, taken_by
 
 _VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
+_ROUNDING = 1e-11  # a deformation below this, relative to that size, is none
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
 _STYLE = """
 body { font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
@@ -40,8 +41,8 @@ img { max-width: 100%; } .warning { color: #a00; font-weight: 600; }
 """
 
 
-def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
-    """Write the page of a run; see `Result.report`."""
+def write_report(path: str | Path, result: Result, *, title: str = "", note: str = "") -> Path:
+    """Write the page of a run, with a note in fixed width if there is one; see `Result.report`."""
     path = writable(path)
     validate_text("title", title)
     if not len(result.t):
@@ -51,6 +52,7 @@ def write_report(path: str | Path, result: Result, *, title: str = "") -> Path:
         f"<h1>{html.escape(title)}</h1>",
         _run(result),
         _warnings(result),
+        f"<h2>How it was designed</h2><pre>{html.escape(note)}</pre>" if note else "",
         _figures(result),
         "<h2>Scene</h2>",
         _bodies(result),
@@ -246,7 +248,9 @@ def _scale(sample: Result) -> float:
         abs(item.kinematics.at(np.unique(item.body.facets)).deformation(item.coordinates(sample)[0])).max()
         for item in sample.bodies
     )
-    return 10.0 ** max(0, math.floor(math.log10(_VISIBLE * size / largest))) if largest > 0 else 1.0
+    if largest <= _ROUNDING * size:  # all bodies are rigid but for their contacts
+        return 1.0
+    return 10.0 ** max(0, math.floor(math.log10(_VISIBLE * size / largest)))
 
 
 def _png(axes: Axes) -> str:

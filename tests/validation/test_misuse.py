@@ -22,6 +22,7 @@ WRONG = misuses()
 # Right values of these take seconds, or more than that for numbers that happen to be right.
 SLOW = {
     *(
+        "design_impact",
         "fe_model",
         "generate_mesh",
         "reduce",

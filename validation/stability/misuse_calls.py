@@ -139,6 +139,24 @@ _reduced_pair = Kind(
         "of two meshes": Made(lambda s: (s.fem, s.other_body)),
     }
 )
+_shape_pair = Kind(
+    {
+        **v.NOTHING,
+        "shape": Made(lambda s: s.shape),
+        "swapped": Made(lambda s: (ep.STEEL, s.shape)),
+        "three": Made(lambda s: (s.shape, ep.STEEL, 1)),
+        "FE model": Made(lambda s: (s.fem, ep.STEEL)),
+        "no STEP file": Made(lambda s: (s.folder / "text.npz", ep.STEEL)),
+        "missing": Made(lambda s: ("none.step", ep.STEEL)),
+        "flat": Made(lambda s: (s.shape, ep.STEEL)),
+    }
+)
+
+
+def _falling_ball(scene):
+    return occ.Sphere(occ.Pnt(0, 0, 5e-3), 5e-3), ep.STEEL
+
+
 _q = Kind({**v.NOTHING, "number": 1.0, "flat": np.zeros(3), "nan": np.full((1, 12), v.nan), "texts": [["a"]]})
 _fems = {"fem": v.fem, "points": v.points([(0, 0, 5e-3)])}
 _two = Kind(
@@ -301,10 +319,22 @@ CALLS = {
     ),
     "mesh_error": call(
         slave=_reduced_pair(Made(lambda s: (s.fem, s.body))),
-        master=_reduced_pair(Made(lambda s: (s.other_fem, s.other_body))),
+        master=_reduced_pair(Made(lambda s: ep.RigidPlane())),
         speed=v.positive(1.0),
         duration=v.positive(1e-5),
-        patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1}, (None, None)),
+        patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1, "rigid": (0, 0)}, (None, None)),
+        swaps=False,
+    ),
+    "design_impact": call(
+        first=_shape_pair(Made(_falling_ball)),
+        second=_shape_pair(Made(lambda s: ep.RigidPlane())),
+        speed=v.positive(1.0),
+        contact=v.vector.but(aside=(1.0, 0.0, 0.0), above=(0.0, 0.0, 1e-3)),
+        tolerance=v.positive.but(one=1.0, tiny=1e-9)(0.2),
+        duration=v.positive.or_none(20e-6),
+        scale=v.positive(1.0),
+        max_dofs=v.count.but(few=10)(200_000),
+        progress=v.function,
         swaps=False,
     ),
     "from_feminterface": call(
@@ -671,6 +701,7 @@ NOT_CALLED = {
     "FEModel": _MADE_BY_US,
     "Partition": _MADE_BY_US,
     "Estimate": _MADE_BY_US,
+    "ImpactDesign": _MADE_BY_US,
     "ReducedBody": _MADE_BY_US,
     "PartitionBody": _MADE_BY_US,
     "PartitionContact": _MADE_BY_US,

@@ -1,0 +1,75 @@
+"""Where shapes touch: curvatures and normals of surfaces that are known, anyhow they lie in space, and wrong places."""
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import exudyn_partition as ep
+from exudyn_partition.accuracy.contact_place import contact_place
+from exudyn_partition.errors import EmptyRegionError, InputError
+
+RADIUS = 8e-3
+BALL, BELOW = (occ.Sphere(occ.Pnt(0, 0, z), RADIUS) for z in (RADIUS, -RADIUS))
+PLATE = occ.Box(occ.Pnt(-0.06, -0.04, -0.008), occ.Pnt(0.06, 0.04, 0))
+ACROSS = occ.Cylinder(occ.Pnt(-0.05, 0, -0.005), occ.X, r=0.005, h=0.1)
+ALONG = occ.Cylinder(occ.Pnt(0, -0.05, 0.01), occ.Y, r=0.01, h=0.1)
+SOCKET = occ.Box(occ.Pnt(-0.02, -0.02, -0.02), occ.Pnt(0.02, 0.02, 0.005)) - occ.Sphere(occ.Pnt(0, 0, 0.016), 0.016)
+
+
+def place(shapes, point=(0, 0, 0), rigid=None, force=500.0):
+    def radius_of(radius):
+        return ep.hertz.contact_radius(force, radius, np.inf, ep.STEEL)
+
+    return contact_place(shapes, rigid, np.asarray(point, dtype=float), radius_of)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "rigid", "radii"),
+    [
+        ((BALL, PLATE), None, (RADIUS, RADIUS)),
+        ((BALL, BELOW), None, (RADIUS / 2, RADIUS / 2)),
+        ((ALONG, ACROSS), None, (0.01, 0.005)),
+        ((BALL, SOCKET), None, (2 * RADIUS, 2 * RADIUS)),
+        ((ALONG,), ep.RigidSphere((0, 0, -0.01), 0.01), (0.01, 0.005)),
+    ],
+)
+def test_curvatures_and_normal_of_known_surfaces(shapes, rigid, radii):
+    """Two bodies are turned: the seams and poles of their surfaces lie anywhere."""
+    axis, turn = np.array([1.0, 2.0, 0.5]) / np.linalg.norm([1.0, 2.0, 0.5]), Rotation.identity()
+    if rigid is None:
+        turn = Rotation.from_rotvec(50 * axis, degrees=True)
+        shapes = [shape.Rotate(occ.Axis(occ.Pnt(0, 0, 0), occ.Dir(*axis)), 50) for shape in shapes]
+    found = place(shapes, rigid=rigid)
+    np.testing.assert_allclose(1 / np.array(found.curvatures), radii, rtol=0.01)
+    np.testing.assert_allclose(found.normal, turn.apply([0, 0, -1]), atol=2e-3)
+    assert found.radius == pytest.approx(np.sqrt(np.prod(radii)), rel=0.01)
+
+
+def test_an_ellipse_has_the_area_of_its_circle():
+    """Its axes are those of Hertz: of crossed cylinders of 10 and 5 mm, with the exact integrals, a / b = 1.5985."""
+    long, short = place((ALONG, ACROSS)).semi_axes(1e-3)
+    assert long * short == pytest.approx(1e-6)
+    assert long / short == pytest.approx(1.5985, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "point", "error", "message"),
+    [
+        ((BALL, PLATE), (0, 0, 1e-3), EmptyRegionError, r"the first shape is 0.001 m away from .*, expected a point"),
+        ((BALL, PLATE), (5e-3, 0, 0), EmptyRegionError, "the first shape is .* m away"),
+        ((PLATE, BALL), (59.9, 0, 0), EmptyRegionError, "it would touch at .*The point seems to be in millimetres"),
+        ((PLATE,), (0.06, 0, 0), InputError, "got an edge or a corner of the first shape"),
+        ((PLATE,), (0, 0, 0), InputError, "touch along a line or an area"),
+        ((ALONG, PLATE), (0, 0, 0), InputError, "touch along a line or an area"),
+        ((BALL, occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)), (0, 0, 0), EmptyRegionError, "do not face each other"),
+    ],
+)
+def test_wrong_places_are_named(shapes, point, error, message):
+    with pytest.raises(error, match=message):
+        place(shapes, point, ep.RigidPlane(normal=(0, 0, -1)) if len(shapes) == 1 else None)
+
+
+def test_a_contact_as_large_as_the_body_is_refused():
+    with pytest.raises(InputError, match=r"contact: its radius would be .*; expected at most 0\.25 of it"):
+        place((BALL, PLATE), force=1e8)

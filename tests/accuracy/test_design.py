@@ -1,0 +1,91 @@
+"""From shapes to bodies: the promise beside Hertz, what is told, and what is refused."""
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import SPHERE_MATERIAL, relative
+
+import exudyn_partition as ep
+from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, ToleranceWarning
+
+RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
+BALL = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
+MASS = SPHERE_MATERIAL.rho * 4 / 3 * np.pi * RADIUS**3
+HERTZ = ep.hertz.impact(MASS, SPEED, RADIUS, np.inf, SPHERE_MATERIAL)
+END = 1.3 * HERTZ.duration
+
+
+def designed(**options):
+    options = {"speed": SPEED, "contact": (0, 0, 0), "tolerance": TOLERANCE, "duration": END} | options
+    return ep.design_impact((BALL, SPHERE_MATERIAL), ep.RigidPlane(), **options)
+
+
+@pytest.fixture(scope="module")
+def design():
+    return designed()
+
+
+def test_a_ball_on_a_rigid_plane_is_hertz_within_the_tolerance(design):
+    """A ball is no half-space: Hertz himself is off by less than the tolerance here."""
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, design.bodies[0], initialVelocity=[0, 0, -SPEED])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), passes="given")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=END, step=design.step)
+    exact = np.interp(result.t, HERTZ.t, HERTZ.force, right=0.0)
+    assert relative(contact.force(result), exact) < TOLERANCE
+    assert design.look.peak == pytest.approx(HERTZ.peak_force, rel=TOLERANCE)
+    assert design.look.circle == pytest.approx(HERTZ.contact_radius, rel=TOLERANCE)
+
+
+def test_what_a_design_says_of_itself(design):
+    mesh, truncation = design.look.mesh, design.look.truncation
+    assert (len(design.fems), len(design.bodies), design.limit) == (1, 1, "")
+    assert design.error == max(mesh.force + truncation.force, mesh.velocity + truncation.velocity)
+    assert design.error <= TOLERANCE / 1.25
+    assert truncation.against == "the rigid surface"
+    assert design.look.step_error <= truncation.force + 1e-3
+    assert design.fems[0].n_dofs == design.look.dofs[0]
+    assert design.seconds["reduce"] == pytest.approx(sum(look.seconds["reduce"] for look in design.looks))
+    table = str(design)
+    for text in (f"{design.error:.2%}", f"{mesh.error:.2%}", "contact radius", "asked for 5.00%, reached", "order 2"):
+        assert text in table
+
+
+def test_a_limit_is_named_and_the_best_design_returned():
+    with pytest.warns(ToleranceWarning, match=r"tolerance: 0\.01 cannot be promised; .* limits it is max_dofs: 6500"):
+        design = designed(tolerance=0.01, max_dofs=6500)
+    assert design.error > 0.01 / 1.25
+    assert sum(design.look.dofs) <= 6500
+    assert "not reached" in str(design)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"speed": 0}, InputError, "speed: expected a finite number above zero"),
+        ({"speed": -1.0}, InputError, "speed: expected a finite number above zero"),
+        ({"tolerance": 1e-4}, InputError, r"tolerance: expected 0\.002 to 0\.2, got 0\.0001"),
+        ({"tolerance": 0.5}, InputError, r"tolerance: expected 0\.002 to 0\.2"),
+        ({"contact": (0, 0, 2e-3)}, EmptyRegionError, "contact: the first shape is 0.002 m away"),
+        ({"contact": (0, 0)}, InputError, "contact: expected shape"),
+        ({"max_dofs": 1000}, MemoryLimitError, "max_dofs: 1000, and the meshes that are needed next have"),
+        ({"scale": 0}, InputError, "scale: expected"),
+    ],
+)
+def test_wrong_calls_are_named(options, error, message):
+    with pytest.raises(error, match=message):
+        designed(**options)
+
+
+def test_what_is_no_body_is_named(tmp_path):
+    options = {"speed": SPEED, "contact": (0, 0, 0)}
+    with pytest.raises(InputError, match=r"first: expected \(shape or path of a STEP file, ep.Material\), got"):
+        ep.design_impact(BALL, ep.RigidPlane(), **options)
+    with pytest.raises(InputError, match=r"second: expected .*, or a RigidPlane, RigidSphere or RigidCylinder, got"):
+        ep.design_impact((BALL, ep.STEEL), (ep.STEEL, BALL), **options)
+    with pytest.raises(InputError, match=r"there is none at .*rod\.step"):
+        ep.design_impact((tmp_path / "rod.step", ep.STEEL), ep.RigidPlane(), **options)
+    with pytest.raises(InputError, match=r"first: expected a STEP file \(\.step, \.stp\), got rod\.vtu"):
+        ep.design_impact(("rod.vtu", ep.STEEL), ep.RigidPlane(), **options)

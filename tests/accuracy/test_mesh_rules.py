@@ -1,0 +1,64 @@
+"""Sizes by rule: wavelengths that are known, and what decides on the order."""
+
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.accuracy.mesh_rules import (
+    Sizes,
+    bending_wavelength,
+    count_of_dofs,
+    energy_frequency,
+    sizes_by_rule,
+)
+
+LONG_WAVE = 100.0  # frequency at which a bending wave is much longer than the plate is thick [Hz]
+
+
+def test_long_bending_waves_are_kirchhoff_s():
+    thickness, material = 1e-3, ep.ALUMINIUM
+    stiffness = material.plane_strain_modulus * thickness**3 / 12
+    k = (material.rho * thickness * (2 * np.pi * LONG_WAVE) ** 2 / stiffness) ** 0.25
+    assert bending_wavelength(LONG_WAVE, thickness, material) == pytest.approx(2 * np.pi / k, rel=1e-3)
+    assert bending_wavelength(LONG_WAVE, np.inf, material) == np.inf
+
+
+def test_thin_plates_get_cubic_elements_and_blocks_do_not():
+    """Elements follow the wave: at a quarter of the frequency bending waves of a thin plate are twice as long."""
+    sides = np.array([0.08, 0.06, 0.004])
+    plate = ep.fe_model(box(*sides), ep.ALUMINIUM, maxh=0.012)
+    fast, slow = (sizes_by_rule(plate, sides, f, 3e-4, 0.04) for f in (4e3, 1e3))
+    assert (fast.order, slow.order) == (3, 3)
+    assert bending_wavelength(1e3, sides[2], ep.ALUMINIUM) > 1.9 * bending_wavelength(4e3, sides[2], ep.ALUMINIUM)
+    assert fast.far == pytest.approx(bending_wavelength(4e3, sides[2], ep.ALUMINIUM) / 4, rel=0.02)
+    assert slow.far == sides[0] / 3
+    block = ep.fe_model(box(0.03, 0.03, 0.03), ep.STEEL, maxh=0.01)
+    stocky = sizes_by_rule(block, np.full(3, 0.03), 20e3, 3e-4, 0.01)
+    assert (stocky.order, stocky.near) == (2, pytest.approx(0.6 * 3e-4))
+    assert stocky.far <= 0.01
+    # Quadratic elements that few of span a wall become cubic, and no smaller.
+    better = Sizes(2, 0.01, 3e-4, "").finer(0.5, None, plate.weakest_wall)
+    assert (better.order, better.far) == (3, 0.01)
+    finer = stocky.finer(None, 0.5, block.weakest_wall)
+    assert (finer.order, finer.far) == (2, stocky.far)
+    assert 0.45 * stocky.near <= finer.near <= 0.85 * stocky.near
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_dofs_are_counted_before_assembly(order):
+    mesh = ep.generate_mesh(box(0.01, 0.02, 0.03), maxh=9e-3)
+    expected = count_of_dofs(mesh, order)
+    assert ep.fe_model(mesh, ep.STEEL, order=order).n_dofs == expected
+
+
+def test_the_frequency_holds_99_percent_of_the_energy():
+    """Of a half sine of length T: by quadrature of its spectrum, cos^2(pi f T) / (1 - (2 f T)^2)^2."""
+    t, T = np.linspace(0, 2e-3, 4001), 1e-3
+    force = np.where(t < T, np.sin(np.pi * t / T), 0.0)
+    x = np.linspace(1e-6, 60, 600_001)
+    density = np.cos(np.pi * x) ** 2 / (1 - 4 * x**2) ** 2
+    share = np.cumsum(density) / density.sum()
+    assert energy_frequency(t, force) * T == pytest.approx(x[np.searchsorted(share, 0.99)], rel=0.01)
+    # A force that goes on at the end of its record is faded out, and still has a frequency.
+    assert 0 < energy_frequency(t[:1000], force[:1000])
