@@ -12,10 +12,11 @@ import numpy as np
 from ..accuracy.design import design_impact
 from ..accuracy.impact_design import ImpactDesign
 from ..contact.rigid import RigidPlane
-from ..errors import CallError, OutputError
+from ..errors import CallError
 from ..present.report_page import write_report
-from ..support.files import replacing
+from ..support.files import filling, replacing
 
+_PROGRAM, _PAGE = "impact.py", "impact.html"
 _SCRIPT = '''"""Impact of {names} at {speed:g} m/s, as `exudyn-partition impact` designed it; run it with Python.
 
 Estimated error of force and velocities over {duration:.4g} s: {error:.2%}.
@@ -64,11 +65,8 @@ def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
             f"--material: expected one, or one for each of {len(sources)} bodies, got {len(options.material)}"
         )
     materials = options.material * (len(sources) if len(options.material) == 1 else 1)
-    folder = options.out
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"--out: {folder} cannot be made: {error.strerror}; choose another folder") from error
+    with filling(options.out, ""):  # before the work: nothing is written yet
+        pass
     first, *others = zip(sources, materials, strict=True)
     design = design_impact(
         first,
@@ -82,18 +80,18 @@ def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     names = [source.stem for source in sources]
     if len(set(names)) < len(names):
         names = [f"{name}_{i}" for i, name in enumerate(names, 1)]
-    files = [folder / f"{name}.npz" for name in names]
-    for body, file in zip(design.bodies, files, strict=True):
-        body.save(file)
-    script, page = folder / "impact.py", folder / "impact.html"
-    with replacing(script, "w") as file:
-        file.write(_script(design, names, options))
-    result, contact = runpy.run_path(str(script))["run"]()
-    write_report(page, result, title=" on ".join(names), note=str(design))
+    files = [f"{name}.npz" for name in names]
+    with filling(options.out, _PAGE) as folder:
+        for body, name in zip(design.bodies, files, strict=True):
+            body.save(folder / name)
+        with replacing(folder / _PROGRAM, "w") as file:
+            file.write(_script(design, names, options))
+        result, contact = runpy.run_path(str(folder / _PROGRAM))["run"]()
+        write_report(folder / _PAGE, result, title=" on ".join(names), note=str(design))
     return 0, {
-        "bodies": [str(file) for file in files],
-        "script": str(script),
-        "page": str(page),
+        "bodies": [str(options.out / name) for name in files],
+        "script": str(options.out / _PROGRAM),
+        "page": str(options.out / _PAGE),
         **_described(design),
         "peak_force_N": float(contact.force(result).max()),
         "time": {**{f"{name}_s": x for name, x in design.seconds.items()}, "online_s": result.time_s},

@@ -41,11 +41,11 @@ def test_calls_in_the_table_of_commands_are_understood(tmp_path, monkeypatch, ca
     """A call that does not parse ends the program with 2; a file that is not there, as here, with 1."""
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "examples" / "site" / "command-line.md").read_text()
-    calls = re.findall(r"^\| `((?:reduce|info|estimate|doctor)\b[^`]*)` \|", page, re.M)
-    assert len(calls) == 4
+    calls = re.findall(r"^\| `((?:reduce|info|estimate|impact|doctor)\b[^`]*)` \|", page, re.M)
+    assert len(calls) == 5
     for call in calls:
         code = cli.main(call.split())
-        assert code == (1 if call.startswith(("reduce", "info")) else 0)
+        assert code == (1 if call.startswith(("reduce", "info", "impact")) else 0)
         assert ("(working directory" in capsys.readouterr().err) == (code == 1)
 
 
