@@ -48,7 +48,6 @@ def run():
 if __name__ == "__main__":
     result, contact = run()
     print(f"peak force {{contact.force(result).max():.4g}} N, {{result.steps}} steps in {{result.time_s:.2g}} s")
-    print(result.report(HERE / "run.html"))
 '''
 
 
