@@ -108,7 +108,8 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
         return math.inf  # nothing of the contact's own yields
     law = contact.law.for_run("explicit")
     time, speed = _first_touch(law, q, q_t, q_tt)
-    gap = law.gaps.at(q)
+    # Rows that follow the motion are few, as forces need no more; a deep impact closes all that can touch next.
+    gap = law.closing(q, q_t, q_tt)[0][: len(law.gaps.row_nodes)]
     if not math.isfinite(time) or speed <= 0 or not len(gap):
         return math.inf
     H = dense(law.gaps.jacobian(np.arange(len(gap))))

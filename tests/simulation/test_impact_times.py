@@ -55,6 +55,23 @@ def test_the_default_step_and_the_surface_tell_how_long_a_contact_lasts(large_sp
         assert abs(energy[-1] / energy[0] - 1) < 2e-3
 
 
+def test_the_default_step_does_not_depend_on_the_frame():
+    """Pairs that follow the motion are few at the start, but a deep impact closes more of them: the ball is not flat."""
+    bodies, R = [], 0.01
+    for shape, side in ((occ.Sphere(occ.Pnt(0, 0, R), R), -1), (occ.Box((-R, -R, -R), (R, R, 0)), 1)):
+        fem = ep.fe_model(shape, ep.STEEL, maxh=0.5 * R, refine=[ep.Refine((0, 0, 0), 0.5e-3, 0.15e-3)], grading=0.6)
+        part = ep.Partition.ball(fem, (0, 0, 0), 0.6e-3 if side < 0 else 0.75e-3, direction=(0, 0, side))
+        bodies.append(ep.reduce(fem, part, f_cut=20e3))
+    steps = []
+    for frame in ("inertial", "floating"):
+        mbs = exu.SystemContainer().AddSystem()
+        ball = ep.CreatePartitionBody(mbs, bodies[0], frame=frame, initialVelocity=[0, 0, -1])
+        ep.CreatePartitionContact(mbs, ball, ep.CreatePartitionBody(mbs, bodies[1], frame=frame))
+        mbs.Assemble()
+        steps.append(ep.solve_dynamic(mbs, end_time=12e-6, method="implicit").step)
+    assert steps[1] == pytest.approx(steps[0], rel=0.1)
+
+
 def test_contact_times_do_not_depend_on_the_step(large_sphere):
     """Forces begin with the first mean gap, the contact with the lowest point."""
     body, hertz, speed = large_sphere
