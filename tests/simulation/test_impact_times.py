@@ -56,7 +56,7 @@ def test_the_default_step_and_the_surface_tell_how_long_a_contact_lasts(large_sp
 
 
 def test_the_default_step_does_not_depend_on_the_frame():
-    """Pairs that follow the motion are few at the start, but a deep impact closes more of them: the ball is not flat."""
+    """Pairs that follow the motion are few at the start, but a deep impact closes more: the ball is not flat."""
     bodies, R = [], 0.01
     for shape, side in ((occ.Sphere(occ.Pnt(0, 0, R), R), -1), (occ.Box((-R, -R, -R), (R, R, 0)), 1)):
         fem = ep.fe_model(shape, ep.STEEL, maxh=0.5 * R, refine=[ep.Refine((0, 0, 0), 0.5e-3, 0.15e-3)], grading=0.6)
