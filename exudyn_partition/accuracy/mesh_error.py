@@ -34,6 +34,7 @@ from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
 from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
+from ..reduction.estimate import Estimate
 from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_type
 from .modal_pair import Pair, Side, impact_of
@@ -60,6 +61,8 @@ class MeshEstimate:
         static answer of its contact alone. So they tell whether to refine far from the contact or near to it.
     speed, duration : float
         Of the impact [m/s], [s].
+    truncation : Estimate or None
+        Estimated errors of truncation and step of these bodies; None if they were not reduced to a tolerance.
     """
 
     force: float
@@ -69,11 +72,42 @@ class MeshEstimate:
     local: tuple[float, ...]
     speed: float
     duration: float
+    truncation: Estimate | None = None
 
     @property
     def error(self) -> float:
         """The larger one of force and velocity."""
         return max(self.force, self.velocity)
+
+    @property
+    def total(self) -> float:
+        """Error of meshes, truncation and step together: the larger sum, of force or of velocity.
+
+        Raises
+        ------
+        InputError
+            If the error of the truncation is not known.
+        """
+        if self.truncation is None:
+            raise InputError(
+                "truncation: not known, because the bodies were not reduced to a tolerance; reduce them so"
+            )
+        return max(self.force + self.truncation.force, self.velocity + self.truncation.velocity)
+
+    @property
+    def limit(self) -> str:
+        """What keeps the total error above the tolerance of the reduction, and where to refine; empty if nothing does.
+
+        Only for bodies that were reduced to a tolerance.
+        """
+        if self.truncation is None or self.total <= self.truncation.tolerance:
+            return ""
+        if self.truncation.error > self.error:
+            return "the truncation; reduce to a smaller tolerance"
+        parts = {("far from", i): x for i, x in enumerate(self.far)} | {("at", i): x for i, x in enumerate(self.local)}
+        (where, i), largest = max(parts.items(), key=lambda item: item[1])
+        body = "the body" if len(self.far) == 1 else ("the slave", "the master")[i]
+        return f"the mesh of {body}, {where} the contact, with an error of {largest:.2g}; refine it there"
 
 
 def mesh_error(
@@ -170,6 +204,7 @@ def estimate_of(sides: Sequence[Side], impact: Impact, speed: float, duration: f
         local=tuple(map(max, of_each(False, True))),
         speed=speed,
         duration=duration,
+        truncation=sides[0].body.estimate,
     )
 
 

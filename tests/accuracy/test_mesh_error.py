@@ -7,7 +7,7 @@ import pytest
 from oracles import SPHERE_MATERIAL
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
 
 RADIUS, SPEED, END = 5e-3, 0.3, 45e-6
 MASS = SPHERE_MATERIAL.rho * 4 / 3 * np.pi * RADIUS**3
@@ -58,10 +58,33 @@ def test_the_estimate_is_near_what_the_next_order_makes(marbles, coarse):
     assert 0 < estimate.velocity < estimate.force == estimate.error
 
 
+def test_against_a_rigid_plane_the_mesh_is_what_limits(coarse):
+    """Half of the speed on a plane is the same impact as that of two equal balls: by symmetry it has the same error."""
+    fem, body = coarse[0]
+    upper, lower = (ep.mesh_error(pair, ep.RigidPlane(), speed=SPEED / 2, duration=END) for pair in (coarse[0], (
+        coarse[0][0], ep.reduce(fem, body.partition, tolerance=0.02, speed=SPEED / 2, duration=END))))  # fmt: skip
+    both = ep.mesh_error(*coarse, speed=SPEED, duration=END)
+    assert upper.force == pytest.approx(both.force, rel=0.35)
+    assert upper.of_bodies == (upper.force,)
+    assert upper.far[0] < 0.2 * upper.local[0] == pytest.approx(0.2 * upper.error, rel=0.2)
+    assert upper.limit == ""
+    with pytest.raises(InputError, match="truncation: not known"):
+        upper.total  # noqa: B018
+    estimate = lower.truncation
+    assert lower.total == max(lower.force + estimate.force, lower.velocity + estimate.velocity) > 0.02
+    assert lower.limit.startswith("the mesh of the body, at the contact")
+
+
 def test_what_is_refused(coarse):
     fem, body = coarse[0]
     with pytest.raises(InputError, match="duration: expected one"):
         ep.mesh_error(*coarse, speed=SPEED)
+    with pytest.raises(EmptyRegionError, match="faces away from the rigid surface"):
+        ep.mesh_error(coarse[0], ep.RigidPlane(normal=(0, 0, -1)), speed=SPEED, duration=END)
+    with pytest.raises(PenetrationError, match="contact rows start inside the rigid surface"):
+        ep.mesh_error(coarse[0], ep.RigidPlane((0, 0, 1e-4)), speed=SPEED, duration=END)
+    with pytest.raises(InputError, match="patches: a RigidPlane has none"):
+        ep.mesh_error(coarse[0], ep.RigidPlane(), speed=SPEED, duration=END, patches=(0, 0))
     with pytest.raises(InputError, match=r"slave: expected \(FEModel, ReducedBody\)"):
         ep.mesh_error(fem, coarse[1], speed=SPEED, duration=END)
     with pytest.raises(InputError, match="master: is of a mesh with"):
