@@ -138,7 +138,8 @@ def design_impact(
     Raises
     ------
     InputError
-        If an argument is out of range; or the point lies on an edge; or the bodies touch along a line or an area.
+        If an argument is out of range; or a material has hardening; or the point lies on an edge; or the bodies touch
+        along a line or an area.
     EmptyRegionError
         If a body is not near the point of contact, or they do not face each other there.
     MeshError, MemoryLimitError, MissingPackageError
@@ -180,6 +181,11 @@ def _scene(
             raise InputError(
                 f"{name}: expected (shape or path of a STEP file, ep.Material){also if name == 'second' else ''}, got "
                 f"{type(body).__name__}"
+            )
+        if body[1].plastic:
+            raise InputError(
+                f"{name}: its material has hardening=, and the estimates are those of elastic bodies. Design with an "
+                "elastic material; then make partitions with plastic_radius, and reduce to the f_cut that was found"
             )
     speed = validate_positive("speed", speed, "m/s")
     if not 1 / _FASTEST <= speed <= _FASTEST:
@@ -291,8 +297,11 @@ class _Search:
             t, force, _ = impact_now.run(duration, step / _FINER)
             at, coarse, _ = impact_now.run(duration, step)
         times["estimate"] = time.perf_counter() - begin
-        force, peak = force[:, 0], float(force.max())
-        place = scene.place
+        force, peak, place = force[:, 0], float(force.max()), scene.place
+        if not peak > 0:
+            raise InputError(
+                f"duration: the bodies do not press on each other within {duration:.3g} s; take a longer one"
+            )
         look = Look(
             sizes=tuple(sizes),
             dofs=tuple(dofs),

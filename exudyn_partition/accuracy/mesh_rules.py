@@ -35,7 +35,7 @@ _LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadrat
 _FEWEST = 3  # elements in the shortest side of a stocky body
 _ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
 # Tolerances for which the rules are, and powers of it that far and near sizes follow.
-_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 4
+_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 8
 _FAR_RATE, _NEAR_RATE = 2.0, 2.5  # powers by which errors fall with these sizes, at least
 _LEAST_CHANGE, _MOST_CHANGE = 0.85, 0.45  # of a size in one refinement
 

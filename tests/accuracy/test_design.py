@@ -85,6 +85,9 @@ def test_what_is_no_body_is_named(tmp_path):
         ep.design_impact(BALL, ep.RigidPlane(), **options)
     with pytest.raises(InputError, match=r"second: expected .*, or a RigidPlane, RigidSphere or RigidCylinder, got"):
         ep.design_impact((BALL, ep.STEEL), (ep.STEEL, BALL), **options)
+    plastic = ep.Material(E=210e9, nu=0.3, rho=7850, yield_stress=355e6, hardening=0)
+    with pytest.raises(InputError, match="first: its material has hardening="):
+        ep.design_impact((BALL, plastic), ep.RigidPlane(), **options)
     with pytest.raises(InputError, match=r"there is none at .*rod\.step"):
         ep.design_impact((tmp_path / "rod.step", ep.STEEL), ep.RigidPlane(), **options)
     with pytest.raises(InputError, match=r"first: expected a STEP file \(\.step, \.stp\), got rod\.vtu"):
