@@ -75,22 +75,36 @@ class Complementarity:
         self.F = F
         self._set(active)
 
+    def take(self, active: Array) -> None:
+        """Take an active set, (nc,) bool, that was found elsewhere."""
+        if not np.array_equal(active, self.active):
+            self._set(active)
+
     def reset(self) -> None:
         """Forget the active set of the last call."""
         self._set(np.zeros(len(self.F), dtype=bool))
 
     def _set(self, active: Array) -> None:
-        self.active = active
-        self.index = np.flatnonzero(active)
-        if len(self.index):
-            self._factor, info = lapack.dpotrf(self.F[np.ix_(self.index, self.index)], lower=1, overwrite_a=1)
-            if info:
-                raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
+        self.active, self.index = active, np.flatnonzero(active)
+        self._factor: Array | None = None  # made when it is needed
 
     def solve_active(self, rhs: Array) -> Array:
         """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
+        if self._factor is None:
+            self._factor, info = lapack.dpotrf(self.F[np.ix_(self.index, self.index)], lower=1, overwrite_a=1)
+            if info:
+                raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
         solution: Array = lapack.dpotrs(self._factor, rhs, lower=1)[0]
         return solution
+
+    def forces(self, h: Array) -> tuple[Array, Array]:
+        """Forces lambda on the present active set, and gaps w = h + F lambda, (nc,) each."""
+        lam, index = np.zeros(len(h)), self.index
+        if not index.size:
+            return lam, h
+        active = self.solve_active(-h[index])
+        lam[index] = active
+        return lam, h + self.F[:, index] @ active
 
     def solve(self, h: Array) -> Array:
         """Return lambda, (nc,), for h, (nc,).
@@ -100,24 +114,17 @@ class Complementarity:
         ComplementarityError
             If h is not finite.
         """
-        lam = np.zeros(len(h))
         smallest = h.min()
         if not math.isfinite(smallest):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if smallest >= 0.0:
             if self.index.size:
                 self.reset()
-            return lam
+            return np.zeros(len(h))
         fewest, patience = len(h) + 1, PATIENCE
         for _ in range(50 + 20 * len(h)):
             self.iterations += 1
-            index = self.index
-            lam[:] = 0.0
-            if index.size:
-                lam[index] = self.solve_active(-h[index])
-                w = h + self.F[:, index] @ lam[index]
-            else:
-                w = h
+            lam, w = self.forces(h)
             scale = abs(h).max() + 1e-300
             wrong = np.where(self.active, lam < 0.0, w < -1e-12 * scale)
             count = int(np.count_nonzero(wrong))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ import scipy.sparse as sp
 
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
+from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
 from ..surfaces.points import ContactPoints
@@ -28,8 +30,33 @@ if TYPE_CHECKING:
     from typing import Self
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
-_NOTHING = np.empty(0)
-SAME = 0.003  # of a facet's size, or change of normals: below it, rows keep their flexibility
+_NOTHING, _NO_INDEX = np.empty(0), np.empty(0, dtype=np.int64)
+_SAME = 0.003  # of a facet's size, or change of normals: below it, rows keep their flexibility
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Where the rows of a contact stand. What changes slowly with it is kept while it stays nearly the same.
+
+    Parameters
+    ----------
+    rows : object
+        Another object if other rows are present.
+    sides : object
+        Another object if a side has another flexibility.
+    stance : array
+        Places of the sides to each other, see `Gaps.stance`.
+    """
+
+    rows: object
+    sides: object
+    stance: Array
+
+    def nearly(self, other: Standing | None, by: float) -> bool:
+        """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
+        if other is None or other.rows is not self.rows or other.sides is not self.sides:
+            return False
+        return bool(abs(self.stance - other.stance).max() <= by)
 
 
 class Gaps:
@@ -86,9 +113,10 @@ class Gaps:
     _all: ContactPoints  # of the slave
     mean: Array | None  # (nr, p): rows by points; None if each row is one point
     row_points: tuple[Array, Array, Array]  # `mean` as triplets: rows, points and weights
-    _flexibility: Array | None = None  # of all present rows
-    _flexible_at: Array
-    _flexible_of: tuple[Side, ...] = ()
+    _flexibility: Array  # of all present rows
+    _flexible_at: Standing | None = None
+    _flexible_index: Array  # some present rows, and the flexibility between them
+    _flexible_some: Array
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _places: list[Array]
@@ -278,19 +306,26 @@ class Gaps:
         """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""
         (nodes, weights), x = self.shares[0], self.places_now()[0]
         arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
-        value: Array = np.cross(arms, forces).sum(axis=0)
-        return value
+        return total_moment(arms, forces)
 
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility between some present rows, (na, na) [m/N].
 
-        It changes slowly with the places of the points on their facets. So it is kept while the points move little.
+        It changes slowly with the places of the points on their facets. So it is kept while the points move little, and
+        the same array is returned for the same rows.
         """
-        stance, F = self.stance(), self._flexibility
-        if F is None or self._flexible_of is not self.sides or abs(stance - self._flexible_at).max() > SAME:
-            F = self._all_flexibility()
-            self._flexibility, self._flexible_at, self._flexible_of = F, stance, self.sides
-        return F.take(index, axis=0).take(index, axis=1)
+        standing = self.standing()
+        if not standing.nearly(self._flexible_at, _SAME):
+            self._flexibility, self._flexible_at = self._all_flexibility(), standing
+            self._flexible_index = _NO_INDEX
+        if not len(index) or not np.array_equal(index, self._flexible_index):
+            self._flexible_index = index
+            self._flexible_some = self._flexibility.take(index, axis=0).take(index, axis=1)
+        return self._flexible_some
+
+    def standing(self) -> Standing:
+        """Where the rows stand at the last coordinates."""
+        return Standing(self.row_nodes, self.sides, self.stance())
 
     def stance(self) -> Array:
         """Values that the flexibility of the rows depends on, scaled by the size of a facet or by one."""

@@ -120,7 +120,7 @@ class PatchGaps(Gaps):
         """Set the present rows."""
         self._points, self.mean, self.row_points = points, points.dense_mean, sp.find(points.mean)
         self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
-        self._flexibility = None
+        self._flexible_at = None
 
     def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
         """Set what the present points face: nodes and weights, (p, k), and normals, (p, 3), of the master."""

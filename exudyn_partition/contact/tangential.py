@@ -14,12 +14,14 @@ import scipy.sparse as sp
 
 from ..errors import InputError
 from ..frames.kinematics import Rows
+from ..frames.rotations import total_moment
 from ..support.arrays import Array
 from ..surfaces.surface import cross
-from .gaps import Gaps, dense, joined
+from .gaps import Gaps, Standing, dense, joined
 from .side import Side
 
 _SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
+_SAME_ROWS = 1e-3  # change of a row's entries below which a side keeps its part of the flexibility
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
 
@@ -50,9 +52,8 @@ class TangentialRows:
         self.gaps = gaps
         self._axis = int(abs(gaps.approach).argmin())
         self._tangents_of: Array | None = None
-        self._flexible_rows: object = None
-        self._flexible_sides: object = None
-        self._flexible_at, self._flexible_index = np.zeros(1), np.empty(0, dtype=np.int64)
+        self._flexible_at: Standing | None = None
+        self._flexible_index = np.empty(0, dtype=np.int64)
         self._parts: dict[int, tuple[Side, Array, Array]] = {}  # of each side: its rows and their flexibility
         self._places: list[Array] | None = None
         self._rows_held: object = None
@@ -105,7 +106,7 @@ class TangentialRows:
         self._axes = self.gaps.sides[-1].kinematics.frame(self.gaps.coordinates[-1])[1]
         cosines = abs(normal @ self._axes).max(axis=0, initial=0.0)
         if cosines[self._axis] > _STEEP:
-            self._axis, self._flexible_rows = int(cosines.argmin()), None
+            self._axis, self._flexible_at = int(cosines.argmin()), None
         first = cross(normal, self._axes[:, self._axis][None])
         first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
         self._tangents, self._tangents_of = np.stack([first, cross(normal, first)], axis=1), normals
@@ -207,26 +208,24 @@ class TangentialRows:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
 
         It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`). It is far more work than
-        theirs, so that they may move further. What rows on a side's nodes have not changed keep that side's part.
+        theirs, so that they may move further. A side whose rows have hardly changed keeps its part.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
-        stance, tangents = self.gaps.stance(), self.tangents
-        same = self._flexible_rows is self.gaps.row_nodes and self._flexible_sides is self.gaps.sides
-        same = same and len(tangents) > 0 and np.array_equal(self._flexible_index, index)
-        if not same or abs(stance - self._flexible_at).max() > _SAME:
+        self._turn()  # may take other tangents
+        standing = self.gaps.standing()
+        if not standing.nearly(self._flexible_at, _SAME) or not np.array_equal(self._flexible_index, index):
             parts = [
                 self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
             ]
             self._flexibility = sum(parts, np.zeros((3 * len(index), 3 * len(index))))
-            self._flexible_rows, self._flexible_at = self.gaps.row_nodes, stance
-            self._flexible_sides, self._flexible_index = self.gaps.sides, index
+            self._flexible_at, self._flexible_index = standing, index
         return self._flexibility
 
     def _part(self, place: int, index: Array) -> Array:
         """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
         F, rows = np.asarray(self.gaps.sides[place].flexibility), self._some_side_rows(place, index)
         known = self._parts.get(place)
-        if known is None or known[0] is not self.gaps.sides[place] or not np.array_equal(known[1], rows):
+        if known is None or known[0] is not self.gaps.sides[place] or not _nearly_equal(known[1], rows):
             used = np.flatnonzero(rows.any(axis=0))
             few = rows[:, used]
             self._parts[place] = self.gaps.sides[place], rows, few @ F[np.ix_(used, used)] @ few.T
@@ -272,9 +271,8 @@ class TangentialRows:
         apart += np.einsum("pk,pkd->pd", master_weights[active], x_m[master_nodes[active]])
         arms = x_m - x_m.mean(axis=0)
         inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
-        turn = np.linalg.solve(inertia, -np.cross(apart, forces).sum(axis=0))
-        value: Array = np.cross(turn, arms)
-        return value
+        turn = np.linalg.solve(inertia, -total_moment(apart, forces))
+        return cross(np.tile(turn, (len(arms), 1)), arms)
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), of forces along the directions of the present rows, (nr, 3) [N]."""
@@ -283,6 +281,10 @@ class TangentialRows:
             return np.asarray(self._all_rows().T @ lam.ravel())
         parts = zip(gaps.sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
         return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
+
+
+def _nearly_equal(rows: Array, others: Array) -> bool:
+    return rows.shape == others.shape and bool(abs(rows - others).max(initial=0.0) <= _SAME_ROWS)
 
 
 def directions(index: Array) -> Array:

@@ -58,6 +58,7 @@ class ContactRun:
         self.time_s = 0.0
         self.areas = law.node_areas
         self._members: list[ContactRun] = [self]
+        self._remembering: list[ContactRun] = []
         self.samples: list[tuple[float, Array, Array]] = []
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.edge: tuple[float, Array] | None = None
@@ -73,6 +74,7 @@ class ContactRun:
     def join(self, together: Together, members: list[ContactRun]) -> None:
         """Find the forces together with those of other contacts; `members` are all, this one included."""
         self.together, self._members = together, members
+        self._remembering = [member for member in members if member.law.remembers]
 
     def evaluate(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> Array:
         """Generalised contact force, (n,), in the model's present state at time t [s].
@@ -80,9 +82,8 @@ class ContactRun:
         `q` are the contact's coordinates, if Exudyn has handed them to a user function.
         """
         if self.together is not None:
-            for member in self._members:
-                if member.law.remembers:
-                    member.follow(start_of_step(mbs), t)
+            for member in self._remembering:
+                member.follow(start_of_step(mbs), t)
             data = mbs.systemData.GetODE2Coordinates(copy=False)
             forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
             return forces[self._members.index(self)]

@@ -23,7 +23,7 @@ from .inertial import InertialKinematics, node_fields
 from .kinematics import NO_NODES
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
-from .rotations import rotation_matrix
+from .rotations import rotation_matrix, total_moment
 
 
 class FloatingKinematics:
@@ -160,7 +160,7 @@ class FloatingKinematics:
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`; the torque is in the node's axes."""
         local = forces @ self.frame(q)[1]
-        torque = np.cross(self._arms(q), local).sum(axis=0) @ self.node_axes
+        torque = total_moment(self._arms(q), local) @ self.node_axes
         return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
 
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:

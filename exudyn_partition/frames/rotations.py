@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..support.arrays import Array
@@ -20,7 +22,28 @@ def skew(v: Array) -> Array:
 
 def rotation_matrix(v: Array) -> Array:
     """Rotation matrices, (..., 3, 3), of rotation vectors (..., 3) [rad]."""
+    if v.ndim == 1:
+        return _one_rotation_matrix(*v.tolist())
     half = np.linalg.norm(v, axis=-1)[..., None, None] / (2 * np.pi)
     turn = skew(v)
     matrix: Array = np.eye(3) + np.sinc(2 * half) * turn + np.sinc(half) ** 2 / 2 * (turn @ turn)
     return matrix
+
+
+def _one_rotation_matrix(x: float, y: float, z: float) -> Array:
+    """The same of one vector, without arrays, which takes a tenth of the time."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle > 0.0:
+        half = math.sin(angle / 2) / angle
+        a, b = math.sin(angle) / angle, 2 * half * half
+    else:
+        a, b = 1.0, 0.5
+    xx, yy, zz, xy, xz, yz = b * x * x, b * y * y, b * z * z, b * x * y, b * x * z, b * y * z
+    x, y, z = a * x, a * y, a * z
+    return np.array([[1.0 - yy - zz, xy - z, xz + y], [xy + z, 1.0 - xx - zz, yz - x], [xz - y, yz + x, 1.0 - xx - yy]])
+
+
+def total_moment(arms: Array, forces: Array) -> Array:
+    """Sum of arms x forces, (3,), of k arms and forces, (k, 3); np.cross takes several times as long."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arms.T @ forces).tolist()
+    return np.array([yz - zy, zx - xz, xy - yx])

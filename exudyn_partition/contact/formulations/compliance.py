@@ -46,6 +46,9 @@ class ComplianceContact(ElasticContact):
     """
 
     _held: object = None  # the frozen rows that `problem` belongs to
+    _everything: Array  # their numbers
+    _regularised_of: Array | None = None  # the flexibility that `_regularised` is made of
+    _regularised: Array
     problem: Complementarity
 
     @property
@@ -64,12 +67,15 @@ class ComplianceContact(ElasticContact):
         if self._held is self.gaps.held is not None:
             self.problem = self.problem.fresh()  # with the same F
             return
-        self._held = self.gaps.held
-        self.problem = Complementarity(self._flexibility(np.arange(len(self.gaps.row_nodes))))
+        self._held, self._everything = self.gaps.held, np.arange(len(self.gaps.row_nodes))
+        self.problem = Complementarity(self._flexibility(self._everything))
 
     def _flexibility(self, index: Array) -> Array:
         """Flexibility of some present rows, (na, na) [m/N], regularised: rows on few points may be redundant."""
-        return regularised(self.gaps.flexibility(index))
+        F = self.gaps.flexibility(index)
+        if F is not self._regularised_of:
+            self._regularised_of, self._regularised = F, regularised(F)
+        return self._regularised
 
     def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
         """Find the forces on the present rows from their gaps, (nr,) [m].
@@ -79,27 +85,50 @@ class ComplianceContact(ElasticContact):
         self.h = gap
         h = gap + pushed
         self.least_gap = h.min(initial=np.inf)
-        if self.gaps.moving:
-            self._answer_near(h)
-            return
-        if self._held is not self.gaps.held:
-            self._iterations += self.problem.iterations
-            self._take_held()
-        self.lam = self.problem.solve(h)
-        self.index = self.problem.index
-
-    def _answer_near(self, h: Array) -> None:
-        if math.isnan(self.least_gap):
-            raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if self.least_gap >= 0.0:
+        if self.gaps.moving and self.least_gap >= 0.0:
             self.open_rows()
             return
-        near = np.flatnonzero(h < -BULGE * self.least_gap)
-        self.problem.replace(self._flexibility(near), self._closed_nodes[self.gaps.row_nodes[near]])
-        self._held = None  # the problem of the frozen rows is lost
-        lam = np.zeros(len(h))
-        lam[near] = self.problem.solve(h[near])
-        self.close_rows(lam, near[self.problem.index])
+        near = self.near(h)
+        self._take_forces(near, self.problem.solve(h if near is self._everything else h[near]))
+
+    def near(self, h: Array) -> Array:
+        """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
+
+        Of frozen rows, these are all.
+        """
+        if not self.gaps.moving:
+            if self._held is not self.gaps.held:
+                self._iterations += self.problem.iterations
+                self._take_held()
+            return self._everything
+        least = h.min()
+        if math.isnan(least):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        near = np.flatnonzero(h < -BULGE * least)
+        F = self._flexibility(near)
+        if self.problem.F is not F:
+            self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])
+            self._held = None  # the problem of the frozen rows is lost
+        return near
+
+    def take(self, gap: Array, near: Array, lam: Array) -> None:
+        """Take forces lam on the rows `near`, (k,) [N], that were found together with those of other contacts."""
+        self.h, self.least_gap = gap, gap.min(initial=np.inf)
+        self.problem.take(lam > 0.0)
+        self._take_forces(near, lam)
+
+    def stay_open(self, gap: Array, moved: Array) -> None:
+        """Open all rows; their gaps are `moved`, (nr,) [m], where the forces of other contacts have moved them."""
+        self.h, self.least_gap = gap, moved.min(initial=np.inf)
+        self.open_rows()
+
+    def _take_forces(self, near: Array, lam: Array) -> None:
+        if near is self._everything:
+            self.lam, self.index = lam, self.problem.index
+            return
+        forces = np.zeros(len(self.h))
+        forces[near] = lam
+        self.close_rows(forces, near[self.problem.index])
 
     @property
     def forces(self) -> Array:

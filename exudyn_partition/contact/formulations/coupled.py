@@ -4,32 +4,98 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 import scipy.linalg
 
+from ...algebra.block_complementarity import BlockComplementarity, shared_fields
 from ...errors import ComplementarityError
-from ...frames.kinematics import Rows
 from ...support.arrays import Array, consecutive
-from ..gaps import dense
+from ..gaps import Standing
 from .compliance import ComplianceContact
 from .frictional_compliance import FrictionalCompliance
 
 Compliant = ComplianceContact | FrictionalCompliance
+Link = tuple[int, int, int, int, Array]
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
 _SETTLED_WITH_FRICTION = 1e-9  # forces with friction are known to a tenth of it
 _UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
+_SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
+
+
+@dataclass(frozen=True, eq=False)
+class _Exchange:
+    """Fields by which patches of common bodies move each other.
+
+    Parameters
+    ----------
+    fields : dict of int to list of (int, (d np, m) array)
+        Of each law, the number of a side and the fields of its patch. All sides of a law count together, so that the
+        columns of a side have zeros where those of the other side have their fields.
+    core : dict of (int, int) to (m, m) array
+        Amplitudes of the fields of one law by unit amplitudes of another [m/N].
+    """
+
+    fields: dict[int, list[tuple[int, Array]]]
+    core: dict[tuple[int, int], Array]
+
+    @classmethod
+    def of(cls, links: Sequence[Link]) -> _Exchange:
+        """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are looked at once."""
+        blocks: dict[tuple[int, int], list[Array]] = {}
+        for j, side, _, _, between in links:
+            blocks.setdefault((j, side), []).append(between)
+        once: dict[tuple[object, ...], Array] = {}
+        on_patches: dict[tuple[int, int], Array] = {}
+        for patch, found in blocks.items():
+            key = tuple(map(_identity, found))
+            if key not in once:
+                once[key] = shared_fields(found)
+            on_patches[patch] = once[key]
+        places, ends = dict[tuple[int, int], int](), dict[int, int]()
+        for (j, side), own in on_patches.items():
+            places[j, side] = ends.get(j, 0)
+            ends[j] = places[j, side] + own.shape[1]
+        size = max(ends.values())
+        fields: dict[int, list[tuple[int, Array]]] = {}
+        for (j, side), own in on_patches.items():
+            wide = np.zeros((len(own), size))
+            wide[:, places[j, side] : places[j, side] + own.shape[1]] = own
+            fields.setdefault(j, []).append((side, wide))
+        core: dict[tuple[int, int], Array] = {}
+        products: dict[tuple[object, ...], Array] = {}
+        for j, side, k, other_side, between in links:
+            own, other = on_patches[j, side], on_patches[k, other_side]
+            both = (_identity(between), id(own), id(other))
+            if both not in products:
+                products[both] = own.T @ between @ other
+            block, row, column = core.setdefault((j, k), np.zeros((size, size))), places[j, side], places[k, other_side]
+            block[row : row + own.shape[1], column : column + other.shape[1]] += products[both]
+        return cls(fields, core)
+
+
+def _identity(block: Array) -> tuple[int, tuple[int, ...]]:
+    """What tells whether two views of a flexibility are the same."""
+    return block.__array_interface__["data"][0], block.shape
 
 
 class CoupledContacts:
     """Compliance contacts that share bodies, solved together.
 
-    The forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over lambda >= 0, with F of all
-    rows. Block Gauss-Seidel converges to the minimum, because F is positive definite. It converges fast, because one
-    patch moves another only a little. With friction there is no potential, but the sweeps are the same: tangential
-    forces push too, and tangential places are pushed by what the forces have changed since the last accepted step.
+    Without friction and yield, the forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over
+    lambda >= 0, with F of all rows; see `BlockComplementarity`. Contacts enter that are closed, or that the others
+    close.
+
+    With friction or yield there is no potential. Then each contact in turn answers what the others push, by block
+    Gauss-Seidel. It converges fast, because one patch moves another only a little. Tangential forces push too, and
+    tangential places are pushed by what the forces have changed since the last accepted step.
+
+    A patch moves the others of its body by few smooth fields, so that only their amplitudes are exchanged.
 
     Parameters
     ----------
@@ -39,28 +105,36 @@ class CoupledContacts:
         [m/N].
     """
 
-    def __init__(self, laws: Sequence[Compliant], links: list[tuple[int, int, int, int, Array]]) -> None:
-        self.laws = [*laws]
-        self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
-        for j, side, k, other_side, between in links:
-            self._links.setdefault((j, k), []).append((side, other_side, between))
-        self._neighbours = [[k for own, k in self._links if own == j] for j in range(len(laws))]
+    def __init__(self, laws: Sequence[Compliant], links: Sequence[Link]) -> None:
+        self.laws, self._links = [*laws], links
+        self._neighbours: list[list[int]] = [[] for _ in laws]
+        for j, _, k, _, _ in links:
+            if k not in self._neighbours[j]:
+                self._neighbours[j].append(k)
         self._at: Array | None = None
         self._inverse: Array | None = None
-        self._rows: dict[tuple[int, int], Rows] = {}
-        self._kept: dict[tuple[int, int], tuple[object, object, Array]] = {}
+        self._rows: dict[int, tuple[Standing, Array]] = {}
         self._frictional = any(law.friction is not None for law in laws)
-        self._begin()
+        self._jointly = all(isinstance(law, ComplianceContact) and not law.remembers for law in laws)
+
+    @cached_property
+    def _exchange(self) -> _Exchange:
+        return _Exchange.of(self._links)
 
     def _begin(self) -> None:
         """Forget the forces of the last accepted step, which frictionless laws do not keep themselves."""
+        self._joint = BlockComplementarity(len(self.laws), self._exchange.core)
+        self._remembering = [law for law in self.laws if law.remembers]
+        self._carried = [law for law in self.laws if law.gaps.carried]
         self._since: list[float] = []
         self._last = [np.zeros(len(law.node_areas)) for law in self.laws]
 
     def for_run(self, laws: Sequence[Compliant]) -> CoupledContacts:
-        """Return the same object for the laws of a run; flexibilities between constant rows are shared."""
+        """Return the same object for the laws of a run; what patches push each other by is shared."""
+        self._exchange  # noqa: B018 - found once for all runs
         result = copy.copy(self)
-        result.laws, result._at, result._inverse, result._rows = [*laws], None, None, {}
+        result.laws, result._at, result._inverse = [*laws], None, None
+        result._rows = dict(self._rows)
         result._begin()
         return result
 
@@ -81,15 +155,17 @@ class CoupledContacts:
         coordinates : callable
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
-        since = [law.since for law in self.laws]
-        at = np.concatenate([state, since, *(law.gaps.carrier_pose for law in self.laws)])
-        if self._frictional and self._since != since:
+        if self._frictional and self._since != (since := [law.since for law in self.laws]):
             self._since = since
             for law, last in zip(self.laws, self._last, strict=True):
                 last[:] = 0.0
                 last[law.row_nodes] = law.lam
+        more = [np.atleast_1d(law.since) for law in self._remembering] + [
+            law.gaps.carrier_pose for law in self._carried
+        ]
+        at = np.concatenate([state, *more]) if more else state
         if self._at is None or not np.array_equal(at, self._at):
-            self._at, self._forces, self._inverse = at, self._find(coordinates()), None
+            self._at, self._forces, self._inverse = at.copy(), self._find(coordinates()), None
         return self._forces
 
     def stiffness(self, law: Compliant, other: Compliant) -> Array:
@@ -114,9 +190,9 @@ class CoupledContacts:
     def _flexibility_between(self) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero blocks for each contact's own."""
         F = np.zeros((self._closed[-1].stop,) * 2)
-        for j, k in self._links:
-            own, others = (law.directions(law.index) for law in (self.laws[j], self.laws[k]))
-            F[self._closed[j], self._closed[k]] += self._between(j, k)[np.ix_(own, others)]
+        fields = [self._rows_by_fields(j)[law.directions(law.index)] for j, law in enumerate(self.laws)]
+        for (j, k), core in self._exchange.core.items():
+            F[self._closed[j], self._closed[k]] = fields[j] @ core @ fields[k].T
         return F
 
     def _frictional_stiffness(self) -> Array:
@@ -126,13 +202,39 @@ class CoupledContacts:
         return value
 
     def _find(self, coordinates: Sequence[Array]) -> list[Array]:
-        self._rows.clear()
         gaps = [law.gaps.at(q) for law, q in zip(self.laws, coordinates, strict=True)]
-        for law, h in zip(self.laws, gaps, strict=True):
-            law.answer(h)
-        if sum(law.index.size > 0 for law in self.laws) > 1:
-            self._settle(gaps)
+        if self._jointly:
+            self._answer_jointly(gaps)
+        else:
+            for law, h in zip(self.laws, gaps, strict=True):
+                law.answer(h)
+            if sum(law.index.size > 0 for law in self.laws) > 1:
+                self._settle(gaps)
         return [law.generalised() for law in self.laws]
+
+    def _answer_jointly(self, gaps: list[Array]) -> None:
+        """Find the forces of all contacts. Those enter that press, or that the others press."""
+        laws = cast("list[ComplianceContact]", self.laws)
+        pushed, near, lam = [*gaps], dict[int, Array](), dict[int, Array]()
+        for _ in range(_SWEEPS):
+            entering = [j for j, h in enumerate(pushed) if _presses(h, near.get(j))]
+            if not entering:
+                break
+            for j in entering:
+                near[j] = laws[j].near(pushed[j])
+            lam = self._joint.solve(
+                {j: laws[j].problem for j in near},
+                {j: gaps[j][rows] for j, rows in near.items()},
+                {j: self._rows_by_fields(j)[rows] for j, rows in near.items()},
+            )
+            for j, gap in enumerate(gaps):
+                if (j not in near or len(near[j]) < len(gap)) and self._joint.amplitudes[j].any():
+                    pushed[j] = gap + self._rows_by_fields(j) @ self._joint.amplitudes[j]
+        for j, gap in enumerate(gaps):
+            if j in near:
+                laws[j].take(gap, near[j], lam[j])
+            else:
+                laws[j].stay_open(gap, pushed[j])
 
     def _settle(self, gaps: list[Array]) -> None:
         pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
@@ -168,34 +270,24 @@ class CoupledContacts:
         return pushed
 
     def _moved(self, j: int, k: int, forces: Array) -> Array:
-        if self._constant(j) is not None and self._constant(k) is not None:
-            return np.asarray(self._between(j, k) @ forces.ravel())
-        value: Array = sum(
-            rows @ (flexibility @ (columns.T @ forces.ravel()))
-            for side, other_side, flexibility in self._links[j, k]
-            for rows, columns in [(self._side_rows(j, side), self._side_rows(k, other_side))]
-        )
-        return value
+        amplitudes = self._exchange.core[j, k] @ (forces.ravel() @ self._rows_by_fields(k))
+        return np.asarray(self._rows_by_fields(j) @ amplitudes)
 
-    def _between(self, j: int, k: int) -> Array:
-        """Flexibility between the rows of two contacts, (nr, nr) [m/N], kept as long as the rows stay the same."""
-        stay = self._constant(j), self._constant(k)
-        kept = self._kept.get((j, k))
-        if kept is not None and None not in stay and kept[0] is stay[0] and kept[1] is stay[1]:
-            return kept[2]
-        blocks = [
-            dense(self._side_rows(j, side) @ (self._side_rows(k, other_side) @ between.T).T)
-            for side, other_side, between in self._links[j, k]
-        ]
-        F = np.sum(blocks, axis=0)
-        self._kept[j, k] = (*stay, F)
-        value: Array = F
-        return value
+    def _rows_by_fields(self, j: int) -> Array:
+        """How the fields of its patches move the rows of a contact, (nr, m) or with friction (3 nr, m).
 
-    def _constant(self, j: int) -> object:
-        return self.laws[j].gaps.constant_rows
+        It changes slowly, and is kept while the rows move little.
+        """
+        standing, kept = self.laws[j].gaps.standing(), self._rows.get(j)
+        if kept is None or not standing.nearly(kept[0], _SAME):
+            moved = [self.laws[j].side_rows(side) @ fields for side, fields in self._exchange.fields[j]]
+            kept = standing, np.sum(moved, axis=0)
+            self._rows[j] = kept
+        return kept[1]
 
-    def _side_rows(self, j: int, side: int) -> Rows:
-        if (j, side) not in self._rows:
-            self._rows[j, side] = self.laws[j].side_rows(side)
-        return self._rows[j, side]
+
+def _presses(h: Array, near: Array | None) -> bool:
+    """Whether rows that are not `near` have negative gaps, or gaps that are not finite."""
+    if near is not None:
+        h = np.delete(h, near) if len(near) < len(h) else h[:0]
+    return not h.min(initial=np.inf) >= 0.0

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from exudyn_partition.contact.formulations.coupled import CoupledContacts
+from exudyn_partition.contact.gaps import Standing
 from exudyn_partition.errors import ComplementarityError
 
 
 class Runaway:
     """A law whose force grows with what another pushes: patches that move each other more than themselves."""
 
-    carrier_pose = np.empty(0)
-    constant_rows = friction = None
+    carried = remembers = False
+    friction = None
     pushes, since = True, 0.0
     node_areas = np.ones(1)
 
@@ -29,6 +30,9 @@ class Runaway:
     def at(self, q):
         return q
 
+    def standing(self):
+        return Standing(self, self, np.zeros(1))
+
     def side_rows(self, side):
         return np.eye(1)
 
@@ -41,4 +45,4 @@ def test_contacts_that_do_not_settle_are_an_error():
     laws = [Runaway(), Runaway()]
     links = [(0, 0, 1, 0, -1.5 * np.eye(1)), (1, 0, 0, 0, -1.5 * np.eye(1))]
     with pytest.raises(ComplementarityError, match="2 contacts on common bodies did not settle in 100 sweeps"):
-        CoupledContacts(laws, links).forces([np.array([-1.0]), np.array([-2.0])])
+        CoupledContacts(laws, links).for_run(laws).forces([np.array([-1.0]), np.array([-2.0])])

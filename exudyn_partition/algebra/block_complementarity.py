@@ -1,0 +1,167 @@
+"""Linear complementarity of many blocks of rows, each of which moves a few others a little."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from ..errors import ComplementarityError
+from ..support.arrays import Array
+from .complementarity import PATIENCE, Complementarity
+
+_SETTLED = 1e-13  # change of what blocks push, relative
+_OPENING = 1e-12  # of the largest entry of h: a smaller overlap of an open row is round-off
+_LOST = 1e-12  # of the norm of blocks: what shared fields may leave out
+_ROUNDING = 1e-15  # of the largest field of a sample
+_STEPS = 50  # of the iteration; then the equations are solved at once
+
+
+class BlockComplementarity:
+    """lambda >= 0, w = F lambda + h >= 0, lambda'w = 0, with F of blocks of rows that move each other by few fields.
+
+    The diagonal blocks of F are any, the others are W_j S_jk W_k': the forces on block k act through a few numbers
+    W_k' lambda_k, and move block j by a few fields, the columns of W_j. So the equations of an active set are those of
+    the single blocks and a small system for the amplitudes of the fields::
+
+        c = S (a - G c),    a_k = -W_k' D_k^-1 h_k,    G_k = W_k' D_k^-1 W_k,
+
+    with D_k the active part of a diagonal block. It is iterated, for blocks move each other less than themselves.
+    Active sets change as in `Complementarity`, in all blocks at once. Factors, D_k^-1 W_k and G_k are kept as long as
+    the active rows of a block stay the same, so that the work grows with the number of blocks.
+
+    Parameters
+    ----------
+    n : int
+        Number of blocks.
+    core : dict of (int, int) to (m, m) array
+        S_jk, by the numbers of two blocks; m fields for each block.
+
+    Attributes
+    ----------
+    amplitudes : (n, m) array
+        c of the last answer, of all blocks.
+    """
+
+    def __init__(self, n: int, core: Mapping[tuple[int, int], Array]) -> None:
+        self._pairs = sorted(core)
+        blocks = np.array([core[pair] for pair in self._pairs])
+        columns = np.array([k for _, k in self._pairs])
+        starts = np.searchsorted([j for j, _ in self._pairs], np.arange(n + 1))
+        m = blocks.shape[1]
+        self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m))
+        self._responses: dict[int, tuple[Array, Array, Array, Array]] = {}
+        self.amplitudes = np.zeros((n, m))
+
+    def solve(
+        self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]
+    ) -> dict[int, Array]:
+        """Return the forces lambda of some blocks, (k,) each; no forces act on the others.
+
+        Parameters
+        ----------
+        problems : dict of int to Complementarity
+            The diagonal blocks, with guesses of their active rows; afterwards, with their active rows.
+        h : dict of int to (k,) array
+        fields : dict of int to (k, m) array
+            W.
+
+        Raises
+        ------
+        ComplementarityError
+            If h is not finite, or the active rows do not settle.
+        """
+        scale = max(abs(gap).max() for gap in h.values())
+        if not np.isfinite(scale):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        rows = sum(len(gap) for gap in h.values())
+        fewest, patience = rows + 1, PATIENCE
+        for _ in range(50 + 20 * rows):
+            self._find_amplitudes(problems, h, fields)
+            lam, wrong = {}, {}
+            for key, problem in problems.items():
+                problem.iterations += 1
+                pushed = h[key] + fields[key] @ self.amplitudes[key]
+                lam[key], w = problem.forces(pushed)
+                wrong[key] = np.where(problem.active, lam[key] < 0.0, w < -_OPENING * scale)
+            count = sum(map(np.count_nonzero, wrong.values()))
+            if not count:
+                return lam
+            if count < fewest:
+                fewest, patience = count, PATIENCE
+            elif patience:
+                patience -= 1
+            else:
+                wrong = _last_alone(wrong)
+            for key, some in wrong.items():
+                if some.any():
+                    problems[key].take(problems[key].active ^ some)
+        raise ComplementarityError(f"no active set of {rows} contact rows settled; the rows are nearly redundant")
+
+    def _find_amplitudes(
+        self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]
+    ) -> None:
+        """Solve c = S (a - G c) for the active rows."""
+        keys, (n, m) = [*problems], self.amplitudes.shape
+        a, G = np.zeros((n, m)), np.zeros((len(keys), m, m))
+        for i, (key, problem) in enumerate(problems.items()):
+            if problem.index.size:
+                response, G[i] = self._response(key, problem, fields[key])
+                a[key] = h[key][problem.index] @ response
+        c = self.amplitudes
+        for _ in range(_STEPS):
+            forces = a.copy()
+            forces[keys] -= (G @ c[keys, :, None])[:, :, 0]
+            before, c = c, (self._core @ forces.ravel()).reshape(n, m)
+            if abs(c - before).max() <= _SETTLED * abs(c).max():
+                break
+        else:
+            together = sp.block_diag([*G], format="csr")
+            some = (m * np.array(keys)[:, None] + np.arange(m)).ravel()
+            system = np.eye(n * m)
+            system[:, some] += self._core[:, some] @ together
+            c = np.linalg.solve(system, self._core @ a.ravel()).reshape(n, m)
+        self.amplitudes = c
+
+    def _response(self, key: int, problem: Complementarity, fields: Array) -> tuple[Array, Array]:
+        """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of a block's active rows."""
+        known = self._responses.get(key)
+        if known is None or known[0] is not problem.index or known[1] is not fields:
+            active = fields[problem.index]
+            response = -problem.solve_active(active)
+            known = self._responses[key] = problem.index, fields, response, -active.T @ response
+        return known[2], known[3]
+
+
+def _last_alone(wrong: Mapping[int, Array]) -> dict[int, Array]:
+    """The last of the marked rows alone."""
+    result = {key: np.zeros_like(some) for key, some in wrong.items()}
+    key = [key for key, some in wrong.items() if some.any()][-1]
+    result[key][np.flatnonzero(wrong[key])[-1]] = True
+    return result
+
+
+def shared_fields(blocks: Sequence[Array]) -> Array:
+    """Orthonormal columns that hold all fields by which some blocks of a flexibility move, (n, m).
+
+    Parameters
+    ----------
+    blocks : sequence of (n, k) arrays
+
+    References
+    ----------
+    N. Halko, P.G. Martinsson, J.A. Tropp, Finding structure with randomness, SIAM Review 53 (2011) 217, section 4.
+    """
+    together = np.hstack(blocks)
+    n, k = together.shape
+    columns, random = 16, np.random.default_rng(0)
+    while True:
+        sample = together @ random.normal(size=(k, columns))
+        fields, triangle, _ = scipy.linalg.qr(sample, mode="economic", pivoting=True)
+        missed = together - fields @ (fields.T @ together)
+        if columns >= n or np.linalg.norm(missed) <= _LOST * np.linalg.norm(together):
+            sizes = abs(triangle.diagonal())
+            return np.asarray(fields[:, sizes > _ROUNDING * sizes[0]])
+        columns *= 2

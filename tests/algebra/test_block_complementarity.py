@@ -1,0 +1,69 @@
+"""Blocks of rows that move each other by few fields, against the same problem as one matrix."""
+
+import numpy as np
+import pytest
+
+from exudyn_partition.algebra.block_complementarity import BlockComplementarity, shared_fields
+from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.errors import ComplementarityError
+
+BLOCKS, FIELDS = 4, 3
+
+
+def chain(strength, rows=9):
+    """Diagonal blocks, fields and cores of a chain, and the whole matrix, which is positive definite."""
+    random = np.random.default_rng(0)
+    roots = random.normal(size=(BLOCKS, rows, rows)) / np.sqrt(rows)
+    own = dict(enumerate(roots @ roots.swapaxes(1, 2) + 0.5 * np.eye(rows)))
+    fields = dict(enumerate(np.linalg.qr(random.normal(size=(BLOCKS, rows, FIELDS)))[0]))
+    core = {}
+    for j in range(BLOCKS - 1):
+        block = random.normal(size=(FIELDS, FIELDS))
+        core[j, j + 1] = strength * block / np.linalg.norm(block, 2)
+        core[j + 1, j] = core[j, j + 1].T
+    F = np.zeros((BLOCKS, rows, BLOCKS, rows))
+    for j in range(BLOCKS):
+        F[j, :, j] = own[j]
+    for (j, k), block in core.items():
+        F[j, :, k] = fields[j] @ block @ fields[k].T
+    return own, fields, core, F.reshape(BLOCKS * rows, BLOCKS * rows)
+
+
+@pytest.mark.parametrize("strength", [0.05, 0.24])
+def test_blocks_have_the_answer_of_the_whole_matrix(strength):
+    """The stronger one is beyond what an iteration over the blocks settles in the first answers."""
+    own, fields, core, F = chain(strength)
+    problems = {key: Complementarity(block) for key, block in own.items()}
+    whole, blocks = Complementarity(F), BlockComplementarity(BLOCKS, core)
+    for seed in range(20):
+        h = np.random.default_rng(seed).normal(size=(BLOCKS, 9)) - 0.3
+        found = blocks.solve(problems, dict(enumerate(h)), fields)
+        np.testing.assert_allclose(np.concatenate([*found.values()]), whole.solve(h.ravel()), atol=1e-10)
+
+
+def test_blocks_without_forces_feel_those_of_the_others():
+    own, fields, core, F = chain(0.1)
+    blocks = BlockComplementarity(BLOCKS, core)
+    lam = blocks.solve({1: Complementarity(own[1])}, {1: -np.ones(9)}, fields)[1]
+    assert lam.any()
+    pushed = fields[2] @ blocks.amplitudes[2]
+    np.testing.assert_allclose(pushed, F[18:27, 9:18] @ lam, atol=1e-12)
+    assert not blocks.amplitudes[3].any()
+
+
+def test_gaps_that_are_not_finite_are_an_error():
+    own, fields, core, _ = chain(0.1)
+    with pytest.raises(ComplementarityError, match="not finite"):
+        BlockComplementarity(BLOCKS, core).solve({0: Complementarity(own[0])}, {0: np.full(9, np.nan)}, fields)
+
+
+def test_shared_fields_hold_all_columns():
+    """Three blocks of a smooth kernel: few fields; a block of noise: as many as rows."""
+    x = np.linspace(0, 1, 80)
+    blocks = [1 / (distance + x[:, None] + x) for distance in (2, 3, 5)]
+    fields = shared_fields(blocks)
+    assert fields.shape[1] < 20
+    np.testing.assert_allclose(fields.T @ fields, np.eye(fields.shape[1]), atol=1e-13)
+    for block in blocks:
+        np.testing.assert_allclose(fields @ (fields.T @ block), block, atol=1e-12)
+    assert shared_fields([np.random.default_rng(2).normal(size=(20, 50))]).shape == (20, 20)

@@ -1,0 +1,20 @@
+"""Rotation matrices and moments."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from exudyn_partition.frames.rotations import rotation_matrix, total_moment
+
+
+def test_rotation_matrices_are_scipys_one_by_one_and_together():
+    """A single vector has its own formula."""
+    directions = np.random.default_rng(0).normal(size=(7, 3))
+    vectors = directions * np.array([0.0, 1e-300, 1e-9, 1e-3, 1.0, np.pi, 40.0])[:, None]
+    expected = Rotation.from_rotvec(vectors).as_matrix()
+    np.testing.assert_allclose(rotation_matrix(vectors), expected, atol=1e-14)
+    np.testing.assert_allclose([rotation_matrix(v) for v in vectors], expected, atol=1e-14)
+
+
+def test_the_total_moment_is_the_sum_of_vector_products():
+    arms, forces = np.random.default_rng(1).normal(size=(2, 9, 3))
+    np.testing.assert_allclose(total_moment(arms, forces), np.cross(arms, forces).sum(axis=0), rtol=1e-13)
