@@ -112,7 +112,8 @@ class Gaps:
     H: Rows
     _all: ContactPoints  # of the slave
     mean: Array | None  # (nr, p): rows by points; None if each row is one point
-    row_points: tuple[Array, Array, Array]  # `mean` as triplets: rows, points and weights
+    sparse_mean: sp.csr_matrix  # the same, also if each row is one point
+    row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and weights
     _flexibility: Array  # of all present rows
     _flexible_at: Standing | None = None
     _flexible_index: Array  # some present rows, and the flexibility between them
@@ -248,12 +249,10 @@ class Gaps:
         """Derivative of the gaps of some present rows by the coordinates, (na, n), pairs held."""
         if not self.moving:
             return self.H[index]
-        points = index if self.mean is None else np.arange(len(self.normals))
-        parts = []
+        mean, parts = self.sparse_mean[index], []
         for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
-            G = directed_matrix(nodes[points], weights[points], self.normals[points], len(side.surface.points))
-            G = side.kinematics.on_coordinates(q, G)
-            parts.append(G if self.mean is None else self.mean[index] @ G)
+            G = directed_matrix(nodes, weights, self.normals, len(side.surface.points))
+            parts.append(side.kinematics.on_coordinates(q, mean @ G))
         return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -359,7 +358,7 @@ class Gaps:
         else:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
-        return rows if self.mean is None else self.mean @ rows
+        return self.sparse_mean @ rows
 
 
 def dense(matrix: Rows) -> Array:

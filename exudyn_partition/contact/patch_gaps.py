@@ -20,13 +20,14 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import ComplementarityError, EmptyRegionError
+from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..surfaces.pairs import MovingPairs
-from ..surfaces.points import ContactPoints, RowKind, contact_points
-from ..surfaces.rows import ContactRows, directed_matrix, facing, pair_surfaces, rows_of
+from ..surfaces.points import ContactPoints, RowKind
+from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
 from ..surfaces.surface import Projection, closest_points
 from .gaps import BULGE, Gaps, dense
+from .pairings import Pairing
 from .side import Side
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
@@ -53,18 +54,9 @@ class PatchGaps(Gaps):
 
     def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated") -> None:
         self.sides, self._kind = (slave, master), kind
-        self._all = contact_points(slave.surface, kind)
-        self.n = sum(side.n for side in self.sides)
-        self._start_q = np.zeros(self.n)
-        try:
-            self._start = pair_surfaces(slave.surface, master.surface, kind)
-        except EmptyRegionError:
-            # Floating bodies may turn until their patches face each other.
-            self.faced, self._start_q = False, self._facing_pose()
-            if not self._start_q.any():
-                raise
-            q_s, q_m = self.split(self._start_q)
-            self._start = pair_surfaces(slave.at(q_s), master.at(q_m), kind)
+        self._pairing = pairing = Pairing.of(slave, master, kind)
+        self._all, self._start, self._start_q = pairing.points, pairing.rows, pairing.pose
+        self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = self._start.facet_size, self._start.approach
         self._linear = slave.kinematics.linear and master.kinematics.linear
         self._witnesses = [_spread(side.surface.points) for side in self.sides]
@@ -86,17 +78,6 @@ class PatchGaps(Gaps):
             self._hold(self._start, self._start_q)
             self.moving = not self._linear
 
-    def _facing_pose(self) -> Array:
-        """Coordinates, (n,), at which a side that can turn faces the other; zero if no side can turn."""
-        parts = [np.zeros(side.n) for side in self.sides]
-        radii = [float(np.linalg.norm(np.ptp(side.surface.points, axis=0))) for side in self.sides]
-        for i, (side, other) in enumerate((self.sides, self.sides[::-1])):
-            if not side.kinematics.linear:
-                surface = other.surface
-                parts[i] = side.turned_to(surface.points.mean(axis=0), surface.direction, sum(radii))
-                break
-        return np.concatenate(parts)
-
     # Frozen pairs.
 
     def _hold(self, rows: ContactRows, q: Array) -> None:
@@ -116,9 +97,17 @@ class PatchGaps(Gaps):
         """See `Gaps.stance`."""
         return self._here / self.size
 
+    def _all_flexibility(self) -> Array:
+        if self._q is not self._start_q:
+            return super()._all_flexibility()
+        if self._pairing.flexibility is None:
+            self._pairing.flexibility = super()._all_flexibility()
+        return self._pairing.flexibility
+
     def _take(self, points: ContactPoints, at_edge: Array) -> None:
         """Set the present rows."""
-        self._points, self.mean, self.row_points = points, points.dense_mean, sp.find(points.mean)
+        self._points, self.sparse_mean = points, points.mean
+        self.mean, self.row_points = points.dense_mean, sp.find(points.mean)
         self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
         self._flexible_at = None
 

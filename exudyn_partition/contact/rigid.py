@@ -165,6 +165,7 @@ class RigidGaps(Gaps):
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
+        self.sparse_mean = self._all.mean
         self.mean, self.row_points = self._all.dense_mean, sp.find(self._all.mean)
         self.shares = ((self._all.nodes, self._all.weights),)
         self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0

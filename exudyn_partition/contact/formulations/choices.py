@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, get_args
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,6 +33,7 @@ _OF_A_FORMULATION = ("check", "law", "couples", "together", "rows", "both_passes
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; contacts are not coupled below it
 _MOVED = 1e-9  # the same for accelerations: those that multipliers of one contact give to rows of another
+_SIZES: WeakKeyDictionary[ReducedBody, dict[tuple[int, int], float]] = WeakKeyDictionary()  # see `_size`
 _STIFFEST = 1e6  # times the default penalty; explicit steps are then a thousandth of those with the default
 
 
@@ -239,8 +242,16 @@ def _coupling(shared: SharedBody) -> float:
     body, (patch, other) = shared.body, shared.patches
     if body.basis.flexibility is None:
         return 0.0
-    own, others = (np.linalg.norm(body.flexibility(i), 2) for i in (patch, other))
-    return float(np.linalg.norm(body.flexibility(patch, other), 2) / np.sqrt(own * others))
+    own, others = _size(body, patch, patch), _size(body, other, other)
+    return _size(body, patch, other) / math.sqrt(own * others)
+
+
+def _size(body: ReducedBody, patch: int, other: int) -> float:
+    """Largest singular value of the residual flexibility between two patches [m/N]; found once for a body."""
+    known = _SIZES.setdefault(body, {})
+    if (patch, other) not in known:
+        known[patch, other] = float(np.linalg.norm(body.flexibility(patch, other), 2))
+    return known[patch, other]
 
 
 def _highest_frequency(body: ReducedBody) -> float:

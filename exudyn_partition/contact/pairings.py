@@ -1,0 +1,93 @@
+"""Pairs of two patches at the start of a contact, kept with the slave's body for the next model of the same bodies."""
+
+from __future__ import annotations
+
+import weakref
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import EmptyRegionError
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+from ..surfaces.points import ContactPoints, RowKind, contact_points
+from ..surfaces.rows import ContactRows, pair_surfaces
+from .side import Side
+
+_MOST = 8  # pairings that are kept with a body, the last ones
+
+# Pairings hold arrays alone. One that held a body would keep it, and so itself, for ever.
+KEPT: weakref.WeakKeyDictionary[ReducedBody, OrderedDict[object, Pairing]] = weakref.WeakKeyDictionary()
+
+
+@dataclass(eq=False)
+class Pairing:
+    """Pairs of two patches at the start.
+
+    Parameters
+    ----------
+    points : ContactPoints
+        All points of the slave.
+    rows : ContactRows
+        Those of the pose in which the patches face each other.
+    pose : (n,) array
+        Coordinates of both sides in that pose; zero if the patches face each other at the start.
+    flexibility : (nr, nr) array or None
+        Residual flexibility of the rows [m/N], once it is known.
+    """
+
+    points: ContactPoints
+    rows: ContactRows
+    pose: Array
+    flexibility: Array | None = None
+
+    @classmethod
+    def of(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:
+        """Pair two sides, or return what they were paired to in the same places before.
+
+        Raises
+        ------
+        EmptyRegionError, PenetrationError
+            See `rows.pair_surfaces`.
+        """
+        kept = KEPT.setdefault(slave.kinematics.body, OrderedDict())
+        key = (kind, *_place(slave), weakref.ref(master.kinematics.body), *_place(master))
+        if key not in kept:
+            kept[key] = cls._found(slave, master, kind)
+        kept.move_to_end(key)
+        while len(kept) > _MOST:
+            kept.popitem(last=False)
+        return kept[key]
+
+    @classmethod
+    def _found(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:
+        points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
+        try:
+            rows = pair_surfaces(slave.surface, master.surface, kind)
+        except EmptyRegionError:
+            # Floating bodies may turn until their patches face each other.
+            pose = _facing_pose((slave, master))
+            if not pose.any():
+                raise
+            rows = pair_surfaces(slave.at(pose[: slave.n]), master.at(pose[slave.n :]), kind)
+        return cls(points, rows, pose)
+
+
+def _place(side: Side) -> tuple[object, ...]:
+    """What distinguishes the places of a body's patches."""
+    surface, kinematics = side.surface, side.kinematics
+    arrays = surface.nodes, surface.points, surface.direction, kinematics.rotation, kinematics.node_axes
+    return (kinematics.linear, surface.direction_given, *(array.tobytes() for array in arrays))
+
+
+def _facing_pose(sides: tuple[Side, Side]) -> Array:
+    """Coordinates, (n,), at which a side that can turn faces the other; zero if no side can turn."""
+    parts = [np.zeros(side.n) for side in sides]
+    radii = [float(np.linalg.norm(np.ptp(side.surface.points, axis=0))) for side in sides]
+    for i, (side, other) in enumerate((sides, sides[::-1])):
+        if not side.kinematics.linear:
+            surface = other.surface
+            parts[i] = side.turned_to(surface.points.mean(axis=0), surface.direction, sum(radii))
+            break
+    return np.concatenate(parts)

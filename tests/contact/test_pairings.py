@@ -1,0 +1,54 @@
+"""Pairs that are kept for the next model of the same bodies."""
+
+import gc
+import pickle
+import weakref
+
+import numpy as np
+from oracles import floating, inertial
+
+from exudyn_partition.contact import pairings
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
+
+
+def copy_of(body):
+    """The same body as another object, with nothing kept."""
+    return pickle.loads(pickle.dumps(body))
+
+
+def test_a_second_contact_in_the_same_places_pairs_nothing_and_is_the_same(round_body, flat_body, monkeypatch):
+    slave = copy_of(round_body)
+    laws = []
+    for _ in range(2):
+        laws.append(ComplianceContact(PatchGaps(inertial(slave), inertial(flat_body))))
+        monkeypatch.setattr(pairings, "pair_surfaces", None)
+    fresh, kept = (law.gaps for law in laws)
+    np.testing.assert_array_equal(kept.flexibility(np.arange(9)), fresh.flexibility(np.arange(9)))
+    q = np.r_[-4e-6 * slave.rigid[:, 2], np.zeros(flat_body.n_dofs)]
+    np.testing.assert_array_equal(*(law.force(q) for law in laws))
+    assert laws[0].lam.any()
+
+
+def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_body, monkeypatch):
+    slave, other = copy_of(round_body), copy_of(flat_body)
+    pair, calls = pairings.pair_surfaces, []
+    monkeypatch.setattr(pairings, "pair_surfaces", lambda *args: calls.append(args) or pair(*args))
+    sides = [(inertial, (0, 0, 0)), (inertial, (0, 0, 1e-5)), (inertial, (1e-4, 0, 0)), (floating, (0, 0, 0))]
+    for _ in range(2):
+        made = [PatchGaps(frame(slave, place), inertial(flat_body)) for frame, place in sides]
+        made.append(PatchGaps(inertial(slave), inertial(other)))
+    assert len(calls) == len(made)
+    lifted = made[1].at(np.zeros(made[1].n)) - made[0].at(np.zeros(made[0].n))
+    np.testing.assert_allclose(lifted[:5], 1e-5, rtol=1e-3)
+
+
+def test_kept_pairs_are_few_and_keep_no_body(round_body, flat_body):
+    slave, master = copy_of(round_body), copy_of(flat_body)
+    for i in range(20):
+        PatchGaps(inertial(slave, (0, 0, 1e-6 * i)), inertial(master))
+    assert len(pairings.KEPT[slave]) <= 8
+    gone = [weakref.ref(body) for body in (slave, master)]
+    del slave, master
+    gc.collect()
+    assert [ref() for ref in gone] == [None, None]
