@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING, _NO_INDEX = np.empty(0), np.empty(0, dtype=np.int64)
-_SAME = 0.003  # of a facet's size, or change of normals: below it, rows keep their flexibility
+SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +314,7 @@ class Gaps:
         the same array is returned for the same rows.
         """
         standing = self.standing()
-        if not standing.nearly(self._flexible_at, _SAME):
+        if not standing.nearly(self._flexible_at, SAME):
             self._flexibility, self._flexible_at = self._all_flexibility(), standing
             self._flexible_index = _NO_INDEX
         if not len(index) or not np.array_equal(index, self._flexible_index):

@@ -17,10 +17,9 @@ from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
 from ..surfaces.surface import cross
-from .gaps import Gaps, Standing, dense, joined
+from .gaps import SAME, Gaps, Standing, dense, joined
 from .side import Side
 
-_SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 _SAME_ROWS = 1e-3  # change of a row's entries below which a side keeps its part of the flexibility
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
@@ -131,8 +130,11 @@ class TangentialRows:
             return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
         if self._places is None:
             self._places = gaps.places(np.concatenate(self._from))
-        before = self._carried(self._offsets(self._places), self._from)
-        return self.along(self._offsets(gaps.places_now()) - before)
+        now = gaps.places_now()
+        if not gaps.carried and gaps.sides[-1].kinematics.linear:
+            moved = [x - before for x, before in zip(now, self._places, strict=True)]
+            return self.along(self._offsets(moved))
+        return self.along(self._offsets(now) - self._carried(self._offsets(self._places), self._from))
 
     def rates(self, q_t: Array) -> Array:
         """Rates at which the rows slide along their tangents, (nr, 2) [m/s], at velocities q_t, (n,), pairs held."""
@@ -207,13 +209,13 @@ class TangentialRows:
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
 
-        It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`). It is far more work than
-        theirs, so that they may move further. A side whose rows have hardly changed keeps its part.
+        It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`). A side whose rows have
+        hardly changed keeps its part.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         self._turn()  # may take other tangents
         standing = self.gaps.standing()
-        if not standing.nearly(self._flexible_at, _SAME) or not np.array_equal(self._flexible_index, index):
+        if not standing.nearly(self._flexible_at, SAME) or not np.array_equal(self._flexible_index, index):
             parts = [
                 self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
             ]

@@ -240,7 +240,8 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
 
-    Loads are a uniform traction on each patch and the resultants of each interface. The basis begins with the static
+    Loads are uniform tractions on each patch, a twist of patches with all axes, and the resultants of each interface. The
+    basis begins with the static
     answers to them. Vectors of block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, from the same loads, follow; then
     comes Rayleigh-Ritz. Without the static answers, the Krylov vectors would find the lowest modes last, and the
     residual flexibility would until then contain their large compliance.

@@ -54,10 +54,24 @@ def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
 
 
 def resultants(fem: FEModel, partition: Partition) -> Array:
-    """(r + 6 i, p) combinations of `unit_loads`: uniform tractions on each patch, and each resultant of interfaces."""
+    """(r + 6 i, p) combinations of `unit_loads` with unit resultants.
+
+    These are uniform tractions on each patch, and each resultant of interfaces. A patch with all axes, as friction
+    needs them, is also twisted about its direction: by tractions that grow with the distance from its middle.
+    """
     blocks = []
     for patch in partition.patches:
         share = nodal_area(fem.points, patch.facets)[patch.nodes]
-        blocks.append(np.kron((share / share.sum())[:, None], np.eye(len(patch.directions))))
+        uniform = np.kron((share / share.sum())[:, None], np.eye(len(patch.directions)))
+        blocks.append(uniform if patch.axes == "normal" else np.hstack([uniform, _twist(fem, patch, share)]))
     resultants: Array = scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
     return resultants
+
+
+def _twist(fem: FEModel, patch: Patch, share: Array) -> Array:
+    """(3 np, 1) tractions of a unit moment about a patch's direction; `share`, (np,), are areas of its nodes."""
+    points = fem.points[patch.nodes]
+    ways = np.cross(patch.direction, points - share @ points / share.sum())
+    tractions = share[:, None] * ways
+    value: Array = (tractions / np.sum(tractions * ways)).reshape(-1, 1)
+    return value

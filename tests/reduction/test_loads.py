@@ -40,3 +40,24 @@ def test_combined_loads_have_unit_resultants(link, arm):
     expected = np.vstack([np.eye(6)[:, :3]] * 2)  # moments have no resultant force
     np.testing.assert_allclose(total[1:], expected, atol=1e-9)
     np.testing.assert_allclose(loads[0], pressure(link, side.patches[0]), atol=1e-15)
+
+
+def test_a_patch_with_all_axes_is_pushed_along_them_and_twisted_about_its_direction(link):
+    """The twist has no force, and a moment of 1 N m about the direction through the middle; so anywhere."""
+    side = ep.Partition.ball(link, (0.005, 0, 0.03), 5e-3, axes="xyz")
+    loads = (resultants(link, side).T @ unit_loads(link, side).toarray()).reshape(4, -1, 3)
+    np.testing.assert_allclose(loads.sum(axis=1), np.eye(4)[:, :3], atol=1e-9)
+    moment = np.cross(link.points, loads[3]).sum(axis=0)
+    np.testing.assert_allclose(side.patches[0].direction @ moment, 1.0, rtol=1e-9)
+
+
+def test_a_body_that_friction_can_twist_keeps_its_torsion(bricks):
+    """The mesh is symmetric, so that no force on the middle of its top excites the modes of torsion; a twist does."""
+    top = ep.Partition.ball(bricks, TOP, 5e-3, axes="xyz")
+    modes = ep.reduce(bricks, top, f_cut=80e3, basis="residual").basis
+    loads = resultants(bricks, top).T @ (unit_loads(bricks, top) @ modes.shapes[:, 6:])
+    force, twist = np.linalg.norm(loads[:3], axis=0), abs(loads[3])
+    torsion = modes.omega[6:][(force < 1e-6 * force.max()) & (twist > 0.1 * twist.max())]
+    assert len(torsion) == 2
+    adapted = ep.reduce(bricks, top, f_cut=80e3).basis.omega
+    np.testing.assert_allclose([adapted[abs(adapted - omega).argmin()] for omega in torsion], torsion, rtol=1e-6)

@@ -31,7 +31,7 @@ class ComplianceContact(ElasticContact):
     gradient of the potential 1/2 lambda' F lambda: contact stores energy and returns it, but creates none.
 
     While pairs slide, F is projected on the present normals and facets. It is computed again when the patches have
-    slid by 0.3 % of a facet. Only rows that can close enter: rows with a negative gap, and rows whose gap is below a
+    slid by 1 % of a facet. Only rows that can close enter: rows with a negative gap, and rows whose gap is below a
     quarter of the deepest row's depth, as the surface bulges around a contact. The change of F itself makes no force,
     because rows are frictionless.
 
