@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import weakref
-from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +14,11 @@ from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, pair_surfaces
 from .side import Side
 
-_MOST = 8  # pairings that are kept with a body, the last ones
+_MOST = 8  # pairings that are kept of two patches, the last ones
+_ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places that differ by less are the same
 
 # Pairings hold arrays alone. One that held a body would keep it, and so itself, for ever.
-KEPT: weakref.WeakKeyDictionary[ReducedBody, OrderedDict[object, Pairing]] = weakref.WeakKeyDictionary()
+KEPT: weakref.WeakKeyDictionary[ReducedBody, dict[object, list[Pairing]]] = weakref.WeakKeyDictionary()
 
 
 @dataclass(eq=False)
@@ -33,6 +33,8 @@ class Pairing:
         Those of the pose in which the patches face each other.
     pose : (n,) array
         Coordinates of both sides in that pose; zero if the patches face each other at the start.
+    places : (k, 3) array
+        The nodes of both patches, as seen from the first of the master [m].
     flexibility : (nr, nr) array or None
         Residual flexibility of the rows [m/N], once it is known.
     """
@@ -40,28 +42,31 @@ class Pairing:
     points: ContactPoints
     rows: ContactRows
     pose: Array
+    places: Array
     flexibility: Array | None = None
 
     @classmethod
     def of(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:
-        """Pair two sides, or return what they were paired to in the same places before.
+        """Pair two sides, or return what they were paired to in the same places to each other before.
 
         Raises
         ------
         EmptyRegionError, PenetrationError
             See `rows.pair_surfaces`.
         """
-        kept = KEPT.setdefault(slave.kinematics.body, OrderedDict())
-        key = (kind, *_place(slave), weakref.ref(master.kinematics.body), *_place(master))
-        if key not in kept:
-            kept[key] = cls._found(slave, master, kind)
-        kept.move_to_end(key)
-        while len(kept) > _MOST:
-            kept.popitem(last=False)
-        return kept[key]
+        of_body = KEPT.setdefault(slave.kinematics.body, {})
+        kept = of_body.setdefault((kind, _attitude(slave), weakref.ref(master.kinematics.body), _attitude(master)), [])
+        points = np.vstack([slave.surface.points, master.surface.points])
+        places, rounding = points - master.surface.points[0], _ROUNDING * abs(points).max()
+        for pairing in kept:
+            if abs(pairing.places - places).max() <= rounding:
+                return pairing
+        kept.append(cls._found(slave, master, kind, places))
+        del kept[:-_MOST]
+        return kept[-1]
 
     @classmethod
-    def _found(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:
+    def _found(cls, slave: Side, master: Side, kind: RowKind, places: Array) -> Pairing:
         points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
         try:
             rows = pair_surfaces(slave.surface, master.surface, kind)
@@ -71,13 +76,13 @@ class Pairing:
             if not pose.any():
                 raise
             rows = pair_surfaces(slave.at(pose[: slave.n]), master.at(pose[slave.n :]), kind)
-        return cls(points, rows, pose)
+        return cls(points, rows, pose, places)
 
 
-def _place(side: Side) -> tuple[object, ...]:
-    """What distinguishes the places of a body's patches."""
+def _attitude(side: Side) -> tuple[object, ...]:
+    """What distinguishes patches of a body, and their directions."""
     surface, kinematics = side.surface, side.kinematics
-    arrays = surface.nodes, surface.points, surface.direction, kinematics.rotation, kinematics.node_axes
+    arrays = surface.nodes, surface.direction, kinematics.rotation, kinematics.node_axes
     return (kinematics.linear, surface.direction_given, *(array.tobytes() for array in arrays))
 
 

@@ -240,11 +240,10 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
 def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
     """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
 
-    Loads are uniform tractions on each patch, a twist of patches with all axes, and the resultants of each interface. The
-    basis begins with the static
-    answers to them. Vectors of block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2, from the same loads, follow; then
-    comes Rayleigh-Ritz. Without the static answers, the Krylov vectors would find the lowest modes last, and the
-    residual flexibility would until then contain their large compliance.
+    Loads are uniform tractions on each patch, a twist of patches with all axes, and the resultants of each interface.
+    The basis begins with the static answers to them. Vectors of block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2,
+    from the same loads, follow; then comes Rayleigh-Ritz. Without the static answers, the Krylov vectors would find the
+    lowest modes last, and the residual flexibility would until then contain their large compliance.
 
     The basis grows until the mobility of each load below `f_cut` has converged. Modes that the loads do not excite are
     never computed. Ritz pairs far above `f_cut` are left to the residual flexibility. In a

@@ -1,0 +1,115 @@
+"""Chains of equal balls that are all pressed together: time of a step over the number of contacts.
+
+One ball is reduced once and used several times, as in `examples/newtons_cradle.py`. The balls of a chain approach its
+middle, so that every contact closes. All contacts are coupled, for each ball has two of them.
+
+Reference: the shortest chain. Quantity: processor time of a step in contact [us], all of the run included, over closed
+contacts; it is the difference of two runs, so that what comes before the first step does not count. The smallest of
+three repetitions counts. The table also has the time to set up a contact, of the first model of a chain and the second.
+Limits: the longest chain needs at most 1.2 times the time of the shortest, for each closed contact; forces on both
+sides of the middle are equal to 1e-6.
+
+    python -m validation.benchmarks.many_contacts [--quick]
+"""
+
+import argparse
+import time
+from itertools import pairwise
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+from validation.contact import scenes
+
+R, SPEED, STEP = 0.010, 0.1, 5e-7  # [m], of neighbours to each other [m/s], [s]
+CHAINS, QUICK_CHAINS = (13, 49, 199), (5, 13)
+BEGIN, END = 40, 100  # steps
+LIMITS = {"growth": 1.2, "symmetry": 1e-6}
+
+
+def reduced_ball():
+    """A ball with a patch at either pole, reduced."""
+    poles = {"back": (0, 0, -R), "front": (0, 0, R)}
+    fine = [ep.Refine(pole, 0.35e-3, 0.12e-3) for pole in poles.values()]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=R / 3, refine=fine)
+    back, front = (ep.Partition.ball(fem, pole, radius=0.6e-3, name=name) for name, pole in poles.items())
+    return ep.reduce(fem, back | front, f_cut=200e3)
+
+
+def chain(body, balls, frame):
+    """Model of a chain, its contacts, and the time to set one up [s]."""
+    mbs = exu.SystemContainer().AddSystem()
+    items = [
+        ep.CreatePartitionBody(
+            mbs, body, frame=frame, referencePosition=[0, 0, 2 * R * i],
+            initialVelocity=[0, 0, SPEED * ((balls - 1) / 2 - i)],
+        )
+        for i in range(balls)
+    ]  # fmt: skip
+    begin = time.process_time()
+    contacts = [
+        ep.CreatePartitionContact(mbs, *pair, slavePatch="front", masterPatch="back") for pair in pairwise(items)
+    ]
+    setup_s = (time.process_time() - begin) / len(contacts)
+    mbs.Assemble()
+    return mbs, contacts, setup_s
+
+
+def measured(body, balls, frame):
+    """Times and closed contacts of one chain."""
+    setups, spent = [], []
+    for _ in range(3):
+        both = []
+        for steps in (BEGIN, END):
+            mbs, contacts, setup_s = chain(body, balls, frame)
+            setups.append(setup_s)
+            begin = time.process_time()
+            result = ep.solve_dynamic(mbs, end_time=steps * STEP, step=STEP)
+            both.append(time.process_time() - begin)
+        spent.append(both[1] - both[0])
+    rows = np.array([contact.closed_rows(result)[BEGIN:] for contact in contacts])
+    force = np.array([contact.force(result) for contact in contacts])
+    closed = np.count_nonzero(rows) / rows.shape[1]
+    return {
+        "contacts": len(contacts),
+        "closed": closed,
+        "rows": int(rows.max()),
+        "us_a_closed_contact": 1e6 * min(spent) / (END - BEGIN) / closed,
+        "symmetry": float(abs(force - force[::-1]).max() / force.max()),
+        "setup_ms": 1e3 * setups[0],
+        "setup_again_ms": 1e3 * min(setups[1:]),
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="short chains")
+    options = parser.parse_args()
+    body, chains = reduced_ball(), QUICK_CHAINS if options.quick else CHAINS
+    results = {
+        frame: [measured(body, balls, frame) for balls in (chains if frame == "inertial" else chains[:2])]
+        for frame in ("inertial", "floating")
+    }
+    table = Table("frame", *results["inertial"][0])
+    for frame, found in results.items():
+        for entry in found:
+            table.add_row(frame, *(f"{value:.4g}" for value in entry.values()))
+    Console(width=150).print(table)
+    times = {frame: [entry["us_a_closed_contact"] for entry in found] for frame, found in results.items()}
+    found = {
+        "growth": max(each[-1] / each[0] for each in times.values()),
+        "symmetry": max(entry["symmetry"] for each in results.values() for entry in each),
+    }
+    missed = [f"{key} {found[key]:.3g}" for key in LIMITS if found[key] > LIMITS[key]]
+    if options.quick:
+        raise SystemExit(f"limits missed: {missed}" if missed else 0)
+    result = {"found": found, "limits": LIMITS, "chains": results, "dofs": body.n_dofs, "quick": False}
+    scenes.finish(__file__, result, missed)
+
+
+if __name__ == "__main__":
+    main()
