@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..contact.formulations.formulation import SharedBody
+from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.arrays import Array, consecutive
 from .partition_contact import PartitionContact
 
@@ -25,7 +26,7 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
 
 def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:
     """Return the contact, and those of others that it is solved together with, through others too."""
-    group = [contact]
+    group = {id(contact): contact}
     for other in others:
         for place, (item, patch) in enumerate(contact.sides):
             for other_place, (other_item, other_patch) in enumerate(other.sides):
@@ -40,8 +41,8 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
                     other.name,
                 )
                 if contact.formulation.couples(contact.law, other.law, shared):
-                    group += [member for member in other.group if not any(member is known for known in group)]
-    return group
+                    group |= {id(member): member for member in other.group}
+    return [*group.values()]
 
 
 def _columns(contact: PartitionContact) -> list[slice]:
@@ -51,10 +52,15 @@ def _columns(contact: PartitionContact) -> list[slice]:
 
 def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, Array]]:
     """Which sides of the contacts push which others, and the flexibility between their patches."""
-    sides = [(j, s, item, patch) for j, c in enumerate(contacts) for s, (item, patch) in enumerate(c.sides)]
+    of_body: dict[int, list[tuple[int, int, PartitionBody, int]]] = {}
+    for j, contact in enumerate(contacts):
+        for s, (item, patch) in enumerate(contact.sides):
+            if item.body.basis.flexibility is not None:
+                of_body.setdefault(id(item), []).append((j, s, item, patch))
     return [
         (j, s, k, r, item.body.flexibility(patch, other_patch))
+        for sides in of_body.values()
         for j, s, item, patch in sides
-        for k, r, other, other_patch in sides
-        if j != k and item is other and item.body.basis.flexibility is not None
+        for k, r, _, other_patch in sides
+        if j != k
     ]

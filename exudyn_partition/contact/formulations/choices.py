@@ -91,7 +91,7 @@ class Compliance(Formulation):
 
     def together(self, laws: Sequence[Any], links: Callable[[], list[Any]]) -> CoupledContacts:
         """See `Formulation`."""
-        return CoupledContacts(laws, links())
+        return CoupledContacts(laws, links)
 
 
 class Lagrange(Formulation):

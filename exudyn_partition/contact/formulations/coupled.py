@@ -44,6 +44,10 @@ class _Exchange:
     fields: dict[int, list[tuple[int, Array]]]
     core: dict[tuple[int, int], Array]
 
+    def neighbours(self, j: int) -> list[int]:
+        """Numbers of the laws that move the rows of a law."""
+        return [k for own, k in self.core if own == j]
+
     @classmethod
     def of(cls, links: Sequence[Link]) -> _Exchange:
         """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are looked at once."""
@@ -100,17 +104,13 @@ class CoupledContacts:
     Parameters
     ----------
     laws : list of ComplianceContact or FrictionalCompliance
-    links : list of (int, int, int, int, (d np, d np) array)
-        Numbers of a law and its side, of the other law and its side, and the body's flexibility between the patches
-        [m/N].
+    links : callable
+        Returns numbers of a law and its side, of the other law and its side, and the body's flexibility between the
+        patches, (d np, d np) [m/N], for each two sides that move each other.
     """
 
-    def __init__(self, laws: Sequence[Compliant], links: Sequence[Link]) -> None:
+    def __init__(self, laws: Sequence[Compliant], links: Callable[[], Sequence[Link]]) -> None:
         self.laws, self._links = [*laws], links
-        self._neighbours: list[list[int]] = [[] for _ in laws]
-        for j, _, k, _, _ in links:
-            if k not in self._neighbours[j]:
-                self._neighbours[j].append(k)
         self._at: Array | None = None
         self._inverse: Array | None = None
         self._rows: dict[int, tuple[Standing, Array]] = {}
@@ -119,7 +119,7 @@ class CoupledContacts:
 
     @cached_property
     def _exchange(self) -> _Exchange:
-        return _Exchange.of(self._links)
+        return _Exchange.of(self._links())
 
     def _begin(self) -> None:
         """Forget the forces of the last accepted step, which frictionless laws do not keep themselves."""
@@ -238,11 +238,12 @@ class CoupledContacts:
 
     def _settle(self, gaps: list[Array]) -> None:
         pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
+        neighbours = [self._exchange.neighbours(j) for j in range(len(self.laws))]
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
             for j, law in enumerate(self.laws):
-                pushing = [k for k in self._neighbours[j] if self.laws[k].pushes]
+                pushing = [k for k in neighbours[j] if self.laws[k].pushes]
                 if pushing or pushed_ever[j]:
                     before, pushed_ever[j] = law.forces, True
                     law.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
