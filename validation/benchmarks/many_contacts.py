@@ -3,9 +3,10 @@
 One ball is reduced once and used several times, as in `examples/newtons_cradle.py`. The balls of a chain approach its
 middle, so that every contact closes. All contacts are coupled, for each ball has two of them.
 
-Reference: the second chain, of 50 balls; shorter ones fit into the processor's cache. Quantity: processor time of a step in contact [us], all of the run included, over closed
-contacts; it is the difference of two runs, so that what comes before the first step does not count. The smallest of
-three repetitions counts. The table also has the time to set up a contact, of the first model of a chain and the second.
+Reference: the second chain, of 50 balls; shorter ones fit into the processor's cache. Quantity: processor time of a
+step in contact [us], all of the run included, over closed contacts. It is the difference of two runs, so that what
+comes before the first step does not count. The smallest of three repetitions counts. The table also has the time to
+set up a contact, of the first model of a chain and the second.
 Limits: the longest chain, of 200 balls, needs at most 1.2 times the time of the second for each closed contact; forces
 on both sides of the middle are equal to 1e-6.
 
