@@ -32,6 +32,7 @@ from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
 from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
+from ..plasticity.dilatation import with_free_zones
 from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
 from ..reduction.estimate import Estimate
@@ -252,7 +253,7 @@ def _correction(side: Side) -> _Correction:
     elastic = np.flatnonzero(basis.omega > 0)
     rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, elastic], basis.omega[elastic] ** 2
     loads, on_surplus = _loads(side, surplus)
-    flexibility = FreeBodyFlexibility(fem.stiffness, fem.mass, rigid)
+    flexibility = FreeBodyFlexibility(with_free_zones(fem, side.body.partition).stiffness, fem.mass, rigid)
 
     def residual(loads: Array) -> Array:
         """Static answers without those of the kept shapes."""

@@ -21,6 +21,7 @@ from ..errors import FrequencyRangeError, InputError
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
+from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
 from ..support.checks import validate_callable, validate_choice, validate_positive, validate_type
 from ..support.progress import Progress, shown
@@ -307,6 +308,7 @@ def _reduce(
 ) -> ReducedBody:
     begin = time.perf_counter()
     with watched([(fem, partition)], basis), one_blas_thread():
+        fem = with_free_zones(fem, partition)
         reduced = BASES[basis](fem, partition, f_cut, progress)
         return _body(fem, partition, reduced, f_cut, begin)
 
@@ -321,6 +323,7 @@ def reduce_to_tolerance(
     """Do the work of `reduce` and `reduce_pair` for a tolerance, without warnings; see `grow_to_tolerance`."""
     begin = time.perf_counter()
     with watched(models, "contact-adapted"), one_blas_thread():
+        models = [(with_free_zones(*model), model[1]) for model in models]
         spaces, estimate = grow_to_tolerance(models, patches, **options, rigid=rigid, progress=progress)
         reduced = [bases.adapted_basis(space, estimate.f_cut, "a smaller tolerance keeps more") for space in spaces]
         bodies = [_body(*model, r, estimate.f_cut, begin, estimate) for model, r in zip(models, reduced, strict=True)]

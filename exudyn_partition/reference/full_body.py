@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
+from ..plasticity.dilatation import with_free_zones, with_mean_dilatation
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_type, validate_vector
 from ..surfaces.surface import Surface
@@ -81,6 +82,13 @@ class FullBody:
         if self.plastic == "everywhere":
             return self.fem.material.plastic
         return self.plastic == "zone" and self.contact.plastic is not None
+
+    @property
+    def stiffness(self) -> sp.csr_matrix:
+        """Stiffness of all nodes, as a reduced body of this partition has it: see `plasticity.dilatation`."""
+        if self.plastic == "everywhere" and self.yields:
+            return with_mean_dilatation(self.fem, self.fem.cells).stiffness
+        return with_free_zones(self.fem, self.partition).stiffness
 
     @property
     def surface(self) -> Surface:

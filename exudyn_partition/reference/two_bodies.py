@@ -121,7 +121,7 @@ def simulate(
         fem = body.fem
         mass = fem.mass if body.mass == "consistent" else fem.lumped_mass_matrix
         at_start = np.tile(body.velocity, fem.n_nodes)
-        sides.append(HHT(mass, fem.stiffness, rows_on_dofs(body, G), step, alpha=alpha, velocity=at_start))
+        sides.append(HHT(mass, body.stiffness, rows_on_dofs(body, G), step, alpha=alpha, velocity=at_start))
     law.begin(sides[0].compliance() + sides[1].compliance())
     pairs = zip(bodies, sides, strict=True)
     yielding = [PlasticBody(body, side) for body, side in pairs if body.yields]

@@ -1,0 +1,51 @@
+"""Elements that do not lock in plastic flow: their volume changes by one value an element (B-bar).
+
+Plastic flow keeps the volume. A quadratic tetrahedron whose volume must stay the same at each of its four integration
+points can hardly flow, and a body of such elements is too stiff. With one dilatation an element, the mean one, it can.
+
+References
+----------
+T. J. R. Hughes, The Finite Element Method, 1987, section 4.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fe.model import FEModel, node_dofs
+from ..fe.partition import Partition
+from ..fe.shapes import integration_gradients, integration_weights
+from ..support.arrays import Array
+
+_LOCKING = (8, 10)  # nodes of the elements with several integration points that lock
+
+
+def with_free_zones(fem: FEModel, partition: Partition) -> FEModel:
+    """Return the model with one dilatation in each element of the partition's plastic zones; itself without any."""
+    cells = [patch.plastic.cells for patch in partition.patches if patch.plastic is not None]
+    return with_mean_dilatation(fem, np.unique(np.concatenate(cells), axis=0)) if cells else fem
+
+
+def with_mean_dilatation(fem: FEModel, cells: Array) -> FEModel:
+    """Return the model with one dilatation in each of some elements, (c, k) nodes, instead of one an integration point.
+
+    Cubic tetrahedra do not lock, and linear ones have one integration point: they stay as they are.
+    """
+    k = cells.shape[1]
+    if k not in _LOCKING:
+        return fem
+    derivatives = integration_gradients(k)
+    jacobian = np.einsum("cka,qkj->cqaj", fem.points[cells], derivatives)
+    dilatation = (derivatives @ np.linalg.inv(jacobian)).reshape(len(cells), -1, 3 * k)
+    volume = integration_weights(k) * np.linalg.det(jacobian)
+    mean = np.einsum("cq,cqi->ci", volume, dilatation) / volume.sum(axis=1)[:, None]
+    apart = dilatation - mean[:, None]
+    bulk = fem.material.lame + 2 / 3 * fem.material.shear_modulus
+    change = -bulk * np.einsum("cq,cqi,cqj->cij", volume, apart, apart, optimize=True)
+    dofs = node_dofs(cells.ravel()).reshape(len(cells), 3 * k)
+    places = np.repeat(dofs, 3 * k, axis=1).ravel(), np.tile(dofs, (1, 3 * k)).ravel()
+    stiffness = fem.stiffness + sp.csr_matrix((change.ravel(), places), shape=fem.stiffness.shape)
+    return replace(fem, stiffness=sp.csr_matrix(stiffness))

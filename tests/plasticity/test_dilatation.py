@@ -1,0 +1,56 @@
+"""Elements of plastic zones have one dilatation each."""
+
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.plasticity.dilatation import with_free_zones, with_mean_dilatation
+from exudyn_partition.plasticity.flow import PlasticState
+from exudyn_partition.plasticity.zone import PlasticZone
+
+MATERIAL = ep.Material(E=70e9, nu=0.3, rho=2700.0, yield_stress=200e6, hardening=500e6)
+
+
+@pytest.fixture(scope="module")
+def model():
+    fem = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=3e-3)
+    return fem, ep.Partition.ball(fem, (0, 0, 4e-3), 2e-3, plastic_radius=3e-3)
+
+
+def test_energy_is_that_of_strains_with_the_mean_dilatation_of_each_element(model):
+    """Beside the energy of shape, one pressure an element by the change of its volume: Gauss' theorem on its faces."""
+    fem, partition = model
+    region = partition.patches[0].plastic
+    zone = PlasticZone(fem.points, region, MATERIAL)
+    own = np.random.default_rng(3).standard_normal((len(zone.nodes), 3)) * 1e-6
+    u = np.zeros((fem.n_nodes, 3))
+    u[zone.nodes] = own
+    u[region.border] = 0.0  # elements outside the zone stay as they are
+    strain = zone.strains(u[zone.nodes].ravel())
+    shape = zone.own_energy(PlasticState(strain, np.zeros(len(zone)), np.zeros_like(strain)))
+    bulk, corners = MATERIAL.lame + 2 / 3 * MATERIAL.shear_modulus, region.cells[:, :4]
+    volume = np.linalg.det(fem.points[corners[:, 1:]] - fem.points[corners[:, :1]]) / 6
+    # Volume swept by the faces: the flux of a quadratic field through a flat face is the mean over its mid-sides.
+    flux = np.zeros(len(region.cells))
+    for face in ([0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]):
+        a, b, c = (fem.points[region.cells[:, i]] for i in face[:3])
+        area = np.cross(b - a, c - a) / 2
+        flux += np.einsum("cj,cj->c", area, u[region.cells[:, face[3:]]].mean(axis=1))
+    expected = shape + bulk / 2 * (flux**2 / volume).sum()
+    assert u.ravel() @ (with_free_zones(fem, partition).stiffness @ u.ravel()) / 2 == pytest.approx(expected, rel=1e-9)
+
+
+def test_uniform_strain_is_answered_as_before(model):
+    fem, partition = model
+    u = (fem.points @ np.random.default_rng(4).standard_normal((3, 3))).ravel()
+    change = with_free_zones(fem, partition).stiffness @ u - fem.stiffness @ u
+    assert abs(change).max() < 1e-9 * abs(fem.stiffness @ u).max()
+
+
+def test_elements_that_do_not_lock_and_bodies_that_do_not_yield_keep_their_stiffness():
+    for order in (1, 3):
+        other = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=12e-3, order=order)
+        assert with_mean_dilatation(other, other.cells) is other
+    elastic = ep.fe_model(box(10e-3, 12e-3, 4e-3), ep.STEEL, maxh=12e-3)
+    assert with_free_zones(elastic, ep.Partition.ball(elastic, (0, 0, 4e-3), 6e-3)) is elastic
