@@ -1,5 +1,7 @@
 """Elements of plastic zones have one dilatation each."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from oracles import box
@@ -48,9 +50,8 @@ def test_uniform_strain_is_answered_as_before(model):
     assert abs(change).max() < 1e-9 * abs(fem.stiffness @ u).max()
 
 
-def test_elements_that_do_not_lock_and_bodies_that_do_not_yield_keep_their_stiffness():
-    for order in (1, 3):
-        other = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=12e-3, order=order)
-        assert with_mean_dilatation(other, other.cells) is other
-    elastic = ep.fe_model(box(10e-3, 12e-3, 4e-3), ep.STEEL, maxh=12e-3)
-    assert with_free_zones(elastic, ep.Partition.ball(elastic, (0, 0, 4e-3), 6e-3)) is elastic
+def test_cubic_elements_and_bodies_without_zones_keep_their_stiffness(model):
+    cubic = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=12e-3, order=3)
+    assert with_mean_dilatation(cubic, cubic.cells) is cubic
+    elastic = dataclasses.replace(model[0], material=ep.STEEL)
+    assert with_free_zones(elastic, ep.Partition.ball(elastic, (0, 0, 4e-3), 2e-3)) is elastic

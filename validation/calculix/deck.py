@@ -131,8 +131,8 @@ def velocity_cards(velocities):
 
 def dynamic_cards(end_time, step, alpha=ALPHA, option=""):
     """Lines that begin a run of implicit steps [s]."""
-    steps = [f"*DYNAMIC, DIRECT, ALPHA={-alpha:g}", f"{step:.6g}, {end_time:.6g}"]
-    return [f"*STEP, INC={2 * round(end_time / step) + 1}{option}", *steps]
+    steps = [f"*DYNAMIC, DIRECT, ALPHA={0.0 - alpha:g}", f"{step:.6g}, {end_time:.6g}"]
+    return [f"*STEP, INC={10 * round(end_time / step) + 1}{option}", *steps]
 
 
 def impact_input(fems, patches, velocities, pair, end_time, step, alpha=ALPHA):
@@ -200,8 +200,8 @@ def kept_run(name, text, again, axis=2, scale=1.0):
     return found
 
 
-def arguments(description, script):
-    """Arguments of a script; without CalculiX the script ends here, without error."""
+def arguments(description, script, since=(2, 0)):
+    """Arguments of a script; without CalculiX of this version or a later one the script ends here, without error."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one run of CalculiX, on a coarse mesh")
     parser.add_argument("--out", type=Path, default=Path(script).with_suffix(".json"), help="file of the results")
@@ -209,6 +209,9 @@ def arguments(description, script):
     options = parser.parse_args()
     if executable() is None:
         print("skipped: `ccx`, CalculiX' solver, is not on the path (Debian: apt-get install calculix-ccx)")
+        sys.exit(0)
+    if tuple(int(number) for number in re.findall(r"\d+", version())[:2]) < since:
+        print(f"skipped: needs CalculiX {'.'.join(map(str, since))} or later, `ccx` is {version()}")
         sys.exit(0)
     return options
 

@@ -26,7 +26,7 @@ from validation.calculix import deck
 from validation.contact import scenes
 
 R, SIDE, THICKNESS = 10e-3, 24e-3, 8e-3  # ball, plate [m]
-SPEED, FRICTION, F_CUT, STEP = 0.5, 0.3, 150e3, 1e-6
+SPEED, FRICTION, F_CUT, STEP = 0.5, 0.3, 150e3, 2e-6
 MESHES = {"coarse": 0.15e-3, "fine": 0.11e-3}  # size of elements at the contact [m]
 STIFF = {"stiffness": 1e17, "stick_slope": 1e16}  # [Pa/m]
 RUNS = {  # of CalculiX, by mesh; the first of the last mesh is the reference
@@ -64,7 +64,7 @@ def calculix_run(name, parts, end_time, again, step=STEP, **penalties):
 def full_run(parts, end_time):
     velocities = (SPEED, 0, -SPEED), (0, 0, 0)
     bodies = [ep.reference.FullBody(*part, velocity=v) for part, v in zip(parts, velocities, strict=True)]
-    history = ep.reference.simulate(bodies, end_time=end_time, step=STEP / 2, friction=FRICTION)
+    history = ep.reference.simulate(bodies, end_time=end_time, step=STEP / 4, friction=FRICTION)
     history.info["offline_s"] = history.info["setup_s"]
     return history
 
@@ -75,7 +75,7 @@ def reduced_run(parts, end_time):
     ball = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[SPEED, 0, -SPEED])
     contact = ep.CreatePartitionContact(mbs, ball, ep.CreatePartitionBody(mbs, bodies[1]), friction=FRICTION)
     mbs.Assemble()
-    history = ep.solve_dynamic(mbs, end_time=end_time, step=STEP / 2).history(contact)
+    history = ep.solve_dynamic(mbs, end_time=end_time, step=STEP / 4).history(contact)
     history.info["offline_s"] = sum(body.reduce_s for body in bodies)
     return history
 
