@@ -30,7 +30,7 @@ PLATE = 0.12, 0.08, 0.008  # [m]
 SPEED, F_CUT = 0.5, 60e3
 PENALTY, STEP = 1e17, 2e-6  # of CalculiX: pressure over overlap [Pa/m]; [s]
 # Elements of rod and plate far away [m], and at the contact by its radius.
-MESHES = {"fine": (2.5e-3, 4e-3, 0.3), "coarse": (4e-3, 6e-3, 0.4)}
+MESHES = {"fine": (4e-3, 4e-3, 0.4), "coarse": (4e-3, 6e-3, 0.4)}
 OURS = {"order": (2, 3), "far": (6e-3, 30e-3), "near": (0.7, 1.1)}
 LIMITS = {"force": 0.01, "dofs": 20_000}
 
