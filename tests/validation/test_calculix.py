@@ -8,7 +8,7 @@ import scipy.sparse.linalg
 
 import exudyn_partition as ep
 from exudyn_partition.fe.shapes import TET_EDGES
-from validation.calculix import deck
+from validation.calculix import axisymmetric, deck
 
 BOX = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.1, 0.03, 0.02))
 needs_ccx = pytest.mark.skipif(deck.executable() is None, reason="ccx is not installed: apt install calculix-ccx")
@@ -29,6 +29,9 @@ def test_the_mesh_that_is_written_is_the_one_that_is_read_back(fem, tmp_path):
     np.testing.assert_allclose(mesh.points, np.tile(fem.points, (2, 1)), atol=1e-12)
     cells = np.concatenate([block.data for block in mesh.cells if block.type == "tetra10"])
     np.testing.assert_array_equal(cells, np.vstack([fem.cells, fem.cells + fem.n_nodes]))
+    assert "*FRICTION" not in text
+    slips = deck.Pair(1e15, friction=0.3, stick_slope=1e14).cards()
+    assert slips[slips.index("*FRICTION") + 1] == "0.3, 1e+14"
 
 
 def test_faces_of_a_surface_are_those_of_the_patch(fem):
@@ -82,6 +85,29 @@ def test_frequencies_of_a_free_block_are_calculix_s(maxh, mass, n, limit, tmp_pa
     assert abs(expected[:6]).max() < 1e-2 * expected[6]
     found = elastic_frequencies(fem, four_point_mass(fem) if mass == "four points" else fem.mass, n)
     np.testing.assert_allclose(found, expected[6:], rtol=limit)
+
+
+def test_a_ball_and_a_round_plate_of_the_axisymmetric_deck_have_their_volume():
+    sizes = 5e-3, 10e-3, 4e-3
+    steel = ep.Material(E=210e9, nu=0.3, rho=7800.0)
+    text = axisymmetric.impact_input((steel, steel), sizes, 1.0, deck.Pair(1e16), 0.3e-3, 2, 1.5, 1e-6, 10)
+    cards = {}
+    for line in text.splitlines():
+        if line.startswith("*"):
+            rows = cards.setdefault(line, [])
+        else:
+            rows.append(line)
+    points = np.array([row.split(",")[1:3] for row in cards["*NODE"]], dtype=float)
+    volumes = []
+    for number in (1, 2):
+        cells = np.array([row.split(",")[1:] for row in cards[f"*ELEMENT, TYPE=CAX8R, ELSET=B{number}"]], dtype=int) - 1
+        ring = cells[:, [0, 4, 1, 5, 2, 6, 3, 7]]  # corners and mid-sides as polygons
+        r, z = points[ring].transpose(2, 0, 1)
+        after_r, after_z = np.roll(r, -1, axis=1), np.roll(z, -1, axis=1)
+        twice = r * after_z - after_r * z
+        assert (twice.sum(axis=1) > 0).all()
+        volumes.append(np.pi / 3 * (twice * (r + after_r)).sum())  # Pappus
+    np.testing.assert_allclose(volumes, [4 / 3 * np.pi * 5e-3**3, np.pi * 10e-3**2 * 4e-3], rtol=2e-3)
 
 
 @needs_ccx

@@ -43,7 +43,7 @@ MESHES = {  # elements in the contact radius and steps of CalculiX; those of the
     "2 V_Y": (((4, 300),), (2.0,)),
     "10 V_Y": (((4, 300),), (2.0,)),
     "50 V_Y": (((4, 300), (3, 300)), (2.5, 2.0)),
-    "50 V_Y, elastic": (((4, 100),), (2.0,)),
+    "50 V_Y, elastic": (((4, 100),), (3.0,)),
 }
 LIMITS = {"force": 0.02, "restitution": 0.01}
 SINCE = 2, 21  # version of CalculiX

@@ -31,7 +31,7 @@ SPEED, F_CUT = 0.5, 60e3
 PENALTY, STEP = 1e17, 2e-6  # of CalculiX: pressure over overlap [Pa/m]; [s]
 # Elements of rod and plate far away [m], and at the contact by its radius.
 MESHES = {"fine": (4e-3, 4e-3, 0.4), "coarse": (4e-3, 6e-3, 0.4)}
-OURS = {"order": (2, 3), "far": (6e-3, 30e-3), "near": (0.7, 1.1)}
+OURS = {"order": (2, 3), "far": (6e-3, 20e-3), "near": (0.5, 0.85), "within": 1.2}
 LIMITS = {"force": 0.01, "dofs": 20_000}
 
 
@@ -49,11 +49,11 @@ HERTZ = ep.hertz.impact(MASS, SPEED, TIP, math.inf, *MATERIALS)
 END = STEP * math.ceil(1.15 * HERTZ.duration / STEP)
 
 
-def models(bodies, order, far, near):
+def models(bodies, order, far, near, within=1.5):
     """FE models and partitions of rod, the slave, and plate."""
     found, a = [], HERTZ.contact_radius
     for shape, material, k, maxh, h, up in zip(bodies, MATERIALS, order, far, near, (-1, 1), strict=True):
-        fine = ep.Refine((0, 0, 0), 1.5 * a, h * a)
+        fine = ep.Refine((0, 0, 0), within * a, h * a)
         fem = ep.fe_model(shape, material, order=k, maxh=maxh, refine=[fine], grading=0.5)
         reach = (1.6 + h) * a if up < 0 else (2.2 + h) * a
         found.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, up))))
