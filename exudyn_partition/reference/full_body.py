@@ -85,7 +85,7 @@ class FullBody:
 
     @property
     def stiffness(self) -> sp.csr_matrix:
-        """Stiffness of all nodes, as a reduced body of this partition has it: see `plasticity.dilatation`."""
+        """(3n, 3n) csr matrix [N/m], as a reduced body of this partition has it: see `plasticity.dilatation`."""
         if self.plastic == "everywhere" and self.yields:
             return with_mean_dilatation(self.fem, self.fem.cells).stiffness
         return with_free_zones(self.fem, self.partition).stiffness
