@@ -42,7 +42,7 @@ CASES = {  # speed by that at first yield, whether metal flows, penalty [Pa/m]
 MESHES = {  # elements in the contact radius and steps of CalculiX; those of the reduced bodies
     "2 V_Y": (((4, 300),), (2.0,)),
     "10 V_Y": (((4, 300),), (2.0,)),
-    "50 V_Y": (((4, 300), (3, 300)), (2.5, 2.0)),
+    "50 V_Y": (((6, 400), (4, 300), (3, 300)), (2.5, 2.0)),
     "50 V_Y, elastic": (((4, 100),), (3.0,)),
 }
 LIMITS = {"force": 0.02, "restitution": 0.01}
