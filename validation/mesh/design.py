@@ -162,7 +162,7 @@ def measured(name, scene, tolerances, *, full):
         designs[tolerance] = design, curves, times, any(s.category is ep.errors.ToleranceWarning for s in said)
     finest = designs[min(tolerances)][0]
     options = finest.look.circle, FINER * finest.look.truncation.f_cut
-    exact, dofs = reference(name, scene, scene.fine, *options)
+    exact, dofs = reference(name if full else f"{name}_quick", scene, scene.fine, *options)
     result = {"reference_dofs": dofs, "duration_s": scene.duration, "runs": []}
     if full:
         finer, dofs = reference(f"{name}_finer", scene, scene.finer, *options)
