@@ -132,12 +132,12 @@ def contact_place(
 
 def _refuse_far(name: str, probe: _Probe, point: Array, away: float, size: float) -> None:
     """Raise because a surface is not near the point; say if it were with the other unit."""
-    for factor, advice in ((1e-3, "The point seems to be in millimetres"), (1e3, "The shape seems to be")):
+    for factor, advice in ((1e-3, "Give the point in metres"), (1e3, "Is the shape in millimetres? Give scale=1e-3")):
         near = abs(probe.distance(factor * point[None])[0]) <= _NEAR * size
         if near and max(away, factor * away) > _FAR * size:
             raise EmptyRegionError(
                 f"contact: {name} is {away:.4g} m away from {point} m, but it would touch at {factor * point} m. "
-                f"{advice + (' in millimetres' if factor > 1 else '')}: lengths are in metres after scale=1e-3"
+                f"{advice}; lengths are in metres after scaling"
             )
     raise EmptyRegionError(
         f"contact: {name} is {away:.4g} m away from {point} m, expected a point where the bodies touch, at most "

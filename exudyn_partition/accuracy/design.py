@@ -28,7 +28,7 @@ from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import contact_radius, effective, impact
 from ..reduction.reduction import reduce_to_tolerance
 from ..support.arrays import Vector
-from ..support.checks import validate_integer, validate_number, validate_positive, validate_vector
+from ..support.checks import validate_callable, validate_integer, validate_number, validate_positive, validate_vector
 from ..support.foreign import NGSolveMesh, Shape
 from ..support.progress import Progress, shown
 from .contact_place import ContactPlace, contact_place, sides_of
@@ -149,6 +149,8 @@ def design_impact(
     ToleranceWarning
         If the tolerance is not reached within `max_dofs`, the free memory or six meshes; the best design is returned.
     """
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
     scene, duration = _scene(first, second, speed, contact, tolerance, duration, scale, max_dofs)
     with shown(progress, "design an impact") as report:
         design = _Search(scene, duration).run(report)

@@ -58,7 +58,7 @@ def test_an_ellipse_has_the_area_of_its_circle():
     [
         ((BALL, PLATE), (0, 0, 1e-3), EmptyRegionError, r"the first shape is 0.001 m away from .*, expected a point"),
         ((BALL, PLATE), (5e-3, 0, 0), EmptyRegionError, "the first shape is .* m away"),
-        ((PLATE, BALL), (59.9, 0, 0), EmptyRegionError, "it would touch at .*The point seems to be in millimetres"),
+        ((PLATE, BALL), (59.9, 0, 0), EmptyRegionError, "it would touch at .*Give the point in metres"),
         ((PLATE,), (0.06, 0, 0), InputError, "got an edge or a corner of the first shape"),
         ((PLATE,), (0, 0, 0), InputError, "touch along a line or an area"),
         ((ALONG, PLATE), (0, 0, 0), InputError, "touch along a line or an area"),
