@@ -51,7 +51,7 @@ _LOG = logging.getLogger(__name__)
 _TOLERANCES = (2e-3, 0.2)
 _FIRST_LOOK = 0.15  # tolerance of the reduction on the first meshes
 _TRUNCATION = 0.45  # share of the tolerance that the reduction gets; its estimate is then below 0.3
-_COARSEST = 0.4  # tolerance of the coarsest meshes by rule, if finer ones do not fit
+_COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while their meshes do not fit
 _LOOKS = 6  # most meshes, the first look included
 _COUNTS = 0.3  # parts of the error below this share of the largest one are not refined
 _LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
@@ -240,7 +240,7 @@ class _Search:
                 look = self._look(sizes, circle, _TRUNCATION * scene.tolerance)
             except MemoryLimitError as error:
                 if self.best is None and allowed < _COARSEST:  # the best meshes that fit
-                    allowed *= 2
+                    allowed *= _COARSER
                     sizes = by_rule(allowed)
                     continue
                 if self.best is None:
