@@ -118,20 +118,21 @@ class BlockComplementarity:
             if abs(c - before).max() <= _SETTLED * abs(c).max():
                 break
         else:
-            together = sp.block_diag([*G], format="csr")
             some = (m * np.array(keys)[:, None] + np.arange(m)).ravel()
-            system = np.eye(n * m)
-            system[:, some] += self._core[:, some] @ together
-            c = np.linalg.solve(system, self._core @ a.ravel()).reshape(n, m)
+            within = self._core.tocsr()[some][:, some]
+            system = np.eye(len(some)) + within @ sp.block_diag([*G], format="csr")
+            own = np.linalg.solve(system, within @ a[keys].ravel()).reshape(-1, m)
+            forces = a.copy()
+            forces[keys] -= (G @ own[:, :, None])[:, :, 0]
+            c = (self._core @ forces.ravel()).reshape(n, m)
         self.amplitudes = c
 
     def _response(self, key: int, problem: Complementarity, fields: Array) -> tuple[Array, Array]:
         """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of a block's active rows."""
-        known = self._responses.get(key)
-        if known is None or known[0] is not problem.index or known[1] is not fields:
-            active = fields[problem.index]
+        known, active = self._responses.get(key), fields[problem.index]
+        if known is None or known[0] is not problem.index or not np.array_equal(known[1], active):
             response = -problem.solve_active(active)
-            known = self._responses[key] = problem.index, fields, response, -active.T @ response
+            known = self._responses[key] = problem.index, active, response, -active.T @ response
         return known[2], known[3]
 
 

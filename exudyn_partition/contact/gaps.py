@@ -46,15 +46,18 @@ class Standing:
         Another object if a side has another flexibility.
     stance : array
         Places of the sides to each other, see `Gaps.stance`.
+    axis : int
+        Which axis the tangents follow.
     """
 
     rows: object
     sides: object
     stance: Array
+    axis: int = 0
 
     def nearly(self, other: Standing | None, by: float) -> bool:
         """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
-        if other is None or other.rows is not self.rows or other.sides is not self.sides:
+        if other is None or other.rows is not self.rows or other.sides is not self.sides or other.axis != self.axis:
             return False
         return bool(abs(self.stance - other.stance).max() <= by)
 

@@ -14,11 +14,11 @@ from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, pair_surfaces
 from .side import Side
 
-_MOST = 8  # pairings that are kept of two patches, the last ones
+_MOST = 16  # pairings that are kept with a body, those used last
 _ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places that differ by less are the same
 
 # Pairings hold arrays alone. One that held a body would keep it, and so itself, for ever.
-KEPT: weakref.WeakKeyDictionary[ReducedBody, dict[object, list[Pairing]]] = weakref.WeakKeyDictionary()
+KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = weakref.WeakKeyDictionary()
 
 
 @dataclass(eq=False)
@@ -54,16 +54,17 @@ class Pairing:
         EmptyRegionError, PenetrationError
             See `rows.pair_surfaces`.
         """
-        of_body = KEPT.setdefault(slave.kinematics.body, {})
-        kept = of_body.setdefault((kind, _attitude(slave), weakref.ref(master.kinematics.body), _attitude(master)), [])
+        kept = KEPT.setdefault(slave.kinematics.body, [])
+        key = (kind, *_attitude(slave), weakref.ref(master.kinematics.body), *_attitude(master))
         points = np.vstack([slave.surface.points, master.surface.points])
         places, rounding = points - master.surface.points[0], _ROUNDING * abs(points).max()
-        for pairing in kept:
-            if abs(pairing.places - places).max() <= rounding:
+        for i, (known, pairing) in enumerate(kept):
+            if known == key and abs(pairing.places - places).max() <= rounding:
+                kept.append(kept.pop(i))
                 return pairing
-        kept.append(cls._found(slave, master, kind, places))
+        kept.append((key, cls._found(slave, master, kind, places)))
         del kept[:-_MOST]
-        return kept[-1]
+        return kept[-1][1]
 
     @classmethod
     def _found(cls, slave: Side, master: Side, kind: RowKind, places: Array) -> Pairing:

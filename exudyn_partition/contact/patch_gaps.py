@@ -54,6 +54,7 @@ class PatchGaps(Gaps):
 
     def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated") -> None:
         self.sides, self._kind = (slave, master), kind
+        self._paired = self.sides
         self._pairing = pairing = Pairing.of(slave, master, kind)
         self._all, self._start, self._start_q = pairing.points, pairing.rows, pairing.pose
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
@@ -98,7 +99,7 @@ class PatchGaps(Gaps):
         return self._here / self.size
 
     def _all_flexibility(self) -> Array:
-        if self._q is not self._start_q:
+        if self._q is not self._start_q or self.sides is not self._paired:
             return super()._all_flexibility()
         if self._pairing.flexibility is None:
             self._pairing.flexibility = super()._all_flexibility()

@@ -8,6 +8,7 @@ row have the order normal, first tangent, second tangent; those of all rows are 
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +21,7 @@ from ..surfaces.surface import cross
 from .gaps import SAME, Gaps, Standing, dense, joined
 from .side import Side
 
-_SAME_ROWS = 1e-3  # change of a row's entries below which a side keeps its part of the flexibility
+_SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
 
@@ -105,7 +106,7 @@ class TangentialRows:
         self._axes = self.gaps.sides[-1].kinematics.frame(self.gaps.coordinates[-1])[1]
         cosines = abs(normal @ self._axes).max(axis=0, initial=0.0)
         if cosines[self._axis] > _STEEP:
-            self._axis, self._flexible_at = int(cosines.argmin()), None
+            self._axis = int(cosines.argmin())
         first = cross(normal, self._axes[:, self._axis][None])
         first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
         self._tangents, self._tangents_of = np.stack([first, cross(normal, first)], axis=1), normals
@@ -213,8 +214,7 @@ class TangentialRows:
         hardly changed keeps its part.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
-        self._turn()  # may take other tangents
-        standing = self.gaps.standing()
+        standing = self.standing()
         if not standing.nearly(self._flexible_at, SAME) or not np.array_equal(self._flexible_index, index):
             parts = [
                 self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
@@ -222,6 +222,11 @@ class TangentialRows:
             self._flexibility = sum(parts, np.zeros((3 * len(index), 3 * len(index))))
             self._flexible_at, self._flexible_index = standing, index
         return self._flexibility
+
+    def standing(self) -> Standing:
+        """Where the rows stand; tangents that follow another axis are other rows."""
+        self._turn()
+        return replace(self.gaps.standing(), axis=self._axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
@@ -286,7 +291,9 @@ class TangentialRows:
 
 
 def _nearly_equal(rows: Array, others: Array) -> bool:
-    return rows.shape == others.shape and bool(abs(rows - others).max(initial=0.0) <= _SAME_ROWS)
+    if rows.shape != others.shape:
+        return False
+    return bool(abs(rows - others).max(initial=0.0) <= _SAME_ROWS * abs(rows).max(initial=0.0))
 
 
 def directions(index: Array) -> Array:

@@ -33,6 +33,8 @@ def rotation_matrix(v: Array) -> Array:
 def _one_rotation_matrix(x: float, y: float, z: float) -> Array:
     """The same of one vector, without arrays, which takes a tenth of the time."""
     angle = math.sqrt(x * x + y * y + z * z)
+    if not math.isfinite(angle):
+        return np.full((3, 3), np.nan)
     if angle > 0.0:
         half = math.sin(angle / 2) / angle
         a, b = math.sin(angle) / angle, 2 * half * half

@@ -15,6 +15,12 @@ def test_rotation_matrices_are_scipys_one_by_one_and_together():
     np.testing.assert_allclose([rotation_matrix(v) for v in vectors], expected, atol=1e-14)
 
 
+def test_a_rotation_that_is_not_finite_gives_no_number():
+    """Runs that have become unstable are told by it."""
+    for v in ([np.inf, 0, 0], [1e200, 0, 0], [np.nan, 0, 0]):
+        assert np.isnan(rotation_matrix(np.array(v))).all()
+
+
 def test_the_total_moment_is_the_sum_of_vector_products():
     arms, forces = np.random.default_rng(1).normal(size=(2, 9, 3))
     np.testing.assert_allclose(total_moment(arms, forces), np.cross(arms, forces).sum(axis=0), rtol=1e-13)

@@ -13,7 +13,7 @@ from ...algebra.complementarity import Complementarity, regularised
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, Gaps
+from ..gaps import BULGE, Gaps, Standing
 from ..plasticity.yielding_patches import YieldingPatches
 from .formulation import Law, Method, Motion
 from .law import ElasticContact
@@ -111,9 +111,12 @@ class ComplianceContact(ElasticContact):
             self._held = None  # the problem of the frozen rows is lost
         return near
 
-    def take(self, gap: Array, near: Array, lam: Array) -> None:
-        """Take forces lam on the rows `near`, (k,) [N], that were found together with those of other contacts."""
-        self.h, self.least_gap = gap, gap.min(initial=np.inf)
+    def take(self, gap: Array, moved: Array, near: Array, lam: Array) -> None:
+        """Take forces lam on the rows `near`, (k,) [N], that were found together with those of other contacts.
+
+        `moved`, (nr,) [m], are the gaps where the forces of the others have moved them.
+        """
+        self.h, self.least_gap = gap, moved.min(initial=np.inf)
         self.problem.take(lam > 0.0)
         self._take_forces(near, lam)
 
@@ -148,6 +151,10 @@ class ComplianceContact(ElasticContact):
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         return self.gaps.side_rows(side)
+
+    def standing(self) -> Standing:
+        """Where the rows stand."""
+        return self.gaps.standing()
 
     def directions(self, index: Array) -> Array:
         """Numbers of the directions of some rows: one for each row."""

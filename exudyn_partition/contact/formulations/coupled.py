@@ -39,14 +39,13 @@ class _Exchange:
         columns of a side have zeros where those of the other side have their fields.
     core : dict of (int, int) to (m, m) array
         Amplitudes of the fields of one law by unit amplitudes of another [m/N].
+    neighbours : dict of int to list of int
+        Laws that move the rows of each law.
     """
 
     fields: dict[int, list[tuple[int, Array]]]
     core: dict[tuple[int, int], Array]
-
-    def neighbours(self, j: int) -> list[int]:
-        """Numbers of the laws that move the rows of a law."""
-        return [k for own, k in self.core if own == j]
+    neighbours: dict[int, list[int]]
 
     @classmethod
     def of(cls, links: Sequence[Link]) -> _Exchange:
@@ -80,7 +79,10 @@ class _Exchange:
                 products[both] = own.T @ between @ other
             block, row, column = core.setdefault((j, k), np.zeros((size, size))), places[j, side], places[k, other_side]
             block[row : row + own.shape[1], column : column + other.shape[1]] += products[both]
-        return cls(fields, core)
+        neighbours: dict[int, list[int]] = {}
+        for j, k in core:
+            neighbours.setdefault(j, []).append(k)
+        return cls(fields, core, neighbours)
 
 
 def _identity(block: Array) -> tuple[int, tuple[int, ...]]:
@@ -123,7 +125,8 @@ class CoupledContacts:
 
     def _begin(self) -> None:
         """Forget the forces of the last accepted step, which frictionless laws do not keep themselves."""
-        self._joint = BlockComplementarity(len(self.laws), self._exchange.core)
+        if self._jointly:
+            self._joint = BlockComplementarity(len(self.laws), self._exchange.core)
         self._remembering = [law for law in self.laws if law.remembers]
         self._carried = [law for law in self.laws if law.gaps.carried]
         self._since: list[float] = []
@@ -134,7 +137,7 @@ class CoupledContacts:
         self._exchange  # noqa: B018 - found once for all runs
         result = copy.copy(self)
         result.laws, result._at, result._inverse = [*laws], None, None
-        result._rows = dict(self._rows)
+        result._rows = {}
         result._begin()
         return result
 
@@ -208,7 +211,7 @@ class CoupledContacts:
         else:
             for law, h in zip(self.laws, gaps, strict=True):
                 law.answer(h)
-            if sum(law.index.size > 0 for law in self.laws) > 1:
+            if any(law.pushes for law in self.laws):
                 self._settle(gaps)
         return [law.generalised() for law in self.laws]
 
@@ -227,23 +230,25 @@ class CoupledContacts:
                 {j: gaps[j][rows] for j, rows in near.items()},
                 {j: self._rows_by_fields(j)[rows] for j, rows in near.items()},
             )
-            for j, gap in enumerate(gaps):
-                if (j not in near or len(near[j]) < len(gap)) and self._joint.amplitudes[j].any():
-                    pushed[j] = gap + self._rows_by_fields(j) @ self._joint.amplitudes[j]
-        for j, gap in enumerate(gaps):
+            amplitudes = zip(gaps, self._joint.amplitudes, strict=True)
+            pushed = [gap + self._rows_by_fields(j) @ c if c.any() else gap for j, (gap, c) in enumerate(amplitudes)]
+        else:
+            raise ComplementarityError(
+                f"the rows that close in {len(laws)} contacts on common bodies did not settle in {_SWEEPS} passes"
+            )
+        for j, (gap, moved) in enumerate(zip(gaps, pushed, strict=True)):
             if j in near:
-                laws[j].take(gap, near[j], lam[j])
+                laws[j].take(gap, moved, near[j], lam[j])
             else:
-                laws[j].stay_open(gap, pushed[j])
+                laws[j].stay_open(gap, moved)
 
     def _settle(self, gaps: list[Array]) -> None:
         pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
-        neighbours = [self._exchange.neighbours(j) for j in range(len(self.laws))]
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
             for j, law in enumerate(self.laws):
-                pushing = [k for k in neighbours[j] if self.laws[k].pushes]
+                pushing = [k for k in self._exchange.neighbours[j] if self.laws[k].pushes]
                 if pushing or pushed_ever[j]:
                     before, pushed_ever[j] = law.forces, True
                     law.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
@@ -279,7 +284,7 @@ class CoupledContacts:
 
         It changes slowly, and is kept while the rows move little.
         """
-        standing, kept = self.laws[j].gaps.standing(), self._rows.get(j)
+        standing, kept = self.laws[j].standing(), self._rows.get(j)
         if kept is None or not standing.nearly(kept[0], _SAME):
             moved = [self.laws[j].side_rows(side) @ fields for side, fields in self._exchange.fields[j]]
             kept = standing, np.sum(moved, axis=0)

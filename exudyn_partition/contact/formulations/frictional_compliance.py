@@ -13,7 +13,7 @@ from ...algebra.coulomb import Coulomb
 from ...algebra.friction import FrictionProblem
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, Gaps, dense
+from ..gaps import BULGE, Gaps, Standing, dense
 from ..plasticity.yielding_patches import YieldingPatches
 from ..tangential import directions
 from .formulation import Law, Method
@@ -130,6 +130,10 @@ class FrictionalCompliance(FrictionalContact):
     def side_rows(self, side: int) -> Array:
         """Directions of the present rows on the flexibility coordinates of one side's patch, (3 nr, d np)."""
         return self.tangential.side_rows(side)
+
+    def standing(self) -> Standing:
+        """Where the rows stand, and which axis their tangents follow."""
+        return self.tangential.standing()
 
     def directions(self, index: Array) -> Array:
         """Numbers of the three directions of some rows, (3 na,)."""

@@ -46,3 +46,30 @@ def test_contacts_that_do_not_settle_are_an_error():
     links = [(0, 0, 1, 0, -1.5 * np.eye(1)), (1, 0, 0, 0, -1.5 * np.eye(1))]
     with pytest.raises(ComplementarityError, match="2 contacts on common bodies did not settle in 100 sweeps"):
         CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([-2.0])])
+
+
+class Spring(Runaway):
+    """A law whose forces are the depths of its row."""
+
+    def reset(self):
+        self.answer(np.ones(1))
+
+    @property
+    def pushes(self):
+        return self.index.size > 0
+
+    def answer(self, h, pushed=0.0):
+        super().answer(h, pushed)
+        self.index = np.flatnonzero(self.lam)
+
+    def generalised(self):
+        return self.lam
+
+
+def test_a_contact_that_only_the_other_closes_is_closed():
+    """Laws with a memory used to be asked only if two were closed without each other."""
+    laws = [Spring(), Spring()]
+    links = [(0, 0, 1, 0, np.full((1, 1), -0.3)), (1, 0, 0, 0, np.full((1, 1), -0.3))]
+    found = CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([0.1])])
+    # a = 1 + 0.3 b and b = 0.3 a - 0.1
+    np.testing.assert_allclose(np.concatenate(found), [0.97 / 0.91, 0.3 * 0.97 / 0.91 - 0.1], rtol=1e-9)
