@@ -26,7 +26,7 @@ class EmptyRegionError(InputError):
 
 
 class FrequencyRangeError(InputError):
-    """A truncation frequency that the mesh does not resolve, or below which there is no mode."""
+    """A frequency that the mesh or the samples of a signal do not resolve, or below which there is no mode."""
 
 
 class StepSizeError(InputError):

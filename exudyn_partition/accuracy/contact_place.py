@@ -2,7 +2,8 @@
 
 The share of a small cube around a point that lies within a solid, and the middle of that share, tell on which side the
 solid is, and whether the point lies on a smooth surface. Heights of the surface above its tangent plane, on two
-circles, give its curvatures; so poles of parametrised surfaces need no special care.
+circles, give its curvatures; so poles of spheres and ellipsoids need no special care. Near the pole of a revolved
+spline OCC may miss the nearest point: heights that fit no paraboloid are refused, and so are tips of cones.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ _LARGEST = 0.25  # radius of the contact, by the smallest side of the bodies
 _FAR = 10.0  # distance, by the smallest side, from which on a unit may have slipped
 _TOUCHES = 1e-6  # a point is on a surface if it is nearer than this, by the radius of the circles
 _TURNS = 4  # of a normal; each leaves its error times the radius of the circles over that of the surface
+_MISFIT = 0.1  # of heights above the fitted paraboloid, by its largest height; 0.22 at the tip of a cone
+_FLAT = 1e-5  # misfit that rounding makes on planes, by the radius of the circles
 _MARCHES = 4  # towards the surface; each leaves the square of its slope
 
 
@@ -87,7 +90,8 @@ def contact_place(
     EmptyRegionError
         If a surface is not near the point, or the bodies do not face each other there.
     InputError
-        If the point lies on an edge, or the surfaces touch along a line or an area.
+        If the point lies on an edge or a tip, or the surfaces touch along a line or an area, or their heights there
+        fit no paraboloid.
     """
     names = ("the first shape", "the rigid surface" if rigid is not None else "the second shape")
     sizes = [sides_of(shape).min() for shape in shapes]
@@ -243,5 +247,14 @@ def _relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal:
         gap += way - reach
     # A tilt tells that the first point to touch lies aside, by little.
     terms = np.column_stack([x**2 / 2, x * y, y**2 / 2, x, y])
-    xx, xy, yy, *_ = np.linalg.lstsq(terms, gap, rcond=None)[0]
+    found = np.linalg.lstsq(terms, gap, rcond=None)[0]
+    curved, misfit = abs(terms[:, :3] @ found[:3]).max(), abs(terms @ found - gap).max()
+    if misfit > max(_MISFIT * curved, _FLAT * reach):
+        raise InputError(
+            f"contact: expected surfaces with curvatures at {feet[0]} m, got heights that are off a paraboloid by "
+            f"{misfit / curved:.0%}: there is the tip of a cone or the pole of a spline, or curvature changes within "
+            f"{reach:.3g} m. Round the tip, draw the pole as a sphere, or mesh these bodies yourself and take "
+            "reduce_pair"
+        )
+    xx, xy, yy = found[:3]
     return np.array([[xx, xy], [xy, yy]])

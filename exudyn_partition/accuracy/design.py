@@ -18,7 +18,7 @@ import numpy as np
 
 from ..algebra.factorisation import one_blas_thread
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
-from ..errors import InputError, MemoryLimitError, ToleranceWarning
+from ..errors import InputError, MemoryLimitError, PartitionError, ToleranceWarning
 from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.partition import Partition
@@ -147,7 +147,8 @@ def design_impact(
     Warns
     -----
     ToleranceWarning
-        If the tolerance is not reached within `max_dofs`, the free memory or six meshes; the best design is returned.
+        If the tolerance is not reached within `max_dofs`, the free memory or six meshes, or a finer mesh fails; the
+        best design is returned.
     """
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
@@ -238,15 +239,15 @@ class _Search:
                 progress(len(self.looks) / _LOOKS)
             try:
                 look = self._look(sizes, circle, _TRUNCATION * scene.tolerance)
-            except MemoryLimitError as error:
-                if self.best is None and allowed < _COARSEST:  # the best meshes that fit
-                    allowed *= _COARSER
-                    sizes = by_rule(allowed)
-                    continue
-                if self.best is None:
+            except PartitionError as error:
+                if self.best is not None:
+                    limit = str(error)
+                    break
+                if not isinstance(error, MemoryLimitError) or allowed >= _COARSEST:
                     raise
-                limit = str(error)
-                break
+                allowed *= _COARSER  # the best meshes that fit
+                sizes = by_rule(allowed)
+                continue
             if look.error <= scene.tolerance / TRUST:
                 break
             if len(self.looks) == _LOOKS:
@@ -340,7 +341,9 @@ class _Search:
         budget = max(self.scene.tolerance / TRUST - look.truncation.error, _LEAST_BUDGET * self.scene.tolerance)
         worst = max(parts.values())
         active = {key: x for key, x in parts.items() if x >= _COUNTS * worst}
-        ratios = {key: budget / len(active) / x for key, x in active.items()} if worst > _COUNTS * budget else {}
+        ratios = {}
+        if worst > _COUNTS * budget or not look.truncation.limit:  # else the same meshes would be tried again
+            ratios = {key: budget / len(active) / x for key, x in active.items()}
         if look.truncation.limit:  # no basis on these meshes is good enough
             weakest = int(np.argmin([model[0].resolved_frequency for _, _, model in self._models]))
             ratios["far", weakest] = min(_RESOLVE, ratios.get(("far", weakest), 1.0))

@@ -149,7 +149,7 @@ class ImpactDesign:
                 f"{look.truncation.error:.2%}",
                 f"{cut}; the step alone {look.step_error:.2%}",
             ),
-            ("  in all", f"{self.error:.2%}", f"asked for {self.tolerance:.2%}, {self.limit and 'not '}reached"),
+            ("  in all", f"{self.error:.2%}", f"asked for {self.tolerance:.2%}, {self._verdict()}"),
             (
                 "step",
                 f"{1e6 * self.step:.3g} us",
@@ -158,6 +158,13 @@ class ImpactDesign:
             ("time", f"{sum(self.seconds.values()):.1f} s", self._times()),
         ]
         return "\n".join([*_columns(rows), *([f"limit: {self.limit}"] if self.limit else [])])
+
+    def _verdict(self) -> str:
+        if not self.limit:
+            return "reached"
+        if self.error <= self.tolerance:
+            return f"not promised: must be below {self.tolerance / TRUST:.2%}"
+        return "not reached"
 
     def _times(self) -> str:
         return f"{len(self.looks)} meshings: " + ", ".join(f"{name} {x:.1f} s" for name, x in self.seconds.items())

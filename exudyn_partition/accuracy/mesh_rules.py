@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.optimize
 
-from ..errors import InputError
+from ..errors import FrequencyRangeError
 from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.walls import Wall, bending_frequency
@@ -132,11 +132,16 @@ def bending_wavelength(frequency: float, thickness: float, material: Material) -
 
 
 def energy_frequency(t: Array, force: Array) -> float:
-    """Frequency below which 99 % of the energy of a force lies [Hz]; forces that have not ended are faded out."""
+    """Frequency below which 99 % of the energy of a force lies [Hz]; forces that have not ended are faded out.
+
+    The last spacing of the times may differ from the others, as in the records of `Impact.run`.
+    """
+    even = np.linspace(t[0], t[-1], len(t))
+    force = np.interp(even, t, force)
+    at_rest = max(abs(force[0]), abs(force[-1])) <= _ENERGY * abs(force).max()
     try:
-        ends = abs(force[-1]) <= _ENERGY * abs(force).max()
-        return truncation_frequency(t, force, tolerance=_ENERGY, window="none" if ends else "hann") / 2
-    except InputError:  # the samples are too few for what lies above
+        return truncation_frequency(even, force, tolerance=_ENERGY, window="none" if at_rest else "hann") / 2
+    except FrequencyRangeError:  # the samples are too few for what lies above
         return float(0.25 * (len(t) - 1) / (t[-1] - t[0]))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import runpy
 from pathlib import Path
 
@@ -108,7 +107,7 @@ def _script(design: ImpactDesign, names: list[str], options: argparse.Namespace)
     points, normal = design.place.points, design.place.normal
     flight = max(0.0, float((points[1] - points[0]) @ normal)) / design.speed
     return _SCRIPT.format(
-        names=" on ".join([*names, *["a rigid plane"] * (len(names) == 1)]),
+        names=_escaped(" on ".join([*names, *["a rigid plane"] * (len(names) == 1)])),
         speed=design.speed,
         duration=design.duration,
         error=design.error,
@@ -122,8 +121,13 @@ def _script(design: ImpactDesign, names: list[str], options: argparse.Namespace)
 
 
 def _quoted(name: str, ending: str = "") -> str:
-    """Name as a text in a program; those of JSON are texts of Python too."""
-    return json.dumps(name + ending)
+    """Name as a text in a program."""
+    return repr(name + ending)
+
+
+def _escaped(text: str) -> str:
+    """Text as it stands within the triple double quotes of a docstring."""
+    return repr(text)[1:-1].replace('"', '\\"')
 
 
 def _described(design: ImpactDesign) -> dict[str, object]:

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import FrequencyRangeError, InputError
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_choice, validate_positive
 
@@ -53,8 +53,9 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
     Raises
     ------
     InputError
-        If the times are not equally spaced, the signal does not change, it does not end at rest without a window, or
-        2 f_h lies above half the sampling rate, so that the record does not show where its content ends.
+        If the times are not equally spaced, the signal does not change, or it does not end at rest without a window.
+    FrequencyRangeError
+        If 2 f_h lies above half the sampling rate, so that the record does not show where its content ends.
     """
     tolerance = validate_positive("tolerance", tolerance)
     if tolerance >= 1:
@@ -73,7 +74,7 @@ def truncation_frequency(t: Array, x: Array, *, tolerance: float = 0.01, window:
     above = np.append(np.cumsum(bins[::-1])[::-1], 0)
     highest = np.interp(tolerance**2 * above[0], above[::-1], f[::-1])
     if 2 * highest > f[-1]:
-        raise InputError(
+        raise FrequencyRangeError(
             f"x: holds frequencies up to {highest:.4g} Hz, too near to half its sampling rate, {f[-1]:.4g} Hz, to tell "
             "where its content ends; sample finer, filter its noise, or set a larger tolerance"
         )

@@ -73,3 +73,12 @@ def test_wrong_places_are_named(shapes, point, error, message):
 def test_a_contact_as_large_as_the_body_is_refused():
     with pytest.raises(InputError, match=r"contact: its radius would be .*; expected at most 0\.25 of it"):
         place((BALL, PLATE), force=1e8)
+
+
+def test_the_tip_of_a_cone_is_refused():
+    """It has no curvature: the fitted one would grow without end as the circles shrink."""
+    tip, rim, top = occ.Pnt(0, 0, 0), occ.Pnt(0.01, 0, 0.002), occ.Pnt(0, 0, 0.002)
+    section = occ.Face(occ.Wire([occ.Segment(tip, rim), occ.Segment(rim, top), occ.Segment(top, tip)]))
+    cone = section.Revolve(occ.Axis(occ.Pnt(0, 0, 0), occ.Z), 360)
+    with pytest.raises(InputError, match=r"off a paraboloid by 2\d%: there is the tip of a cone .*Round the tip"):
+        place((cone, PLATE))

@@ -1,5 +1,8 @@
 """From shapes to bodies: the promise beside Hertz, what is told, and what is refused."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
@@ -7,7 +10,8 @@ import pytest
 from oracles import SPHERE_MATERIAL, relative
 
 import exudyn_partition as ep
-from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, ToleranceWarning
+from exudyn_partition.accuracy.design import _Search
+from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
 BALL = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
@@ -92,3 +96,38 @@ def test_what_is_no_body_is_named(tmp_path):
         ep.design_impact((tmp_path / "rod.step", ep.STEEL), ep.RigidPlane(), **options)
     with pytest.raises(InputError, match=r"first: expected a STEP file \(\.step, \.stp\), got rod\.vtu"):
         ep.design_impact(("rod.vtu", ep.STEEL), ep.RigidPlane(), **options)
+
+
+def test_a_later_mesh_that_fails_leaves_the_best_design(design, monkeypatch):
+    """The first look and one design are made; what comes next cannot be meshed."""
+    done = iter([replace(design.look, mesh=None), design.look])
+
+    def look(search, *_, **__):
+        try:
+            now = next(done)
+        except StopIteration:
+            raise MeshError("maxh: Netgen made no mesh") from None
+        search.looks.append(now)
+        search._models = [(now.sizes[0], now.circle, (design.fems[0], design.partitions[0]))]
+        search.best = None if now.mesh is None else design
+        return now
+
+    monkeypatch.setattr(_Search, "_look", look)
+    with pytest.warns(ToleranceWarning, match="limits it is maxh: Netgen made no mesh"):
+        found = designed(tolerance=0.5 * design.error)
+    assert found.bodies == design.bodies
+    assert len(found.looks) == 2
+
+
+def test_meshes_change_even_if_each_part_of_the_error_is_small(design):
+    """Else the same meshes would be tried until there are six."""
+    small = replace(design.look.mesh, far=(1e-4,), local=(1e-4,))
+    look = replace(design.look, mesh=small, truncation=replace(design.look.truncation, limit=""))
+    search = _Search(SimpleNamespace(tolerance=TOLERANCE), END)
+    search._models = [(look.sizes[0], look.circle, (design.fems[0], design.partitions[0]))]
+    assert search._refined(look)[0].near < look.sizes[0].near
+
+
+def test_an_error_between_promise_and_tolerance_is_told(design):
+    beyond = replace(design, limit="max_dofs", tolerance=1.1 * design.error)
+    assert f"not promised: must be below {1.1 * design.error / 1.25:.2%}" in str(beyond)

@@ -62,3 +62,20 @@ def test_the_frequency_holds_99_percent_of_the_energy():
     assert energy_frequency(t, force) * T == pytest.approx(x[np.searchsorted(share, 0.99)], rel=0.01)
     # A force that goes on at the end of its record is faded out, and still has a frequency.
     assert 0 < energy_frequency(t[:1000], force[:1000])
+
+
+@pytest.mark.parametrize("steps", [10_000, 10_001])
+def test_the_frequency_does_not_depend_on_the_last_spacing_of_a_record(steps):
+    """Long runs keep every second step and the last one: a half sine has the same frequency in both records."""
+    n = np.append(np.arange(0, steps, 2), steps)
+    t, T = 2e-3 * n / steps, 1e-3
+    force = np.where(t < T, np.sin(np.pi * t / T), 0.0)
+    even = np.linspace(0, 2e-3, 4001)
+    expected = energy_frequency(even, np.where(even < T, np.sin(np.pi * even / T), 0.0))
+    assert energy_frequency(t, force) == pytest.approx(expected, rel=1e-3)
+
+
+def test_too_few_samples_still_give_a_frequency():
+    t, force = np.linspace(0, 1e-3, 101), np.zeros(101)
+    force[50] = 1.0
+    assert energy_frequency(t, force) == pytest.approx(0.25 * 100e3)
