@@ -1,4 +1,4 @@
-"""Elements of plastic zones have one dilatation each."""
+"""Elements of plastic zones have nearly one dilatation each."""
 
 import dataclasses
 
@@ -20,8 +20,8 @@ def model():
     return fem, ep.Partition.ball(fem, (0, 0, 4e-3), 2e-3, plastic_radius=3e-3)
 
 
-def test_energy_is_that_of_strains_with_the_mean_dilatation_of_each_element(model):
-    """Beside the energy of shape, one pressure an element by the change of its volume: Gauss' theorem on its faces."""
+def test_nine_tenths_of_the_pressure_follow_the_mean_dilatation_of_each_element(model):
+    """Beside the energy of shape: that of the change of each element's volume, by Gauss' theorem on its faces."""
     fem, partition = model
     region = partition.patches[0].plastic
     zone = PlasticZone(fem.points, region, MATERIAL)
@@ -39,8 +39,11 @@ def test_energy_is_that_of_strains_with_the_mean_dilatation_of_each_element(mode
         a, b, c = (fem.points[region.cells[:, i]] for i in face[:3])
         area = np.cross(b - a, c - a) / 2
         flux += np.einsum("cj,cj->c", area, u[region.cells[:, face[3:]]].mean(axis=1))
-    expected = shape + bulk / 2 * (flux**2 / volume).sum()
-    assert u.ravel() @ (with_free_zones(fem, partition).stiffness @ u.ravel()) / 2 == pytest.approx(expected, rel=1e-9)
+    mean, at_points = (with_free_zones(fem, partition), fem)
+    of_mean, of_points = (u.ravel() @ (m.stiffness @ u.ravel()) / 2 - shape for m in (mean, at_points))
+    expected = 0.9 * bulk / 2 * (flux**2 / volume).sum() + 0.1 * of_points
+    assert of_mean == pytest.approx(expected, rel=1e-9)
+    assert of_mean < 0.8 * of_points
 
 
 def test_uniform_strain_is_answered_as_before(model):
