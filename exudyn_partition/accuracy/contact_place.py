@@ -2,8 +2,8 @@
 
 The share of a small cube around a point that lies within a solid, and the middle of that share, tell on which side the
 solid is, and whether the point lies on a smooth surface. Heights of the surface above its tangent plane, on two
-circles, give its curvatures; so poles of spheres and ellipsoids need no special care. Near the pole of a revolved
-spline OCC may miss the nearest point: heights that fit no paraboloid are refused, and so are tips of cones.
+circles, give its curvatures; so poles of spheres need no special care. Near the pole of a spline surface, such as OCC's
+Ellipsoid, OCC may miss the nearest point: heights that fit no paraboloid are refused, and so are tips of cones.
 """
 
 from __future__ import annotations
