@@ -113,7 +113,7 @@ def contact_place(
         )
     reach = _REACH * size
     for _ in range(_ROUNDS):
-        curvatures = np.linalg.eigvalsh(_relative_curvature(probes, feet, normals[0], reach))
+        curvatures = np.linalg.eigvalsh(relative_curvature(probes, feet, normals[0], reach))
         low, high = map(float, curvatures)
         if high * size < 1e-3 or low < high / _SLENDER:
             raise InputError(
@@ -232,7 +232,7 @@ class _OfShape:
         return value
 
 
-def _relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal: Array, reach: float) -> Array:
+def relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal: Array, reach: float) -> Array:
     """Matrix of relative curvatures in the tangent plane, (2, 2) [1/m], by the gap on two circles."""
     tangents = np.linalg.svd(normal[None])[2][1:]
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS

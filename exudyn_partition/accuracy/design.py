@@ -154,7 +154,7 @@ def design_impact(
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     scene, duration = _scene(first, second, speed, contact, tolerance, duration, scale, max_dofs)
     with shown(progress, "design an impact") as report:
-        design = _Search(scene, duration).run(report)
+        design = Search(scene, duration).run(report)
     if design.limit:
         warnings.warn(
             f"tolerance: {tolerance:.3g} cannot be promised; the best design has an estimated error of "
@@ -208,14 +208,14 @@ def _scene(
     return _Scene(shapes, materials, rigid, place, speed, tolerance, max_dofs), duration
 
 
-class _Search:
+class Search:
     """Meshes, one after the other, until one is good enough."""
 
     def __init__(self, scene: _Scene, duration: float | None) -> None:
         self.scene, self.duration = scene, duration
         self.looks: list[Look] = []
         self.best: ImpactDesign | None = None
-        self._models: list[tuple[Sizes, float, Model]] = []
+        self.models: list[tuple[Sizes, float, Model]] = []
 
     def run(self, progress: Progress | None) -> ImpactDesign:
         """Look, refine, and look again."""
@@ -223,8 +223,8 @@ class _Search:
         sides = [sides_of(shape) for shape in scene.shapes]
         circle = _first_circle(scene.shapes, scene.materials, scene.speed, place.radius)
         sizes = [first_sizes(own, place.semi_axes(circle)[1]) for own in sides]
-        first = self._look(sizes, circle, _FIRST_LOOK, estimated=False)
-        fems = [fem for _, _, (fem, _) in self._models]
+        first = self.look_at(sizes, circle, _FIRST_LOOK, estimated=False)
+        fems = [fem for _, _, (fem, _) in self.models]
         circle, near, limit = first.circle, place.semi_axes(first.circle)[1], ""
 
         def by_rule(tolerance: float) -> list[Sizes]:
@@ -238,7 +238,7 @@ class _Search:
             if progress:
                 progress(len(self.looks) / _LOOKS)
             try:
-                look = self._look(sizes, circle, _TRUNCATION * scene.tolerance)
+                look = self.look_at(sizes, circle, _TRUNCATION * scene.tolerance)
             except PartitionError as error:
                 if self.best is not None:
                     limit = str(error)
@@ -252,21 +252,21 @@ class _Search:
                 break
             if len(self.looks) == _LOOKS:
                 limit = f"the number of meshes that are tried, {_LOOKS}; accept that estimate, or mesh by hand"
-            sizes = self._refined(look)
+            sizes = self.refined(look)
             if abs(look.circle / circle - 1) > _SETTLED:
                 circle = look.circle
         assert self.best is not None
         return replace(self.best, looks=tuple(self.looks), limit=limit)
 
-    def _look(self, sizes: Sequence[Sizes], circle: float, tolerance: float, estimated: bool = True) -> Look:
+    def look_at(self, sizes: Sequence[Sizes], circle: float, tolerance: float, estimated: bool = True) -> Look:
         """Mesh, reduce, and estimate; what did not change since the last look is taken over."""
         scene, times = self.scene, {}
         begin = time.perf_counter()
-        old = {i: made[:2] for i, made in enumerate(self._models)}
+        old = {i: made[:2] for i, made in enumerate(self.models)}
         meshes = {i: scene.mesh(i, own, circle) for i, own in enumerate(sizes) if old.get(i) != (own, circle)}
         times["mesh"], begin = time.perf_counter() - begin, time.perf_counter()
         dofs = [
-            count_of_dofs(meshes[i], own.order) if i in meshes else self._models[i][2][0].n_dofs
+            count_of_dofs(meshes[i], own.order) if i in meshes else self.models[i][2][0].n_dofs
             for i, own in enumerate(sizes)
         ]
         if sum(dofs) > scene.max_dofs:
@@ -275,10 +275,10 @@ class _Search:
                 "or a larger tolerance"
             )
         made = [
-            (own, circle, scene.model(i, meshes[i], own, circle)) if i in meshes else self._models[i]
+            (own, circle, scene.model(i, meshes[i], own, circle)) if i in meshes else self.models[i]
             for i, own in enumerate(sizes)
         ]
-        self._models = made
+        self.models = made
         models = [model for _, _, model in made]
         times["assemble"], begin = time.perf_counter() - begin, time.perf_counter()
         rigid = scene.rigid
@@ -333,7 +333,7 @@ class _Search:
             )
         return look
 
-    def _refined(self, look: Look) -> list[Sizes]:
+    def refined(self, look: Look) -> list[Sizes]:
         """Smaller elements where the estimate is largest."""
         assert look.mesh is not None
         parts = {("far", i): x for i, x in enumerate(look.mesh.far)}
@@ -345,10 +345,10 @@ class _Search:
         if worst > _COUNTS * budget or not look.truncation.limit:  # else the same meshes would be tried again
             ratios = {key: budget / len(active) / x for key, x in active.items()}
         if look.truncation.limit:  # no basis on these meshes is good enough
-            weakest = int(np.argmin([model[0].resolved_frequency for _, _, model in self._models]))
+            weakest = int(np.argmin([model[0].resolved_frequency for _, _, model in self.models]))
             ratios["far", weakest] = min(_RESOLVE, ratios.get(("far", weakest), 1.0))
         return [
-            own.finer(ratios.get(("far", i)), ratios.get(("near", i)), self._models[i][2][0].weakest_wall)
+            own.finer(ratios.get(("far", i)), ratios.get(("near", i)), self.models[i][2][0].weakest_wall)
             for i, own in enumerate(look.sizes)
         ]
 

@@ -83,7 +83,7 @@ def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         for body, name in zip(design.bodies, files, strict=True):
             body.save(folder / name)
         with replacing(folder / _PROGRAM, "w") as file:
-            file.write(_script(design, names, options))
+            file.write(script(design, names, options))
         result, contact = runpy.run_path(str(folder / _PROGRAM))["run"]()
         write_report(folder / _PAGE, result, title=" on ".join(names), note=str(design))
     return 0, {
@@ -96,7 +96,7 @@ def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     }
 
 
-def _script(design: ImpactDesign, names: list[str], options: argparse.Namespace) -> str:
+def script(design: ImpactDesign, names: list[str], options: argparse.Namespace) -> str:
     """Text of the script."""
     if len(names) == 2:
         second = (

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.accuracy.contact_place import _relative_curvature, contact_place
+from exudyn_partition.accuracy.contact_place import contact_place, relative_curvature
 from exudyn_partition.errors import EmptyRegionError, InputError
 
 RADIUS = 8e-3
@@ -86,4 +86,4 @@ def test_the_tip_of_a_cone_is_refused():
 
     plane = SimpleNamespace(distance=lambda points: points[:, 2])
     with pytest.raises(InputError, match=r"off a paraboloid by 22%: there is the tip of a cone .*Round the tip"):
-        _relative_curvature([SimpleNamespace(distance=distance), plane], [np.zeros(3)] * 2, down, 1e-4)
+        relative_curvature([SimpleNamespace(distance=distance), plane], [np.zeros(3)] * 2, down, 1e-4)

@@ -10,7 +10,7 @@ import pytest
 from oracles import SPHERE_MATERIAL, relative
 
 import exudyn_partition as ep
-from exudyn_partition.accuracy.design import _Search
+from exudyn_partition.accuracy.design import Search
 from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
@@ -108,11 +108,11 @@ def test_a_later_mesh_that_fails_leaves_the_best_design(design, monkeypatch):
         except StopIteration:
             raise MeshError("maxh: Netgen made no mesh") from None
         search.looks.append(now)
-        search._models = [(now.sizes[0], now.circle, (design.fems[0], design.partitions[0]))]
+        search.models = [(now.sizes[0], now.circle, (design.fems[0], design.partitions[0]))]
         search.best = None if now.mesh is None else design
         return now
 
-    monkeypatch.setattr(_Search, "_look", look)
+    monkeypatch.setattr(Search, "look_at", look)
     with pytest.warns(ToleranceWarning, match="limits it is maxh: Netgen made no mesh"):
         found = designed(tolerance=0.5 * design.error)
     assert found.bodies == design.bodies
@@ -123,9 +123,9 @@ def test_meshes_change_even_if_each_part_of_the_error_is_small(design):
     """Else the same meshes would be tried until there are six."""
     small = replace(design.look.mesh, far=(1e-4,), local=(1e-4,))
     look = replace(design.look, mesh=small, truncation=replace(design.look.truncation, limit=""))
-    search = _Search(SimpleNamespace(tolerance=TOLERANCE), END)
-    search._models = [(look.sizes[0], look.circle, (design.fems[0], design.partitions[0]))]
-    assert search._refined(look)[0].near < look.sizes[0].near
+    search = Search(SimpleNamespace(tolerance=TOLERANCE), END)
+    search.models = [(look.sizes[0], look.circle, (design.fems[0], design.partitions[0]))]
+    assert search.refined(look)[0].near < look.sizes[0].near
 
 
 def test_an_error_between_promise_and_tolerance_is_told(design):

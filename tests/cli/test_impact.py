@@ -12,7 +12,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.cli import main
-from exudyn_partition.cli.impact import _script
+from exudyn_partition.cli.impact import script
 
 RADIUS = 5.0  # [mm]
 IMPACT = ["--scale", "1e-3", "--speed", "0.3", "--contact=-1e-3,0,0", "--tolerance", "0.1", "--duration", "40e-6"]
@@ -73,7 +73,7 @@ def test_a_point_that_is_none_is_refused(ball, tmp_path):
 def test_any_name_of_a_file_stands_in_the_script(name):
     place = SimpleNamespace(points=np.zeros((2, 3)), normal=np.array([0.0, 0.0, -1.0]))
     design = SimpleNamespace(place=place, speed=1.0, duration=1e-4, error=0.01, step=1e-7)
-    tree = ast.parse(_script(design, [name, "other"], None))
+    tree = ast.parse(script(design, [name, "other"], None))
     assert ast.get_docstring(tree).startswith(f"Impact of {name} on other at 1 m/s")
     texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
     assert {name, f"{name}.npz"} <= set(texts)
