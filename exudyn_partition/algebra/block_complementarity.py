@@ -46,10 +46,10 @@ class BlockComplementarity:
     """
 
     def __init__(self, n: int, core: Mapping[tuple[int, int], Array]) -> None:
-        self._pairs = sorted(core)
-        blocks = np.array([core[pair] for pair in self._pairs])
-        columns = np.array([k for _, k in self._pairs])
-        starts = np.searchsorted([j for j, _ in self._pairs], np.arange(n + 1))
+        pairs = sorted(core)
+        blocks = np.array([core[pair] for pair in pairs])
+        columns = np.array([k for _, k in pairs])
+        starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
         m = blocks.shape[1]
         self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m))
         self._responses: dict[int, tuple[Array, Array, Array, Array]] = {}
