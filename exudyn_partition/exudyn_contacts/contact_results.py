@@ -236,8 +236,8 @@ class ContactResults(PlasticResults):
     def _elastic_materials(self) -> list[Material | None]:
         """Materials of the sides; without a yield stress where the patch yields itself."""
         found = []
-        for (item, _), side in zip(self.sides, self.law.gaps.sides, strict=False):
-            material = item.body.material
+        for (item, patch), side in zip(self.sides, self.law.gaps.sides, strict=False):
+            material = item.body.partition.patches[patch].material or item.body.material
             if side.zone is not None and material is not None:
                 material = replace(material, yield_stress=None, hardening=None, kinematic_hardening=0.0)
             found.append(material)

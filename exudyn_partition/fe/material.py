@@ -1,15 +1,16 @@
-"""Isotropic materials: linear elastic, and what is known of their yielding."""
+"""Isotropic materials: linear elastic, what is known of their yielding, and bodies of several."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import InputError
-from ..support.checks import validate_array, validate_number, validate_positive
+from ..support.arrays import Array
+from ..support.checks import check_floats, check_indices, read_only, validate_array, validate_number, validate_positive
 
 _YIELD_STRAINS = 1e-6, 1.0  # yield stress by Young's modulus: less than soft crystals have, more than rubber
 
@@ -134,3 +135,90 @@ class Material:
 # 500 MPa. Give your own by dataclasses.replace(STEEL, yield_stress=...); None asks for no judgement.
 STEEL = Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=355e6)
 ALUMINIUM = Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=240e6)
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Materials of a body that consists of several, or whose modulus differs from place to place.
+
+    Its constants have the names of `Material`'s, and one number an element.
+
+    Parameters
+    ----------
+    names : tuple of str
+    materials : tuple of Material
+        One of each region.
+    number : (ne,) int array
+        Region of each element.
+    E : (ne,) array
+        Young's modulus of each element [Pa].
+    """
+
+    names: tuple[str, ...]
+    materials: tuple[Material, ...]
+    number: Array
+    E: Array
+
+    def __post_init__(self) -> None:
+        check_indices("number", self.number, (None,), len(self.materials))
+        check_floats("E", self.E, self.number.shape)
+        if not (self.E > 0).all():
+            raise InputError(f"modulus: expected positive numbers [Pa], got {self.E.min():.6g} in an element")
+        read_only(self.number, self.E)
+
+    def _each(self, name: str) -> Array:
+        return np.array([getattr(material, name) for material in self.materials], dtype=float)[self.number]
+
+    @property
+    def nu(self) -> Array:
+        """Poisson's ratio."""
+        return self._each("nu")
+
+    @property
+    def rho(self) -> Array:
+        """Density [kg/m3]."""
+        return self._each("rho")
+
+    @property
+    def shear_modulus(self) -> Array:
+        """Lamé's second parameter [Pa]."""
+        shear: Array = self.E / (2 * (1 + self.nu))
+        return shear
+
+    @property
+    def lame(self) -> Array:
+        """Lamé's first parameter [Pa]."""
+        lame: Array = self.E * self.nu / ((1 + self.nu) * (1 - 2 * self.nu))
+        return lame
+
+    @property
+    def shear_wave_speed(self) -> Array:
+        """Speed of shear waves [m/s]."""
+        return np.sqrt(self.shear_modulus / self.rho)
+
+    def largest(self, volume: Array) -> Material:
+        """Return the material with the largest volume, by those of the elements, (ne,) [m3]; with its mean modulus."""
+        most = int(np.bincount(self.number, volume).argmax())
+        own = self.number == most
+        return replace(self.materials[most], E=float(volume[own] @ self.E[own] / volume[own].sum()))
+
+    def at(self, cells: Array) -> Material:
+        """Return the material of some elements, (k,) int: that of most, with their mean modulus.
+
+        If they are of several materials, the lowest yield stress is kept.
+        """
+        most = int(np.bincount(self.number[cells]).argmax())
+        material = replace(self.materials[most], E=float(self.E[cells].mean()))
+        known = [self.materials[i].yield_stress for i in np.unique(self.number[cells])]
+        if len(known) == 1 or material.plastic:
+            return material
+        return replace(material, yield_stress=min((y for y in known if y is not None), default=None))
+
+    def softest(self, cells: Array) -> tuple[tuple[Material, Array], ...]:
+        """Material of each region with its lowest modulus, and the rows of `cells`, (k,) int, that lie there."""
+        found = []
+        for i, material in enumerate(self.materials):
+            rows = np.flatnonzero(self.number[cells] == i)
+            if len(rows):
+                found.append((replace(material, E=float(self.E[cells[rows]].min())), rows))
+        return tuple(found)

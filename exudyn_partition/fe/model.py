@@ -7,19 +7,18 @@ mass is made here.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError, LockingError, MeshError, UnitsWarning
 from ..support.arrays import Array, Vector
-from ..support.checks import read_only, validate_array, validate_vector
-from .facets import facet_corners
-from .material import Material
+from ..support.checks import check_indices, read_only, validate_array, validate_vector
+from .facets import check_neighbours, facet_corners, part_sizes
+from .material import Material, Regions
 from .shapes import CELL_FACES, ORDERS
 from .walls import Wall, weakest_wall
 
@@ -63,9 +62,11 @@ class FEModel:
     cell_mass : (ne,) array
         Mass of each element [kg].
     material : Material
-        The material that the matrices were made with.
+        The material that the matrices were made with; of several, the one with the largest volume.
     boundaries : dict of str to int array
         Named boundaries as rows of `facets`.
+    regions : Regions or None
+        Which element is of which material, if there are several or the modulus differs from place to place.
 
     Raises
     ------
@@ -83,6 +84,7 @@ class FEModel:
     cell_mass: Array
     material: Material
     boundaries: dict[str, Array]
+    regions: Regions | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         points = validate_array("points", self.points, (None, 3))
@@ -113,18 +115,21 @@ class FEModel:
             if not (matrix.diagonal() > 0).all():
                 raise MeshError(f"{name}: {np.count_nonzero(matrix.diagonal() <= 0)} diagonal entries are not positive")
         read_only(self.cells)
-        if self.order == 1 and self.material.nu > _LINEAR_NU:
+        if self.regions is not None and len(self.regions.number) != len(cells):
+            raise MeshError(f"regions: expected one for each of {len(cells)} elements, got {len(self.regions.number)}")
+        nu = float(np.max(self.elastic.nu))
+        if self.order == 1 and nu > _LINEAR_NU:
             raise LockingError(
                 f"nu: linear elements lock volumetrically near incompressibility, expected at most {_LINEAR_NU} with "
-                f"them, got {self.material.nu}. Take quadratic tetrahedra (order=2), which do not"
+                f"them, got {nu}. Take quadratic tetrahedra (order=2), which do not"
             )
         if self.order == 1:
             unused = self.n_nodes - len(np.unique(self.cells))
             if unused:
                 raise MeshError(f"points: {unused} nodes belong to no element; remove them")
-        _check_neighbours(self.cells, *self._faces)
+        check_neighbours(self.cells, *self._faces)
         # Parts must share faces: a common edge is a hinge, which leaves a motion without stiffness.
-        parts = _part_sizes(self._faces[1])
+        parts = part_sizes(self._faces[1])
         if len(parts) > 1:
             raise MeshError(
                 f"cells: expected one connected body, got {len(parts)} parts that share no face, of "
@@ -174,6 +179,16 @@ class FEModel:
             )
 
     @property
+    def elastic(self) -> Material | Regions:
+        """Elastic constants: of the one material, or one number an element."""
+        return self.material if self.regions is None else self.regions
+
+    def material_beneath(self, facets: Array) -> Material:
+        """Material of the elements beneath some facets, rows of `facets`, (k,) int; see `Regions.at`."""
+        check_indices("facets", facets, (None,), len(self.facets))
+        return self.material if self.regions is None else self.regions.at(self._facet_faces[facets, 0])
+
+    @property
     def n_nodes(self) -> int:
         """Number of nodes."""
         return len(self.points)
@@ -191,10 +206,17 @@ class FEModel:
     @cached_property
     def facets(self) -> Array:
         """(nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array: outward surface triangles, see `FACET_NODES`, or quads."""
-        faces, number = self._faces
-        facets: Array = faces[np.bincount(number.ravel())[number.ravel()] == 1]
+        cell, face = self._facet_faces.T
+        facets: Array = self._faces[0].reshape(*self._faces[1].shape, -1)[cell, face]
         read_only(facets)
         return facets
+
+    @cached_property
+    def _facet_faces(self) -> Array:
+        """(nf, 2) int array: element of each surface facet, and its face there."""
+        number = self._faces[1]
+        of_surface = np.flatnonzero(np.bincount(number.ravel())[number.ravel()] == 1)
+        return np.column_stack(np.divmod(of_surface, number.shape[1]))
 
     @cached_property
     def _faces(self) -> tuple[Array, Array]:
@@ -249,10 +271,19 @@ class FEModel:
         return modes
 
     @property
+    def cell_volume(self) -> Array:
+        """(ne,) array: volume of each element [m3]."""
+        return self.cell_mass / self.elastic.rho
+
+    @property
     def max_size(self) -> float:
         """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m]."""
-        volume = self.cell_mass.max() / self.material.rho
-        return float((volume / (_CUBE if self.cells.shape[1] == 8 else _TETRAHEDRON)) ** (1 / 3))
+        return float(self._sizes.max())
+
+    @property
+    def _sizes(self) -> Array:
+        volume: Array = self.cell_volume / (_CUBE if self.cells.shape[1] == 8 else _TETRAHEDRON)
+        return np.cbrt(volume)
 
     @property
     def resolved_frequency(self) -> float:
@@ -265,16 +296,17 @@ class FEModel:
     @property
     def resolved_shear_frequency(self) -> float:
         """Frequency of a shear wave as long as four node spacings of the largest element [Hz]."""
-        return self.material.shear_wave_speed * self.order / (4 * self.max_size)
+        return float((self.elastic.shear_wave_speed * self.order / (4 * self._sizes)).min())
 
     @cached_property
     def weakest_wall(self) -> Wall:
         """The wall whose bending waves the mesh resolves worst."""
         faces, number = self._faces
         corners = facet_corners(faces).reshape(*number.shape, -1)
-        of_surface = np.flatnonzero(np.bincount(number.ravel())[number.ravel()] == 1)
-        facets = np.column_stack(np.divmod(of_surface, number.shape[1]))
-        return weakest_wall(self.points, corners, facets, number, self.order, self.material)
+        facets = self._facet_faces
+        every = ((self.material, np.arange(len(facets))),)
+        materials = every if self.regions is None else self.regions.softest(facets[:, 0])
+        return weakest_wall(self.points, corners, facets, number, self.order, materials)
 
     def nearest_node(self, point: Vector) -> int:
         """Index of the node nearest to `point`, (3,) [m]; see `nearest_node`."""
@@ -329,50 +361,6 @@ def nearest_node(points: Array, point: Vector) -> int:
             "are given in the body's own coordinates, without referencePosition"
         )
     return int(distance.argmin())
-
-
-def _check_neighbours(cells: Array, faces: Array, number: Array) -> None:
-    """Refuse elements that are there twice, that share a face with two others, or that lie on their neighbour's side.
-
-    `cells` have positive volume, `faces` and `number` are `FEModel._faces`.
-    """
-    count = np.bincount(number.ravel())
-    by_faces = np.sort(number, axis=1)
-    order = np.lexsort(by_faces.T)
-    same = np.flatnonzero((np.diff(by_faces[order], axis=0) == 0).all(axis=1))
-    if len(same):
-        raise MeshError(
-            f"cells: {len(same)} of {len(cells)} elements are there twice, the first are elements "
-            f"{order[same[0]]} and {order[same[0] + 1]} (counted from 0), of the same nodes. Their mass and stiffness "
-            "would count twice; remove them"
-        )
-    if count.max() > 2:
-        owners = np.flatnonzero((number == count.argmax()).any(axis=1))
-        raise MeshError(
-            f"cells: {np.count_nonzero(count > 2)} faces belong to more than two elements, the first to elements "
-            f"{', '.join(map(str, owners))} (counted from 0), so that some of them overlap. Remove those, or mesh anew"
-        )
-    # Outward faces of two neighbours turn opposite ways.
-    ring = facet_corners(faces)
-    start = ring.argmin(axis=1)[:, None]
-    k = ring.shape[1]
-    after, before = (np.take_along_axis(ring, (start + step) % k, axis=1)[:, 0] for step in (1, -1))
-    turn = np.bincount(number.ravel(), np.where(after < before, 1, -1))
-    overlapping = np.flatnonzero((count == 2) & (turn != 0))
-    if len(overlapping):
-        owners = np.flatnonzero((number == overlapping[0]).any(axis=1))
-        raise MeshError(
-            f"cells: {len(overlapping)} pairs of elements overlap, for both lie on the same side of the face that "
-            f"they share, the first are elements {' and '.join(map(str, owners))} (counted from 0). A node lies where "
-            "it does not belong, or the order of nodes is wrong; mesh anew"
-        )
-
-
-def _part_sizes(face: Array) -> Array:
-    """Number of elements of each part that is connected through faces, (ne, faces an element), largest first."""
-    of = sp.csr_matrix((np.ones(face.size), (np.repeat(np.arange(len(face)), face.shape[1]), face.ravel())))
-    part = connected_components(of @ of.T, directed=False)[1]
-    return np.sort(np.bincount(part))[::-1]
 
 
 def rigid_modes(arms: Array) -> Array:

@@ -235,8 +235,6 @@ class Partition:
             raise InputError(f"contact_radius: expected at most radius = {radius:.4g} m, got {reach:.4g} m")
         if plastic_radius is not None:
             plastic_radius = validate_positive("plastic_radius", plastic_radius, "m")
-            if not fem.material.plastic:
-                raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
         distance = np.linalg.norm(fem.points - center, axis=1)
         nodes = np.flatnonzero(distance <= radius)
         if not len(nodes):
@@ -269,10 +267,14 @@ class Partition:
                 "another direction or center"
             )
         rim = np.intersect1d(facets, fem.facets[~within & facing])
-        plastic = None
-        if fem.material.plastic:
+        chosen = np.flatnonzero(within & facing)
+        material, plastic = fem.material_beneath(chosen), None
+        if plastic_radius is not None and not material.plastic:
+            raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
+        if material.plastic:
             plastic = plastic_region(fem, center, radius if plastic_radius is None else plastic_radius)
-        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic)
+        own = None if fem.regions is None else material
+        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod

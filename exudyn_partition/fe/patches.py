@@ -17,6 +17,7 @@ from ..support.checks import (
     validate_flag,
     validate_text,
 )
+from .material import Material
 from .model import FEModel, rigid_modes
 from .shapes import FACET_NODES
 
@@ -70,6 +71,11 @@ def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
             f"plastic_radius: no element has its centre within {radius:.4g} m of the patch's center, the nearest is "
             f"{away.min():.4g} m away. Refine the mesh there, or enlarge the radius"
         )
+    if fem.regions is not None and (np.ptp(fem.regions.number[within]) or np.ptp(fem.regions.E[within])):
+        raise InputError(
+            f"plastic_radius: expected elements of one material within {radius:.4g} m of the patch's center, got "
+            "several materials or moduli. Take a smaller radius"
+        )
     border = np.intersect1d(fem.cells[within], fem.cells[~within])
     return PlasticRegion(fem.cells[within], border)
 
@@ -93,6 +99,8 @@ class Patch:
     name : str
     plastic : PlasticRegion or None
         What may yield beneath it.
+    material : Material or None
+        That of the elements beneath it, if the body consists of several; see `FEModel.material_beneath`.
     """
 
     facets: Array
@@ -102,6 +110,7 @@ class Patch:
     direction_given: bool = False
     name: str = ""
     plastic: PlasticRegion | None = field(default=None, metadata={"added": True})
+    material: Material | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         check_facets(self.facets)

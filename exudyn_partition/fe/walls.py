@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,14 @@ class Wall:
         )
 
 
-def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, order: int, material: Material) -> Wall:
+def weakest_wall(
+    points: Array,
+    corners: Array,
+    facets: Array,
+    number: Array,
+    order: int,
+    materials: Sequence[tuple[Material, Array]],
+) -> Wall:
     """Wall whose bending waves its elements resolve worst; with infinite thickness if there is no thin wall.
 
     Let L be the length of a quadratic element and t the thickness of the wall. A bending wave needs at least 1.3
@@ -80,7 +88,8 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
         Numbers that equal faces have in common.
     order : {1, 2, 3}
         Of the elements.
-    material : Material
+    materials : sequence of (Material, (k,) int array)
+        Each material of the body, and the rows of `facets` that it has.
 
     References
     ----------
@@ -88,8 +97,11 @@ def weakest_wall(points: Array, corners: Array, facets: Array, number: Array, or
     """
     length = _lengths(points, corners[facets[:, 0], facets[:, 1]])
     thickness = _thickness(points, corners, facets, number, _THICK * length)
-    worst = int(_resolved(length, thickness, order, material, accurate=False).argmin())
-    return Wall(float(thickness[worst]), float(length[worst]), order, material)
+    walls = []
+    for material, rows in materials:
+        worst = rows[_resolved(length[rows], thickness[rows], order, material, accurate=False).argmin()]
+        walls.append(Wall(float(thickness[worst]), float(length[worst]), order, material))
+    return min(walls, key=lambda wall: wall.frequency)
 
 
 def _resolved(

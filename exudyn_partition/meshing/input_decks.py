@@ -36,6 +36,19 @@ _STRUCTURE_CARDS = re.compile(r"(CONM[12]|CBAR|CBEAM|CROD|CELAS[1-4]|CBUSH|PSHEL
 _SOLID_CARDS = re.compile(r"(CTETRA|CHEXA|CPENTA|CPYRA)")
 
 
+class CellRegions(NamedTuple):
+    """Regions of a mesh: what they are, their names, and the number of each element's region, (ne,) int."""
+
+    kind: str
+    names: tuple[str | None, ...]
+    number: Array
+
+    @classmethod
+    def one(cls, n: int) -> CellRegions:
+        """Return the one region of n elements."""
+        return cls("regions", ("",), np.zeros(n, dtype=np.int64))
+
+
 class _Keyword(NamedTuple):
     """A keyword of an Abaqus deck without its asterisk, its options, and the number of its data lines."""
 
@@ -44,7 +57,7 @@ class _Keyword(NamedTuple):
     data_lines: int
 
 
-def check_deck(path: Path, mesh: MeshioMesh) -> None:
+def check_deck(path: Path, mesh: MeshioMesh, several: bool = False) -> None:
     """Refuse decks of Abaqus and Nastran of which meshio would silently drop, move or duplicate something.
 
     Raises
@@ -55,7 +68,7 @@ def check_deck(path: Path, mesh: MeshioMesh) -> None:
     """
     suffix = path.suffix.lower()
     if suffix == ".inp":
-        _check_abaqus(path, list(_keywords(path.read_text(errors="replace"))))
+        _check_abaqus(path, list(_keywords(path.read_text(errors="replace"))), several)
     elif suffix in NASTRAN_ENDINGS:
         _check_nastran(path, mesh, _cards(path.read_text(errors="replace")))
 
@@ -81,7 +94,7 @@ def _keywords(text: str) -> Iterator[_Keyword]:
         yield _Keyword(name, options, data)
 
 
-def _check_abaqus(path: Path, keywords: list[_Keyword]) -> None:
+def _check_abaqus(path: Path, keywords: list[_Keyword], several: bool) -> None:
     counts: dict[str, int] = {}
     for keyword in keywords:
         counts[keyword.name] = counts.get(keyword.name, 0) + 1
@@ -106,6 +119,8 @@ def _check_abaqus(path: Path, keywords: list[_Keyword]) -> None:
             "not apply. Export one part, or a flat deck, and place the body by referencePosition"
         )
     _refuse_structure(path, [name for name in _STRUCTURE if name in counts], "*")
+    if several:
+        return
     sections = [k.options for k in keywords if k.name == "SOLID SECTION"]
     materials = {options.get("MATERIAL", "").upper() for options in sections}
     if len(materials) > 1:
@@ -161,16 +176,57 @@ def _refuse_structure(path: Path, found: list[str], mark: str) -> None:
 
 
 def check_regions(path: Path, mesh: MeshioMesh) -> None:
-    """Refuse a mesh with several regions, since an FE model has one material.
-
-    The regions are numbers that meshio keeps for each volume element: physical groups of Gmsh, or its volumes if there
-    are no groups; materials of the properties of Nastran; and all data named like a material or region.
+    """Refuse a mesh with several regions, for which one material is given.
 
     Raises
     ------
     MeshError
         Names the regions.
     """
+    for regions in _regions(path, mesh):
+        refuse_regions(path, regions.kind, [str(name) for name in regions.names])
+
+
+def regions_of(path: Path, mesh: MeshioMesh) -> CellRegions:
+    """Regions of the volume elements of a file.
+
+    They are the materials of Abaqus' solid sections, or its sets of elements if it has no sections; or numbers that
+    meshio keeps for each volume element: physical groups of Gmsh, or its volumes if there are no groups; properties of
+    Nastran that differ in their materials; and data named like a material or region.
+
+    Raises
+    ------
+    MeshError
+        If some elements of an Abaqus deck are in no section or set.
+    """
+    if path.suffix.lower() == ".inp":
+        return _abaqus_regions(path, mesh)
+    count = sum(len(block) for block in mesh.cells if block.dim == 3)
+    return next(iter(_regions(path, mesh)), CellRegions.one(count))
+
+
+def _abaqus_regions(path: Path, mesh: MeshioMesh) -> CellRegions:
+    keywords = list(_keywords(path.read_text(errors="replace")))
+    named = {k.options["ELSET"]: k.options["MATERIAL"] for k in keywords if k.name == "SOLID SECTION"}
+    if not named:
+        solids = [k for k in keywords if k.name == "ELEMENT" and k.options.get("TYPE", "").upper().startswith("C3")]
+        named = {k.options["ELSET"]: k.options["ELSET"] for k in solids if "ELSET" in k.options}
+    names = tuple(dict.fromkeys(named.values()))
+    (kind,) = {block.type for block in mesh.cells if block.dim == 3}
+    number = np.full(sum(len(block) for block in mesh.cells if block.dim == 3), -1)
+    sets = {name.upper(): members for name, members in mesh.cell_sets_dict.items()}
+    for elements, material in named.items():
+        number[sets.get(elements.upper(), {}).get(kind, [])] = names.index(material)
+    if (number < 0).any():
+        raise MeshError(
+            f"{path}: {np.count_nonzero(number < 0)} of {len(number)} elements are in no *SOLID SECTION, or in sets "
+            "that meshio does not read; expected a material for each"
+        )
+    return CellRegions("*SOLID SECTION", names, number)
+
+
+def _regions(path: Path, mesh: MeshioMesh) -> Iterator[CellRegions]:
+    """Regions of volume elements by each of their numbers that tells of more than one."""
     volumes = [i for i, block in enumerate(mesh.cells) if block.dim == 3 and len(block)]
     data = {name: _values(blocks, volumes) for name, blocks in mesh.cell_data.items() if _REGION.search(name)}
     names = {int(tag): name for name, (tag, dimension) in _groups(mesh).items() if dimension == 3}
@@ -182,14 +238,14 @@ def check_regions(path: Path, mesh: MeshioMesh) -> None:
     if path.suffix.lower() in NASTRAN_ENDINGS and "nastran:ref" in data:
         cards = _cards(path.read_text(errors="replace"))
         material = {int(card[1]): card[2] for card in cards if card[0].rstrip("*") == "PSOLID" and card[1].isdigit()}
-        properties = np.unique(data.pop("nastran:ref"))
-        if len({material.get(int(i), f"of property {i}") for i in properties}) > 1:
-            refuse_regions(path, "Nastran's properties", [str(i) for i in properties])
+        properties = data.pop("nastran:ref")
+        if len({material.get(int(i), f"of property {i}") for i in np.unique(properties)}) > 1:
+            data["Nastran's properties"] = properties
     for name, values in data.items():
-        regions = np.unique(values)
-        if len(regions) > 1:
+        found, number = np.unique(values, return_inverse=True)
+        if len(found) > 1:
             called = names if name.startswith("Gmsh") else {}
-            refuse_regions(path, name, [called.get(int(region), str(region)) for region in regions])
+            yield CellRegions(name, tuple(called.get(int(i), str(int(i))) for i in found), number)
 
 
 def _groups(mesh: MeshioMesh) -> dict[str, tuple[int, int]]:

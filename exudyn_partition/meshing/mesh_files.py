@@ -18,7 +18,7 @@ from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import MeshioMesh
 from ..support.optional import require
-from .input_decks import check_deck, check_regions
+from .input_decks import CellRegions, check_deck, check_regions, regions_of
 
 _VOLUMES = ("tetra", "tetra10", "hexahedron")
 _FACE_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
@@ -40,11 +40,13 @@ class VolumeMesh:
         Linear or quadratic tetrahedra or linear hexahedra, in VTK order with positive volume.
     faces : dict of str to (k, 3) or (k, 4) int array
         Corner nodes of the triangles or quadrilaterals that the file names.
+    regions : CellRegions
     """
 
     points: Array
     cells: Array
     faces: dict[str, Array]
+    regions: CellRegions
 
     def __post_init__(self) -> None:
         read_only(self.points, self.cells, *self.faces.values())
@@ -55,10 +57,16 @@ class VolumeMesh:
         return 2 if self.cells.shape[1] == 10 else 1
 
 
-def read_mesh(path: Path) -> VolumeMesh:
+def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     """Read the volume elements of a mesh file: VTU, Gmsh, Abaqus, Nastran, or another format of meshio.
 
     Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus).
+
+    Parameters
+    ----------
+    path : Path
+    several : bool
+        Whether the body may be of several regions.
 
     Raises
     ------
@@ -66,12 +74,12 @@ def read_mesh(path: Path) -> VolumeMesh:
         If there is no such file, or meshio cannot read it.
     MeshError
         If the file has no volume elements, elements other than linear or quadratic tetrahedra or linear hexahedra,
-        elements of several kinds or regions, inverted elements, or nodes of no element; or if meshio does not read all
-        of it, see `input_decks.check_deck`.
+        elements of several kinds or, without `several`, regions, inverted elements, or nodes of no element; or if
+        meshio does not read all of it, see `input_decks.check_deck`.
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
-    mesh = _read(path)
+    mesh = _read(path, several)
     counts: dict[str, int] = {}
     for block in mesh.cells:
         counts[block.type] = counts.get(block.type, 0) + len(block)
@@ -89,7 +97,9 @@ def read_mesh(path: Path) -> VolumeMesh:
     points = validate_array(f"points of {path}", mesh.points, (None, 3))
     cells = np.asarray(mesh.cells_dict[volumes[0]], dtype=np.int64)
     _check_nodes(path, volumes[0], len(points), cells)
-    return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, 4 if volumes[0] == "hexahedron" else 3))
+    corners = 4 if volumes[0] == "hexahedron" else 3
+    regions = regions_of(path, mesh) if several else CellRegions.one(len(cells))
+    return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, corners), regions)
 
 
 def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[str, Array]) -> None:
@@ -98,7 +108,7 @@ def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[s
     meshio.Mesh(points, [(kind, cells)], point_data=fields).write(path, file_format="vtu")
 
 
-def _read(path: Path) -> MeshioMesh:
+def _read(path: Path, several: bool) -> MeshioMesh:
     """Read a file as a `meshio.Mesh`."""
     validate_file("path", path)
     meshio = require("meshio")
@@ -116,8 +126,9 @@ def _read(path: Path) -> MeshioMesh:
         raise InputError(
             f"path: {path} could not be read by meshio ({reason}). Is it complete, and does its ending name its format?"
         ) from error
-    check_deck(path, mesh)
-    check_regions(path, mesh)
+    check_deck(path, mesh, several)
+    if not several:
+        check_regions(path, mesh)
     return mesh
 
 

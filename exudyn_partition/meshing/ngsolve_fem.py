@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from ..errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning
 from ..fe.facets import facet_corners
-from ..fe.material import Material
+from ..fe.material import Material, Regions
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
 from ..fe.shapes import ORDERS, TET_NODES
@@ -22,7 +22,8 @@ from ..support.checks import validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.optional import require
 from ..support.progress import pulsing
-from .input_decks import refuse_regions
+from .input_decks import CellRegions
+from .materials import GivenMaterial, Modulus
 from .mesh_files import VolumeMesh, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
@@ -32,15 +33,15 @@ from .surplus import Surplus
 
 _LOG = logging.getLogger(__name__)
 
-_UNNAMED = (None, "", "default")  # names of regions that nobody has named
 _HIGHER = {1: 7.0, 2: 3.3, 3: 2.4}  # nodes of elements of one order more, by those of the order
 _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its shape
 
 
 def fe_model(
     source: Shape | NGSolveMesh | str | Path,
-    material: Material,
+    material: Material | Mapping[str, Material],
     *,
+    modulus: Modulus | None = None,
     order: int | None = None,
     maxh: float | None = None,
     refine: Iterable[Refine] = (),
@@ -57,8 +58,13 @@ def fe_model(
         A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra or linear
         hexahedra, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of a
         mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces become boundaries.
-    material : Material
-        In units that fit the geometry's, SI unless all are chosen otherwise.
+    material : Material or dict of str to Material
+        In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
+        name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
+        groups (Gmsh), solid sections (Abaqus), properties (Nastran) or numbers of materials.
+    modulus : callable, optional
+        Young's modulus by place, in place of the materials': called with the centres of the elements, (ne, 3), after
+        scaling; returns (ne,) [Pa]. It is constant in an element.
     order : {1, 2, 3}, optional
         Linear elements with straight sides, or quadratic or cubic ones that follow the mesh's curvature. Default: 2, or
         that of a mesh file. Linear tetrahedra of a file can be raised; the other nodes then lie on straight edges. Thin
@@ -78,7 +84,8 @@ def fe_model(
         If an argument is of the wrong kind or has no effect on this source, or a file cannot be read. A STEP file is
         first read in a child process, because a damaged one may crash it.
     MeshError
-        If the mesh or shape is of several regions, which are named, of several parts, or cannot be used.
+        If the mesh or shape is of several regions, which are named, and one material is given; if it is of several
+        parts, or cannot be used.
     MemoryLimitError
         If mesh or matrices would not fit into the free memory, by an estimate before the work.
     MissingPackageError
@@ -98,8 +105,7 @@ def fe_model(
     ngsolve = require("ngsolve")
     if isinstance(order, bool) or order not in (None, 1, 2, 3):
         raise InputError(f"order: expected 1, 2 or 3, got {order!r}")
-    if not isinstance(material, Material):
-        raise InputError(f"material: expected an ep.Material, such as ep.STEEL, got {type(material).__name__}")
+    given = GivenMaterial(material, modulus)
     scale = validate_positive("scale", scale)
     path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
     is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
@@ -111,18 +117,18 @@ def fe_model(
                     raise InputError("maxh: a shape needs a largest element size [m]")
                 mesh = meshed(shape, maxh, refine, grading, order or 2)
                 with pulsing("assemble"):
-                    fem = _from_mesh(ngsolve, mesh, material, order or 2)
+                    fem = _from_mesh(ngsolve, mesh, given, order or 2)
             elif path:
                 with pulsing("assemble"):
-                    file = read_mesh(path)
+                    file = read_mesh(path, several=given.several)
                     _refuse_mesh_options(maxh, refine, grading)
-                    fem = _from_file(ngsolve, path, file, material, order, scale)
+                    fem = _from_file(ngsolve, path, file, given, order, scale)
             else:
                 _refuse_mesh_options(maxh, refine, grading)
                 if scale != 1:
                     raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
                 with pulsing("assemble"):
-                    fem = _from_mesh(ngsolve, source, material, order or 2)
+                    fem = _from_mesh(ngsolve, source, given, order or 2)
     except MemoryLimitError:
         raise
     except MemoryError as error:
@@ -133,7 +139,7 @@ def fe_model(
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
     if is_shape and fem.order > 1:
-        missed = fem.total_mass / material.rho / shape.mass - 1
+        missed = fem.cell_volume.sum() / shape.mass - 1
         if abs(missed) > _VOLUME_MISSED:
             warnings.warn(
                 f"shape: its mesh has {missed:+.1%} of its volume, {shape.mass:.4g} m3. Take smaller elements where it "
@@ -169,19 +175,12 @@ def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
         )
 
 
-def _check_regions(source: str, names: Sequence[str | None]) -> None:
-    """Refuse several regions, unless all have the same name."""
-    if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
-        refuse_regions(
-            source, "solids", [f"{i}: {'without name' if name in _UNNAMED else name}" for i, name in enumerate(names)]
-        )
-
-
-def _from_mesh(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: int) -> FEModel:
+def _from_mesh(
+    ngsolve: NGSolve, mesh: NGSolveMesh, given: GivenMaterial, order: int, regions: CellRegions | None = None
+) -> FEModel:
     """FE model with NGSolve's own numbering: vertices, then edges."""
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
-    _check_regions("mesh", mesh.GetMaterials())
     curve_order = mesh.GetCurveOrder()
     if order > 1 and curve_order > order:
         raise MeshError(
@@ -199,7 +198,11 @@ def _from_mesh(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: i
         corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
         cells = basis.cells(corners, points)
         _check_volume(points, cells)
-        fem = _assemble(ngsolve, mesh, material, points, cells, basis.to_hierarchical)
+        if regions is None:
+            number = mesh.ngmesh.Elements3D().NumPy()["index"].astype(np.int64) - 1
+            regions = CellRegions("solids", tuple(mesh.GetMaterials()), number)
+        elastic = given.on("mesh", regions, points[cells].mean(axis=1))
+        fem = _assemble(ngsolve, mesh, elastic, points, cells, basis.to_hierarchical)
     finally:
         if order == 1:
             mesh.Curve(curve_order)
@@ -223,22 +226,23 @@ def _check_volume(points: Array, cells: Array) -> None:
 
 
 def _from_file(
-    ngsolve: NGSolve, path: Path, file: VolumeMesh, material: Material, order: int | None, scale: float
+    ngsolve: NGSolve, path: Path, file: VolumeMesh, given: GivenMaterial, order: int | None, scale: float
 ) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
     file = replace(file, points=scale * file.points)
     n_nodes = file.cells.shape[1]
     if order not in (None, file.order) and n_nodes != 4:
         raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")
-    if file.order == 2:
-        fem = _isoparametric(ngsolve, file, material)
+    if file.order == 1 and order in (2, 3):
+        fem = _from_mesh(ngsolve, _volume_mesh(ngsolve, file.points, file.cells), given, order, file.regions)
     else:
-        mesh = _volume_mesh(ngsolve, file.points, file.cells)
-        if order in (2, 3):
-            fem = _from_mesh(ngsolve, mesh, material, order)
+        elastic = given.on(str(path), file.regions, file.points[file.cells].mean(axis=1))
+        if file.order == 2:
+            mesh, to_hierarchical = _deformed_mesh(ngsolve, file.points, file.cells)
         else:
-            basis = NodalBasis(ngsolve, mesh, 1)
-            fem = _assemble(ngsolve, mesh, material, file.points, file.cells, basis.to_hierarchical)
+            mesh = _volume_mesh(ngsolve, file.points, file.cells)
+            to_hierarchical = NodalBasis(ngsolve, mesh, 1).to_hierarchical
+        fem = _assemble(ngsolve, mesh, elastic, file.points, file.cells, to_hierarchical)
     fem.boundaries.update(_boundaries(fem.facets, file.faces))
     return fem
 
@@ -249,12 +253,6 @@ def _volume_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> NGSolveMesh:
     mesh.AddPoints(np.ascontiguousarray(points))
     mesh.AddElements(dim=3, index=1, data=np.ascontiguousarray(cells, dtype=np.int32), base=0)
     return ngsolve.Mesh(mesh)
-
-
-def _isoparametric(ngsolve: NGSolve, file: VolumeMesh, material: Material) -> FEModel:
-    """FE model of quadratic tetrahedra with the mid-side nodes of a mesh file."""
-    mesh, to_hierarchical = _deformed_mesh(ngsolve, file.points, file.cells)
-    return _assemble(ngsolve, mesh, material, file.points, file.cells, to_hierarchical)
 
 
 def surplus_of(fem: FEModel) -> Surplus:
@@ -273,7 +271,7 @@ def surplus_of(fem: FEModel) -> Surplus:
     check_memory_of_model(int(_HIGHER[order] * fem.n_nodes), min(order + 1, 3))
     with ONE_AT_A_TIME:
         mesh, to_hierarchical = _deformed_mesh(ngsolve, fem.points, fem.cells)
-        stiffness, mass = _forms(ngsolve, mesh, fem.material, order + 1)
+        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1)
         return Surplus(fem, ngsolve, mesh, to_hierarchical, _csr(stiffness.mat), _csr(mass.mat))
 
 
@@ -306,14 +304,19 @@ def _deformed_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> tuple[NGSol
 
 
 def _assemble(
-    ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, points: Array, cells: Array, to_hierarchical: sp.csr_matrix
+    ngsolve: NGSolve,
+    mesh: NGSolveMesh,
+    elastic: Material | Regions,
+    points: Array,
+    cells: Array,
+    to_hierarchical: sp.csr_matrix,
 ) -> FEModel:
     """Assemble by NGSolve; change from its hierarchical basis to nodal values, and from x..y..z.. to xyz order."""
     order = ORDERS[cells.shape[1]]
     check_memory_of_model(len(points), order)
-    stiffness, mass = _forms(ngsolve, mesh, material, order)
+    stiffness, mass = _forms(ngsolve, mesh, elastic, order)
     with ngsolve.TaskManager():
-        cell_mass = material.rho * np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
+        volume = np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
     n = len(points)
     interleave = np.arange(3 * n).reshape(3, n).T.ravel()
     change = sp.block_diag([to_hierarchical] * 3, format="csr")[:, interleave]
@@ -322,23 +325,34 @@ def _assemble(
         cells=cells,
         mass=_symmetric(change.T @ _csr(mass.mat) @ change),
         stiffness=_symmetric(change.T @ _csr(stiffness.mat) @ change),
-        cell_mass=cell_mass,
-        material=material,
+        cell_mass=elastic.rho * volume,
+        material=elastic.largest(volume) if isinstance(elastic, Regions) else elastic,
         boundaries={},
+        regions=elastic if isinstance(elastic, Regions) else None,
     )
 
 
-def _forms(ngsolve: NGSolve, mesh: NGSolveMesh, material: Material, order: int) -> tuple[NGSolveObject, NGSolveObject]:
+def _forms(
+    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int
+) -> tuple[NGSolveObject, NGSolveObject]:
     """Stiffness and mass in NGSolve's basis."""
     u, v = ngsolve.VectorH1(mesh, order=order).TnT()
 
     def strain(w: NGSolveObject) -> NGSolveObject:
         return ngsolve.Sym(ngsolve.Grad(w))
 
+    def by_element(value: float | Array) -> float | NGSolveObject:
+        if isinstance(value, float):
+            return value
+        constants = ngsolve.GridFunction(ngsolve.L2(mesh, order=0))  # one number an element
+        constants.vec.FV().NumPy()[:] = value
+        return constants
+
+    shear, lame, density = map(by_element, (elastic.shear_modulus, elastic.lame, elastic.rho))
     with ngsolve.TaskManager():
-        stress = 2 * material.shear_modulus * strain(u) + material.lame * ngsolve.div(u) * ngsolve.Id(3)
+        stress = 2 * shear * strain(u) + lame * ngsolve.div(u) * ngsolve.Id(3)
         stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, strain(v)) * ngsolve.dx).Assemble()
-        mass = ngsolve.BilinearForm(material.rho * u * v * ngsolve.dx).Assemble()
+        mass = ngsolve.BilinearForm(density * u * v * ngsolve.dx).Assemble()
     return stiffness, mass
 
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
+from ..fe.material import Material
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
 from ..fe.shapes import integration_gradients, integration_weights
@@ -28,12 +29,17 @@ _LEFT = 0.1  # share of the stiffness that stays; from 0.02 to 0.5 the forces se
 
 def with_free_zones(fem: FEModel, partition: Partition) -> FEModel:
     """Return the model whose elements do not lock in the partition's plastic zones; itself without zones."""
-    cells = [patch.plastic.cells for patch in partition.patches if patch.plastic is not None]
-    return with_mean_dilatation(fem, np.unique(np.concatenate(cells), axis=0)) if cells else fem
+    zones: dict[Material, list[Array]] = {}
+    for patch in partition.patches:
+        if patch.plastic is not None:
+            zones.setdefault(patch.material or fem.material, []).append(patch.plastic.cells)
+    for material, cells in zones.items():
+        fem = with_mean_dilatation(fem, np.unique(np.concatenate(cells), axis=0), material)
+    return fem
 
 
-def with_mean_dilatation(fem: FEModel, cells: Array) -> FEModel:
-    """Return the model with nearly one dilatation in each of some elements, (c, k) nodes.
+def with_mean_dilatation(fem: FEModel, cells: Array, material: Material) -> FEModel:
+    """Return the model with nearly one dilatation in each of some elements, (c, k) nodes, of a material.
 
     Cubic tetrahedra do not lock, and linear ones have one integration point: they stay as they are.
     """
@@ -46,7 +52,7 @@ def with_mean_dilatation(fem: FEModel, cells: Array) -> FEModel:
     volume = integration_weights(k) * np.linalg.det(jacobian)
     mean = np.einsum("cq,cqi->ci", volume, dilatation) / volume.sum(axis=1)[:, None]
     apart = dilatation - mean[:, None]
-    bulk = fem.material.lame + 2 / 3 * fem.material.shear_modulus
+    bulk = material.lame + 2 / 3 * material.shear_modulus
     change = (_LEFT - 1) * bulk * np.einsum("cq,cqi,cqj->cij", volume, apart, apart, optimize=True)
     dofs = node_dofs(cells.ravel()).reshape(len(cells), 3 * k)
     places = np.repeat(dofs, 3 * k, axis=1).ravel(), np.tile(dofs, (1, 3 * k)).ravel()

@@ -63,7 +63,7 @@ class ReducedBody:
     estimate : Estimate or None
         Estimated errors, if the body was reduced to a tolerance.
     material : Material or None
-        That of the FE model; None if the body is from a file of before it was stored.
+        Of several the one with the largest volume; None if the body is from a file of before it was stored.
     """
 
     basis: ReducedBasis
@@ -134,8 +134,9 @@ class ReducedBody:
     def left_out(self) -> tuple[str, ...]:
         """What the body leaves out, in sentences."""
         said = [*self.basis.left_out, *self.partition.left_out]
-        if not all(patch.plastic for patch in self.partition.patches):
-            known = self.material is not None and self.material.yield_stress is not None
+        elastic = [patch.material or self.material for patch in self.partition.patches if not patch.plastic]
+        if elastic:
+            known = all(material and material.yield_stress is not None for material in elastic)
             said.append(f"plastic deformation (yield_stress= of Material {'tells' if known else 'would tell'} of it)")
         said.append("strain and stress, which `recovery` computes on request")
         inside = "the shapes inside the body, which was saved without them (save with inside=True keeps them)"
@@ -348,9 +349,8 @@ class ReducedBody:
         path : str or Path
             Taken as it is, nothing is appended.
         inside : bool
-            False leaves out the shapes at nodes inside the body. Runs, displacements and velocities of nodes on the
-            surface, and drawing do without them, equal in every bit; stresses, strains and points inside need them,
-            and say so.
+            False leaves out the shapes at nodes inside the body. Runs, motion of the surface, and drawing do without
+            them, equal in every bit; stresses, strains and points inside need them, and say so.
 
         Raises
         ------

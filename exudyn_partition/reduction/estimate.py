@@ -33,6 +33,7 @@ import scipy.sparse as sp
 
 from ..algebra.coulomb import Coulomb
 from ..errors import InputError, ToleranceWarning
+from ..fe.material import Material
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
 from ..prediction.modal_impact import Impact, ObliqueImpact
@@ -143,7 +144,8 @@ def impacts_of(
         (surface,) = surfaces
         line = surface.direction
         known = rigid and {PARTNER: rigid(surface.points)}
-        gaps = known or _gaps_to_rigid(surface, spaces[0].fem, speed)
+        fem, patch = spaces[0].fem, spaces[0].partition.patches[patches[0]]
+        gaps = known or _gaps_to_rigid(surface, fem, patch.material or fem.material, speed)
         n = len(surface.points)
         rows = [-sp.kron(sp.identity(n), line[None], format="csr")]
         weights = [sp.identity(n, format="csr")]
@@ -189,13 +191,13 @@ def _interleaved(n: int) -> Array:
     return value
 
 
-def _gaps_to_rigid(surface: Surface, fem: FEModel, speed: float) -> dict[str, Array]:
+def _gaps_to_rigid(surface: Surface, fem: FEModel, material: Material, speed: float) -> dict[str, Array]:
     """Gaps, (np,) [m], to a rigid plane; for a flat patch also those to a rigid sphere, which stand first."""
     height = surface.points @ surface.direction
     foot = surface.points - surface.points.mean(axis=0)
     across_squared = np.sum(foot**2, axis=1) - (foot @ surface.direction) ** 2
     a_squared = across_squared.max()
-    stiffness = fem.material.plane_strain_modulus
+    stiffness = material.plane_strain_modulus
     radius = np.sqrt(16 * stiffness * a_squared**2.5 / (15 * fem.total_mass * speed**2))
     sphere = across_squared / (2 * radius)
     plane = height.max() - height

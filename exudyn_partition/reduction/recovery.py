@@ -25,7 +25,6 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from ..errors import InputError, MeshError
-from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.shapes import TET_NODES, tetrahedron_functions
 from ..support.arrays import Array, Vector
@@ -191,9 +190,7 @@ def strain_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
     InputError, MeshError
         See `gauge_rows`.
     """
-    cell, local = _locate(fem, validate_array("points", points, (None, 3)))
-    gradient = _gradients(fem.points[fem.cells[cell]], local)
-    return _rows(fem, cell, np.einsum("vab,mkb->mvka", _VOIGT, gradient))
+    return _rows(fem, *_strain_rows(fem, points))
 
 
 def stress_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
@@ -215,8 +212,8 @@ def stress_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
     InputError, MeshError
         See `gauge_rows`.
     """
-    strain = strain_rows(fem, points)
-    return sp.kron(sp.identity(strain.shape[0] // 6), _elasticity(fem.material), format="csr") @ strain
+    cell, strain = _strain_rows(fem, points)
+    return _rows(fem, cell, np.einsum("mwv,mvka->mwka", _elasticity(fem, cell), strain))
 
 
 def nodal_strain(fem: FEModel, displacement: Array) -> Array:
@@ -238,6 +235,11 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     InputError, MeshError
     """
     _validate_tetrahedra(fem)
+    return _nodal_mean(fem, displacement)
+
+
+def _nodal_mean(fem: FEModel, displacement: Array, stiffness: Array | None = None) -> Array:
+    """Strain at nodes; or stress, if the elements' matrices of Hooke's law are given, (ne, 6, 6) [Pa]."""
     u = validate_array("displacement", displacement, (fem.n_nodes, 3))[fem.cells]
     x = fem.points[fem.cells]
     cells = np.arange(len(x))
@@ -245,6 +247,8 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     for local, nodes in zip(TET_NODES[fem.cells.shape[1]], fem.cells.T, strict=True):
         gradient = _gradients(x, np.broadcast_to(local, (len(x), 3)))
         strain = np.einsum("vab,mab->mv", _VOIGT, np.einsum("mka,mkb->mab", u, gradient))
+        if stiffness is not None:
+            strain = np.einsum("mwv,mv->mw", stiffness, strain)
         gather = sp.csr_matrix((fem.cell_mass, (nodes, cells)), shape=(fem.n_nodes, len(x)))
         total += gather @ strain
         weight += gather.sum(axis=1)
@@ -252,7 +256,7 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
 
 
 def nodal_stress(fem: FEModel, displacement: Array) -> Array:
-    """Stress field by Hooke's law, averaged as `nodal_strain`.
+    """Stress field by Hooke's law, averaged as `nodal_strain`, also where two materials meet.
 
     Parameters
     ----------
@@ -269,7 +273,8 @@ def nodal_stress(fem: FEModel, displacement: Array) -> Array:
     ------
     InputError, MeshError
     """
-    return nodal_strain(fem, displacement) @ _elasticity(fem.material)
+    _validate_tetrahedra(fem)
+    return _nodal_mean(fem, displacement, _elasticity(fem, np.arange(len(fem.cells))))
 
 
 def von_mises(stress: Array) -> Array:
@@ -290,11 +295,22 @@ def von_mises(stress: Array) -> Array:
     return mises
 
 
-def _elasticity(material: Material) -> Array:
-    """(6, 6) matrix of Hooke's law on engineering strains [Pa]."""
-    D = material.shear_modulus * np.diag([2.0, 2, 2, 1, 1, 1])
-    D[:3, :3] += material.lame
-    return D
+def _strain_rows(fem: FEModel, points: Array) -> tuple[Array, Array]:
+    """Cell of each of m points, and its strain by displacements of the cell's k nodes, (m, 6, k, 3)."""
+    cell, local = _locate(fem, validate_array("points", points, (None, 3)))
+    gradient = _gradients(fem.points[fem.cells[cell]], local)
+    return cell, np.einsum("vab,mkb->mvka", _VOIGT, gradient)
+
+
+def _elasticity(fem: FEModel, cells: Array) -> Array:
+    """Matrices of Hooke's law on engineering strains in some elements, (m,) int: (m, 6, 6) [Pa]."""
+    shear, lame = (
+        np.broadcast_to(value, len(fem.cells))[cells, None, None]
+        for value in (fem.elastic.shear_modulus, fem.elastic.lame)
+    )
+    stiffness: Array = shear * np.diag([2.0, 2, 2, 1, 1, 1])
+    stiffness[:, :3, :3] += lame
+    return stiffness
 
 
 def _rows(fem: FEModel, cell: Array, coefficients: Array) -> sp.csr_matrix:

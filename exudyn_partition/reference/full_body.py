@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import scipy.sparse as sp
 
+from ..errors import InputError
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
@@ -75,6 +76,8 @@ class FullBody:
         validate_choice("mass", self.mass, MASSES)
         object.__setattr__(self, "patch", self.partition.patch(self.patch))
         validate_choice("plastic", self.plastic, _EXTENTS)
+        if self.plastic == "everywhere" and self.fem.regions is not None:
+            raise InputError("plastic: 'everywhere' expects a body of one material; take 'zone', or 'nowhere'")
 
     @property
     def yields(self) -> bool:
@@ -87,7 +90,7 @@ class FullBody:
     def stiffness(self) -> sp.csr_matrix:
         """(3n, 3n) csr matrix [N/m], as a reduced body of this partition has it: see `plasticity.dilatation`."""
         if self.plastic == "everywhere" and self.yields:
-            return with_mean_dilatation(self.fem, self.fem.cells).stiffness
+            return with_mean_dilatation(self.fem, self.fem.cells, self.fem.material).stiffness
         return with_free_zones(self.fem, self.partition).stiffness
 
     @property

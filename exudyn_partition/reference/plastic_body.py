@@ -33,11 +33,11 @@ class PlasticBody:
     """
 
     def __init__(self, body: FullBody, side: HHT) -> None:
-        fem, region = body.fem, body.contact.plastic
+        fem, region, material = body.fem, body.contact.plastic, body.contact.material or body.fem.material
         if body.plastic == "everywhere":
             region = PlasticRegion(fem.cells, np.empty(0, dtype=np.int64))
         assert region is not None
-        self.zone, self.side = PlasticZone(fem.points, region, fem.material), side
+        self.zone, self.side = PlasticZone(fem.points, region, material), side
         self._dofs = node_dofs(self.zone.nodes)
         self.state = self._new = PlasticState.virgin(len(self.zone))
         self._strain = self._new_strain = np.zeros((len(self.zone), 6))

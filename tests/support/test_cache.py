@@ -14,6 +14,7 @@ from samples import assert_same
 
 import exudyn_partition as ep
 from exudyn_partition.errors import CacheWarning, InputError
+from exudyn_partition.fe.material import Regions
 from exudyn_partition.fe.patches import Interface, Patch, PlasticRegion
 from exudyn_partition.reduction import loads, reduction
 from exudyn_partition.support import archive, cache
@@ -80,6 +81,9 @@ MODELS = {
     "cell_mass": lambda fem: fem.cell_mass * (1 + 1e-15),
     "material": lambda fem: replace(fem.material, nu=0.29),
     "boundaries": lambda fem: {**fem.boundaries, "more": np.arange(2)},
+    "regions": lambda fem: Regions(
+        ("",), (fem.material,), np.zeros(len(fem.cells), dtype=int), np.full(len(fem.cells), fem.material.E)
+    ),
 }
 
 
@@ -100,6 +104,7 @@ PATCHES = {
     "direction_given": lambda patch: True,
     "name": lambda patch: "top",
     "plastic": lambda patch: PlasticRegion(np.arange(10)[None], np.arange(3)),
+    "material": lambda patch: ep.ALUMINIUM,
 }
 
 

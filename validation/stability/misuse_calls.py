@@ -86,6 +86,7 @@ def _saved_state(s):
     return path
 
 
+_numbers = Kind({**v.NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]})
 _new = v.mbs(Made(lambda s: s.empty()))
 _ready = v.mbs(Made(lambda s: s.assembled()))
 _axes = Kind({"text": "x", "number": 1, "a result": Made(_result), "list": []}, None)
@@ -257,12 +258,16 @@ CALLS = {
     "fe_model": call(
         source=v.path_in.but("folder").but(folder=Made(lambda s: s.folder))(Made(lambda s: s.shape)),
         material=v.material,
+        modulus=v.function.but(
+            **{"too few": lambda x: x[:1, 0], "negative": lambda x: -abs(x[:, 0]), "text of it": len}
+        ),
         order=v.count.or_none.but(four=4),
         maxh=v.positive(8e-3),
         refine=_refine,
         grading=v.positive.but(**{"1e-6": 1e-6, "5": 5.0})(0.3),
         scale=v.positive(1.0),
     ),
+    "FEModel.material_beneath": call(of=lambda s: s.fem, facets=_numbers(np.arange(2))),
     "FEModel.nearest_node": call(of=lambda s: s.fem, point=v.vector),
     "Partition.ball": call(
         fem=v.fem,
@@ -345,9 +350,7 @@ CALLS = {
     "ReducedBody.save": call(
         of=_body, path=v.path_out(Made(lambda s: s.folder / "saved.npz")), inside=v.flag(True), swaps=False
     ),
-    "ReducedBody.rows": call(
-        of=_body, nodes=Kind({**v.NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]}, np.arange(3))
-    ),
+    "ReducedBody.rows": call(of=_body, nodes=_numbers(np.arange(3))),
     "ReducedBody.reduced_rows": call(of=_body, rows=_rows),
     "ReducedBody.displacement": call(of=_body, q=_q.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
     "ReducedBody.nearest_node": call(of=_body, point=v.vector),

@@ -51,7 +51,8 @@ class ZoneMotion:
         """Zone of a patch of the body with these kinematics; None if nothing yields there."""
         body: ReducedBody = kinematics.body
         plastic = [number for number, one in enumerate(body.partition.patches) if one.plastic is not None]
-        region, material = body.partition.patches[patch].plastic, body.material
+        one = body.partition.patches[patch]
+        region, material = one.plastic, one.material or body.material
         if region is None or not body.basis.zones or material is None:
             return None
         zone = PlasticZone(body.points, region, material)

@@ -1,0 +1,104 @@
+"""Which element of a mesh is of which material."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..fe.material import Material, Regions
+from ..support.arrays import Array
+from ..support.checks import validate_array, validate_callable
+from .input_decks import CellRegions, refuse_regions
+
+Modulus = Callable[[Array], Array]  # Young's modulus by place, (k, 3) [m] -> (k,) [Pa]
+
+_UNNAMED = (None, "", "default")  # names of regions that nobody has named
+
+
+@dataclass(frozen=True)
+class GivenMaterial:
+    """The material, or one for each region, and the modulus by place, as the user gives them.
+
+    Parameters
+    ----------
+    material : Material or dict of str to Material
+    modulus : callable or None
+        See `fe_model`.
+
+    Raises
+    ------
+    InputError
+        If they are no such things.
+    """
+
+    material: Material | Mapping[str, Material]
+    modulus: Modulus | None = None
+
+    def __post_init__(self) -> None:
+        several = isinstance(self.material, Mapping)
+        for one in self.material.values() if isinstance(self.material, Mapping) else (self.material,):
+            if not isinstance(one, Material):
+                expected = (
+                    "one ep.Material for each name of a region" if several else "an ep.Material, such as ep.STEEL"
+                )
+                raise InputError(f"material: expected {expected}, got {type(one).__name__}")
+        if several and not self.material:
+            raise InputError("material: expected at least one {name: Material}, got an empty dict")
+        if self.modulus is not None:
+            validate_callable("modulus", self.modulus, "a function of places, (k, 3) [m], that returns (k,) [Pa]")
+
+    @property
+    def several(self) -> bool:
+        """Whether each region has its own."""
+        return isinstance(self.material, Mapping)
+
+    def on(self, source: str, regions: CellRegions, centres: Array) -> Material | Regions:
+        """Material of a mesh's elements.
+
+        Parameters
+        ----------
+        source : str
+            For messages.
+        regions : CellRegions
+        centres : (ne, 3) array
+            Of the elements [m].
+
+        Raises
+        ------
+        MeshError
+            If one material is given, and regions have different names, or several have none.
+        InputError
+            If a dict lacks a region's name or has another one, or the modulus is no positive number somewhere.
+        """
+        names, number = regions.names, regions.number
+        if isinstance(self.material, Material):
+            if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
+                listed = [f"{i}: {'without name' if name in _UNNAMED else name}" for i, name in enumerate(names)]
+                refuse_regions(source, regions.kind, listed)
+            if self.modulus is None:
+                return self.material
+            return Regions(("",), (self.material,), np.zeros(len(number), dtype=np.int64), self._moduli(centres))
+        present = [names[i] for i in np.unique(number)]
+        if set(present) != set(self.material):
+            raise InputError(
+                f"material: expected one for each region of {source}, {_listed(present)}, got "
+                f"{_listed(self.material)}. Name the solids of an OCC shape by solid.mat('name')"
+            )
+        keys = list(self.material)
+        own = np.array([keys.index(name) if name in keys else -1 for name in names])[number]
+        materials = tuple(self.material.values())
+        moduli = (
+            np.array([material.E for material in materials])[own] if self.modulus is None else self._moduli(centres)
+        )
+        return Regions(tuple(keys), materials, own, moduli)
+
+    def _moduli(self, centres: Array) -> Array:
+        assert self.modulus is not None
+        return validate_array("modulus", self.modulus(centres), (len(centres),))
+
+
+def _listed(names: Sequence[str | None] | Mapping[str, Material]) -> str:
+    return ", ".join("one without name" if name in _UNNAMED else repr(name) for name in dict.fromkeys(names))
