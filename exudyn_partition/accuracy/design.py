@@ -26,7 +26,10 @@ from ..meshing.mesh_size import Refine
 from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed, shape_of
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import contact_radius, effective, impact
-from ..reduction.reduction import reduce_to_tolerance
+from ..reduction.estimate import grow_to_tolerance
+from ..reduction.free_body import AdaptedSpace
+from ..reduction.memory import fits_together, watched
+from ..reduction.reduction import bodies_of
 from ..support.arrays import Vector
 from ..support.checks import validate_callable, validate_integer, validate_number, validate_positive, validate_vector
 from ..support.foreign import NGSolveMesh, Shape
@@ -216,6 +219,7 @@ class Search:
         self.looks: list[Look] = []
         self.best: ImpactDesign | None = None
         self.models: list[tuple[Sizes, float, Model]] = []
+        self.spaces: list[AdaptedSpace] = []
 
     def run(self, progress: Progress | None) -> ImpactDesign:
         """Look, refine, and look again."""
@@ -282,20 +286,25 @@ class Search:
         models = [model for _, _, model in made]
         times["assemble"], begin = time.perf_counter() - begin, time.perf_counter()
         rigid = scene.rigid
-        bodies = reduce_to_tolerance(
-            models,
-            [[0] * len(models)],
-            {"tolerance": tolerance, "speed": scene.speed, "duration": self.duration},
-            rigid=None if rigid is None else lambda points: rigid.project(points)[0],
-        )
+        with watched(models, "contact-adapted"), one_blas_thread():
+            self.spaces, truncation = grow_to_tolerance(
+                models,
+                [[0] * len(models)],
+                tolerance=tolerance,
+                speed=scene.speed,
+                duration=self.duration,
+                rigid=None if rigid is None else lambda points: rigid.project(points)[0],
+                known=[None if i in meshes else self.spaces[i] for i in range(len(models))],
+                keep=estimated and fits_together(models),
+            )
+            bodies = bodies_of(self.spaces, truncation, begin)
         times["reduce"], begin = time.perf_counter() - begin, time.perf_counter()
-        truncation = bodies[0].estimate
-        assert truncation is not None
         self.duration = duration = truncation.duration
         with one_blas_thread():
             pairs = [(fem, body) for (fem, _), body in zip(models, bodies, strict=True)]
             sides, impact_now = impact_of(pairs, [0] * len(pairs), scene.speed, rigid)
-            mesh = estimate_of(sides, impact_now, scene.speed, duration) if estimated else None
+            elastic = [space.elastic for space in self.spaces]
+            mesh = estimate_of(sides, impact_now, scene.speed, duration, elastic) if estimated else None
             step = impact_now.step(truncation.f_cut)
             t, force, _ = impact_now.run(duration, step / _FINER)
             at, coarse, _ = impact_now.run(duration, step)

@@ -40,7 +40,7 @@ from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_type
 from .modal_pair import Pair, Side, impact_of
 
-_STEPS, _SOLVED = 40, 1e-3  # of conjugate gradients; relative residual
+_STEPS, _SOLVED = 40, 0.03  # of conjugate gradients; relative residual, whose square is the error of x' r
 _LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
 _FINER = 2  # steps of the default one
 
@@ -173,11 +173,17 @@ def mesh_error(
         return estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration)
 
 
-def estimate_of(sides: Sequence[Side], impact: Impact, speed: float, duration: float) -> MeshEstimate:
-    """Do the work of `mesh_error`, for what `impact_of` returns."""
-    corrections = [_correction(side) for side in sides]
-    n = len(sides)
-    f_cut = min(side.body.f_cut for side in sides)
+def estimate_of(
+    sides: Sequence[Side],
+    impact: Impact,
+    speed: float,
+    duration: float,
+    known: Sequence[FreeBodyFlexibility | None] = (None, None),
+) -> MeshEstimate:
+    """Do the work of `mesh_error`, for what `impact_of` returns, with the flexibility of each body if it is known."""
+    f_cut, n = min(side.body.f_cut for side in sides), len(sides)
+    rows = _near(sides[0].mean, impact.loaded(duration, impact.step(f_cut)))
+    corrections = [_correction(side, rows, elastic) for side, elastic in zip(sides, known, strict=False)]
     whole = [(True, True)] * n
     both, _ = _corrected(impact, corrections, whole)
     step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
@@ -209,6 +215,12 @@ def estimate_of(sides: Sequence[Side], impact: Impact, speed: float, duration: f
     )
 
 
+def _near(mean: sp.csr_matrix, loaded: Array) -> Array:
+    """Numbers of rows that carry a force, and of those that share points with them, which softer bodies may reach."""
+    shared = abs(mean)
+    return np.flatnonzero(shared @ (shared.T @ loaded.astype(float)))
+
+
 def _check(name: str, pair: object, others: str = "") -> None:
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise InputError(f"{name}: expected (FEModel, ReducedBody){others}, got {type(pair).__name__}")
@@ -234,26 +246,29 @@ class _Correction:
         New shapes by the old ones, orthogonal.
     squares : (ns,) array
         Squares of the new shapes' frequencies [rad2/s2].
-    gaps : (nr, ns) array
-        What the old shapes have in addition at the rows.
-    flexibility : (nr, nr) array
-        Added to that of the rows [m/N].
+    rows : (k,) int array
+        Rows of the contact that may carry a force; the others stay as they are.
+    gaps : (k, ns) array
+        What the old shapes have in addition at these rows.
+    flexibility : (k, k) array
+        Added to that of these rows [m/N].
     """
 
     turn: Array
     squares: Array
+    rows: Array
     gaps: Array
     flexibility: Array
 
 
-def _correction(side: Side) -> _Correction:
-    """What the surplus changes of a body; see the module."""
+def _correction(side: Side, rows: Array, elastic: FreeBodyFlexibility | None) -> _Correction:
+    """What the surplus changes of a body and of some rows; see the module."""
     fem, basis = side.fem, side.body.basis
     surplus = surplus_of(fem)
-    elastic = np.flatnonzero(basis.omega > 0)
-    rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, elastic], basis.omega[elastic] ** 2
-    loads, on_surplus = _loads(side, surplus)
-    flexibility = FreeBodyFlexibility(with_free_zones(fem, side.body.partition).stiffness, fem.mass, rigid)
+    moving = np.flatnonzero(basis.omega > 0)
+    rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, moving], basis.omega[moving] ** 2
+    loads, on_surplus = _loads(side, surplus, rows)
+    flexibility = elastic or FreeBodyFlexibility(with_free_zones(fem, side.body.partition).stiffness, fem.mass, rigid)
 
     def residual(loads: Array) -> Array:
         """Static answers without those of the kept shapes."""
@@ -272,21 +287,21 @@ def _correction(side: Side) -> _Correction:
     E = (E + E.T) / 2
     values, vectors = np.linalg.eigh(np.diag(squares) - E[:m, :m])
     turn, gaps = np.eye(len(basis.omega)), np.zeros((loads.shape[1], len(basis.omega)))
-    turn[np.ix_(elastic, elastic)], gaps[:, elastic] = vectors, E[m:, :m]
+    turn[np.ix_(moving, moving)], gaps[:, moving] = vectors, E[m:, :m]
     new = basis.omega**2
-    new[elastic] = np.maximum(values, _LEAST * squares.min(initial=0.0))
-    return _Correction(turn, new, gaps, E[m:, m:])
+    new[moving] = np.maximum(values, _LEAST * squares.min(initial=0.0))
+    return _Correction(turn, new, rows, gaps, E[m:, m:])
 
 
-def _loads(side: Side, surplus: Surplus) -> tuple[Array, Array]:
-    """Forces of the rows on the nodes, (3n, nr), and on the functions of the surplus, (3 s, nr)."""
+def _loads(side: Side, surplus: Surplus, rows: Array) -> tuple[Array, Array]:
+    """Forces of k rows on the nodes, (3n, k), and on the functions of the surplus, (3 s, k)."""
     n, dofs = len(side.patch.nodes), node_dofs(side.patch.nodes)
     on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
     at_points = surplus.at(side.corners, side.local)
     by_axis = sp.hstack([sp.diags(side.normals[:, axis]) @ at_points for axis in range(3)], format="csr")
     interleaved = np.arange(3 * surplus.size).reshape(3, surplus.size).T.ravel()
-    on_surplus = side.mean @ by_axis[:, interleaved]
-    return (side.on_patch @ on_body).T.toarray(), on_surplus.T.toarray()
+    on_surplus = side.mean[rows] @ by_axis[:, interleaved]
+    return (side.on_patch[rows] @ on_body).T.toarray(), on_surplus.T.toarray()
 
 
 def _corrected(
@@ -301,9 +316,10 @@ def _corrected(
         start = own.stop
         if far:
             turn[own, own], squares[own] = by.turn, by.squares
-            H[:, own] = (H[:, own] + by.gaps) @ by.turn
+            H[by.rows, own] += by.gaps
+            H[:, own] = H[:, own] @ by.turn
         if local:
-            F += by.flexibility
+            F[np.ix_(by.rows, by.rows)] += by.flexibility
     velocity = turn.T @ impact.velocity
     return replace(impact, omega=np.sqrt(squares), H=H, F=F, velocity=velocity), turn
 

@@ -79,6 +79,19 @@ class Impact:
 
         return self._integrate(contact, duration, largest_step)
 
+    def loaded(self, duration: float, largest_step: float) -> Array:
+        """Rows that carry a force at some time of `run`, (nc,) bool."""
+        problem, found = Complementarity(self.F), np.zeros(len(self.gap), dtype=bool)
+
+        def contact(q: Array, step: float) -> tuple[Array, Array]:
+            nonlocal found
+            lam = problem.solve(self.gap + self.H @ q)
+            found |= problem.active
+            return lam @ self.H, lam.sum(keepdims=True)
+
+        self._integrate(contact, duration, largest_step)
+        return found
+
     def _integrate(self, contact: Contact, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
         """Integrate by velocity Verlet with the generalised forces of contact and its total force, (n,) and (k,)."""
         steps = int(np.ceil(duration / largest_step))

@@ -242,6 +242,8 @@ def grow_to_tolerance(
     sliding: Sliding | None = None,
     rigid: RigidGaps | None = None,
     progress: Progress | None = None,
+    known: Sequence[AdaptedSpace | None] = (),
+    keep: bool = False,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
@@ -263,6 +265,10 @@ def grow_to_tolerance(
         Of a pair that hits at an angle with friction.
     rigid : callable, optional
         Gaps to the rigid partner of a body alone, if it is known; see `impacts_of`.
+    known : sequence of AdaptedSpace or None, optional
+        Spaces of these models from an earlier call, where there are some.
+    keep : bool
+        As for `AdaptedSpace`.
 
     Returns
     -------
@@ -278,15 +284,20 @@ def grow_to_tolerance(
             f"duration: expected {shortest:.3g} to {longest:.3g} s, {_SHORTEST:g} to {_LONGEST:g} crossings of a "
             f"longitudinal wave, got {duration!r}"
         )
-    spaces: list[AdaptedSpace] = []
+    settled = min(0.1, _SETTLED * tolerance)
+    made = list(known) or [None] * len(models)
     while True:
         for i, model in enumerate(models):
-            if i < len(spaces):
-                spaces[i].shift_to(f_top)
+            space = made[i]
+            if space is None:
+                space = made[i] = AdaptedSpace(*model, f_top, keep=keep)
+            elif space.has_settled(f_top, settled):
+                continue
             else:
-                spaces.append(AdaptedSpace(*model, f_top))
-            spaces[i].grow(f_top, _share(progress, i, len(models)), min(0.1, _SETTLED * tolerance))
-            spaces[i].krylov.finish()  # its factors, before those of the next; another f_top asks for others anyway
+                space.shift_to(f_top)
+            space.grow(f_top, _share(progress, i, len(models)), settled)
+            space.krylov.finish()  # its factors, before those of the next; another f_top asks for others anyway
+        spaces = [space for space in made if space is not None]
         ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
         impacts = {
             (i, other): impact

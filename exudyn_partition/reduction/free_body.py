@@ -138,6 +138,13 @@ class AdaptedSpace(FreeBody):
     partition : Partition
     f_shift : float
         The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
+    keep : bool
+        Whether the factors of the static answers stay, for who needs more of these.
+
+    Attributes
+    ----------
+    elastic : FreeBodyFlexibility or None
+        What is kept.
 
     Raises
     ------
@@ -145,7 +152,7 @@ class AdaptedSpace(FreeBody):
         If there is neither a contact patch nor an interface.
     """
 
-    def __init__(self, fem: FEModel, partition: Partition, f_shift: float) -> None:
+    def __init__(self, fem: FEModel, partition: Partition, f_shift: float, *, keep: bool = False) -> None:
         if not partition.patches and not partition.interfaces:
             raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
         super().__init__(fem, partition)
@@ -153,12 +160,14 @@ class AdaptedSpace(FreeBody):
         flexibility = self.flexibility()
         self._lead = flexibility(self.loads)
         self.static = self.static_answers(flexibility)
-        del flexibility  # frees its factors before others are made
+        self.elastic = flexibility if keep else None
+        del flexibility  # frees its factors before others are made, unless they are kept
         self.shift_to(f_shift)
 
     def shift_to(self, f_shift: float) -> None:
         """Begin the Krylov space anew, about half of `f_shift` [Hz]."""
         self.__dict__.pop("krylov", None)  # frees its factors before others are made
+        self._settled: tuple[float, float] | None = None
         M, shift = self.model.mass, (np.pi * f_shift) ** 2
         solve = Factorisation(self.model.stiffness + shift * M).solve
         lead = orthonormal_complement(self._lead, M, self.rigid)
@@ -193,10 +202,15 @@ class AdaptedSpace(FreeBody):
                 progress(min(1.0, settled / change.max()) if change.any() else 1.0)
             size = krylov.size
             _LOG.debug("Krylov space: %d vectors, the mobility changed by %.3g", size, change.max())
-            if change.max() <= settled:
+            if change.max() <= settled or (  # or there is no more to find
+                not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size
+            ):
+                self._settled = f_cut, settled
                 return
-            if not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size:
-                return  # there is no more to find
+
+    def has_settled(self, f_cut: float, settled: float) -> bool:
+        """Whether the space has grown up to `f_cut`, with a change of mobilities of at most `settled`."""
+        return self._settled is not None and self._settled[0] >= f_cut and self._settled[1] <= settled
 
     def pairs(self, f_cut: float) -> RitzPairs:
         """Ritz pairs below 1.5 times `f_cut`."""

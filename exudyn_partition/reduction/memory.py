@@ -34,7 +34,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
     at_work, kept, rows = 0.0, 0.0, 0
     for fem, partition in models:
         n, nodes = fem.n_dofs, len(partition.patch_nodes)
-        factors = _ENTRY * (_FILL * n ** (4 / 3) + _MATRICES * fem.stiffness.nnz)
+        factors = _factors(fem)
         at_work = max(at_work, factors + 8.0 * n * _DENSE_BLOCKS * COLUMNS)
         kept += 8.0 * n * _KRYLOV
         if basis == "craig-bampton":  # the answer to every displacement of the boundary is a shape
@@ -43,6 +43,17 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
         at_work, kept = max(at_work, factors + 8.0 * _SQUARES * zones), kept + 8.0 * zones
         rows += sum(len(patch.nodes) * len(patch.directions) for patch in partition.patches)
     return at_work + kept + 8.0 * _SQUARES * rows**2
+
+
+def _factors(fem: FEModel) -> float:
+    """Memory of the factors of a body while they are made [bytes]."""
+    return float(_ENTRY * (_FILL * fem.n_dofs ** (4 / 3) + _MATRICES * fem.stiffness.nnz))
+
+
+def fits_together(models: Sequence[tuple[FEModel, Partition]]) -> bool:
+    """Whether the factors of all bodies may be kept beside what a reduction needs, in half of the free memory."""
+    kept = sum(_factors(fem) for fem, _ in models)
+    return kept + needed(models, "contact-adapted") < available_memory()[0] / 2
 
 
 @contextlib.contextmanager

@@ -28,7 +28,8 @@ from ..support.progress import Progress, shown
 from . import basis as bases
 from .basis import BasisName, ReducedBasis
 from .body import FILE, ReducedBody
-from .estimate import Estimate, RigidGaps, Sliding, grow_to_tolerance, warn_if_missed
+from .estimate import Estimate, Sliding, grow_to_tolerance, warn_if_missed
+from .free_body import AdaptedSpace
 from .inertia import InertiaIntegrals
 from .memory import watched
 
@@ -318,15 +319,21 @@ def reduce_to_tolerance(
     patches: Sequence[Sequence[int]],
     options: ImpactOptions,
     progress: Progress | None = None,
-    rigid: RigidGaps | None = None,
 ) -> tuple[ReducedBody, ...]:
     """Do the work of `reduce` and `reduce_pair` for a tolerance, without warnings; see `grow_to_tolerance`."""
     begin = time.perf_counter()
     with watched(models, "contact-adapted"), one_blas_thread():
         models = [(with_free_zones(*model), model[1]) for model in models]
-        spaces, estimate = grow_to_tolerance(models, patches, **options, rigid=rigid, progress=progress)
-        reduced = [bases.adapted_basis(space, estimate.f_cut, "a smaller tolerance keeps more") for space in spaces]
-        bodies = [_body(*model, r, estimate.f_cut, begin, estimate) for model, r in zip(models, reduced, strict=True)]
+        return bodies_of(*grow_to_tolerance(models, patches, **options, progress=progress), begin)
+
+
+def bodies_of(spaces: Sequence[AdaptedSpace], estimate: Estimate, begin: float) -> tuple[ReducedBody, ...]:
+    """Bodies of what `grow_to_tolerance` returns; the work began at that time of `perf_counter` [s]."""
+    f_cut = estimate.f_cut
+    reduced = [bases.adapted_basis(space, f_cut, "a smaller tolerance keeps more") for space in spaces]
+    bodies = [
+        _body(space.fem, space.partition, r, f_cut, begin, estimate) for space, r in zip(spaces, reduced, strict=True)
+    ]
     share = (time.perf_counter() - begin) / len(bodies)
     return tuple(replace(body, reduce_s=share) for body in bodies)
 

@@ -7,7 +7,13 @@ import pytest
 from oracles import SPHERE_MATERIAL
 
 import exudyn_partition as ep
+from exudyn_partition.accuracy.mesh_error import estimate_of
+from exudyn_partition.accuracy.modal_pair import impact_of
+from exudyn_partition.algebra import krylov
 from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
+from exudyn_partition.reduction import free_body
+from exudyn_partition.reduction.estimate import grow_to_tolerance
+from exudyn_partition.reduction.reduction import bodies_of
 
 RADIUS, SPEED, END = 5e-3, 0.3, 45e-6
 MASS = SPHERE_MATERIAL.rho * 4 / 3 * np.pi * RADIUS**3
@@ -73,6 +79,31 @@ def test_against_a_rigid_plane_the_mesh_is_what_limits(coarse):
     estimate = lower.truncation
     assert lower.total == max(lower.force + estimate.force, lower.velocity + estimate.velocity) > 0.02
     assert lower.limit.startswith("the mesh of the body, at the contact")
+
+
+def test_factors_that_a_reduction_keeps_serve_the_estimate_and_the_next_reduction(coarse, monkeypatch):
+    """So neither factorises anything, and both give what they give alone."""
+    models = [(fem, body.partition) for fem, body in coarse]
+    options = {"speed": SPEED, "duration": END}
+    spaces, truncation = grow_to_tolerance(models, [[0, 0]], tolerance=0.1, **options, keep=True)
+    pairs = [(fem, body) for (fem, _), body in zip(coarse, bodies_of(spaces, truncation, 0.0), strict=True)]
+    alone = ep.mesh_error(*pairs, **options)
+    for module in (krylov, free_body):
+        monkeypatch.setattr(module, "Factorisation", None)
+    again, same = grow_to_tolerance(models, [[0, 0]], tolerance=0.1, **options, known=spaces)
+    assert same == truncation
+    estimate = estimate_of(*impact_of(pairs, [0, 0], SPEED), SPEED, END, [space.elastic for space in again])
+    assert (estimate.force, estimate.velocity) == pytest.approx((alone.force, alone.velocity), rel=1e-6)
+
+
+def test_rows_that_carry_force_are_those_inside_the_circle_of_hertz(coarse):
+    """Rows farther away than an element of their own width carry none; the estimate corrects none of them."""
+    sides, impact = impact_of(coarse, [0, 0], SPEED)
+    loaded = impact.loaded(END, impact.step(140e3))
+    away = np.sqrt(2 * RADIUS / 2 * impact.gap)  # gaps of two spheres: r^2 / (2 R*), R* = R / 2
+    assert away[loaded].max() < A + impact.size
+    assert loaded[away < 0.7 * A].all()
+    assert 0.1 < loaded.mean() < 0.6
 
 
 def test_what_is_refused(coarse):
