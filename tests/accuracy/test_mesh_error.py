@@ -98,7 +98,7 @@ def test_factors_that_a_reduction_keeps_serve_the_estimate_and_the_next_reductio
 
 def test_rows_that_carry_force_are_those_inside_the_circle_of_hertz(coarse):
     """Rows farther away than an element of their own width carry none; the estimate corrects none of them."""
-    sides, impact = impact_of(coarse, [0, 0], SPEED)
+    _, impact = impact_of(coarse, [0, 0], SPEED)
     loaded = impact.loaded(END, impact.step(140e3))
     away = np.sqrt(2 * RADIUS / 2 * impact.gap)  # gaps of two spheres: r^2 / (2 R*), R* = R / 2
     assert away[loaded].max() < A + impact.size
