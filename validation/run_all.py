@@ -14,7 +14,6 @@ import base64
 import concurrent.futures
 import datetime
 import hashlib
-import html
 import json
 import os
 import platform
@@ -27,6 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import jinja2
 from rich.console import Console
 from rich.table import Table
 
@@ -34,6 +34,7 @@ import exudyn_partition as ep
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
+TEMPLATES = HERE
 HOUR, QUICK_LIMIT = 3600.0, 180.0  # time limits of a case [s]
 SKIPPED = "skipped:"  # start of the last line of a script that ends without error because something it needs is missing
 ANSWERS = {True: "yes", False: "NO", None: "skipped"}
@@ -427,7 +428,7 @@ def report(records, out, version):
     ]
     runs = [(r["name"], f"`{r['command']}`", f"{r['time_s']:.0f} s") for r in records]
     md = ["# Validation", "", *(f"{fact}  " for fact in facts), "", *_markdown(head, rows), ""]
-    page = ["<h1>Validation</h1>", *(f"<p>{html.escape(fact)}</p>" for fact in facts), _html(head, rows)]
+    sections = []
     for record in records:
         tables = (record["data"] or {}).get("tables", {})
         figures = [out / f for f in CASES[record["name"]].figures if (out / f).exists()]
@@ -436,24 +437,20 @@ def report(records, out, version):
         if not tables and not figures:
             continue
         md += [f"## {record['name']}", ""]
-        page.append(f"<h2>{record['name']}</h2>")
         for title, table in tables.items():
             md += [title, "", *_markdown(*table), ""]
-            page += [f"<p>{html.escape(title)}</p>", _html(*table)]
         for figure in figures:
             md += [f"![{figure.stem}]({figure.name})", ""]
-            data = base64.b64encode(figure.read_bytes()).decode()
-            page.append(f'<img alt="{figure.stem}" src="data:image/png;base64,{data}">')
+        encoded = [(figure.stem, base64.b64encode(figure.read_bytes()).decode()) for figure in figures]
+        sections.append({"name": record["name"], "tables": tables, "figures": encoded})
     md += ["## Runs", "", *_markdown(("case", "command", "time"), runs)]
-    page += ["<h2>Runs</h2>", _html(("case", "command", "time"), runs)]
     (out / "report.md").write_text("\n".join(md) + "\n")
-    style = "body{font:15px/1.4 sans-serif;max-width:75em;margin:2em auto}td,th{border-bottom:1px solid #ccc;" \
-            "padding:.2em .8em .2em 0;text-align:left;vertical-align:top}img{max-width:100%}"  # fmt: skip
-    (out / "report.html").write_text(
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Validation</title><style>{style}</style>'
-        "</head><body>\n" + "\n".join(page) + "\n</body></html>\n",
-        encoding="utf-8",
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True)
+    environment.filters["shown"] = lambda value: str(value).strip("`")
+    page = environment.get_template("report.html").render(
+        facts=facts, head=head, rows=rows, sections=sections, runs=runs
     )
+    (out / "report.html").write_text(page, encoding="utf-8")
     return rows
 
 
@@ -476,13 +473,6 @@ def _markdown(head, rows):
         return "| " + " | ".join(str(c).replace("|", "\\|") for c in cells) + " |"
 
     return [line(head), line(["---"] * len(head)), *map(line, rows)]
-
-
-def _html(head, rows):
-    def line(cells, tag):
-        return "<tr>" + "".join(f"<{tag}>{html.escape(str(c).strip('`'))}</{tag}>" for c in cells) + "</tr>"
-
-    return "<table>" + line(head, "th") + "".join(line(row, "td") for row in rows) + "</table>"
 
 
 def main():

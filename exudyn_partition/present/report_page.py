@@ -1,6 +1,6 @@
 """A page on one run: scene, what was left out, step, conservation, contacts, timings, versions and figures.
 
-The page is one HTML file; its figures are embedded.
+The page is one HTML file by a template of Jinja; its figures are embedded, curves as SVG.
 """
 
 from __future__ import annotations
@@ -8,10 +8,8 @@ from __future__ import annotations
 import base64
 import contextlib
 import datetime
-import html
 import io
 import math
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +30,8 @@ from .plot_input import plain, taken_by
 _VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
 _ROUNDING = 1e-11  # a deformation below this, relative to that size, is none
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
-_STYLE = """
-body { font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
-table { border-collapse: collapse; margin: .6em 0 1.4em; }
-th, td { border-bottom: 1px solid #ccc; padding: .2em .8em .2em 0; text-align: left; vertical-align: top; }
-th { font-weight: 600; } td.number { text-align: right; font-variant-numeric: tabular-nums; }
-img { max-width: 100%; } .warning { color: #a00; font-weight: 600; }
-"""
+_ADAPTIVE = 1.01  # mean step by that in contact, above which steps are adaptive
+_TEMPLATE = "report_page.html"
 
 
 def write_report(path: str | Path, result: Result, *, title: str = "", note: str = "") -> Path:
@@ -47,67 +40,78 @@ def write_report(path: str | Path, result: Result, *, title: str = "", note: str
     validate_text("title", title)
     if not len(result.t):
         raise InputError("result: the run kept no samples, so there is nothing to report")
-    title = title or path.stem
-    parts = [
-        f"<h1>{html.escape(title)}</h1>",
-        _run(result),
-        _warnings(result),
-        f"<h2>How it was designed</h2><pre>{html.escape(note)}</pre>" if note else "",
-        _figures(result),
-        "<h2>Scene</h2>",
-        _bodies(result),
-        "<h2>Contacts</h2>",
-        *(_contact(i, contact, result) for i, contact in enumerate(result.contacts)),
-        "<h2>Conservation</h2>",
-        _conservation(result),
-        "<h2>What was left out</h2>",
-        _left_out(result),
-        "<h2>Versions</h2>",
-        _table([], versions().items()),
-    ]
-    page = (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    balance, balance_note = _balance(result)
+    jinja2 = require("jinja2")
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["shown"] = _text
+    page = environment.get_template(_TEMPLATE).render(
+        title=title or path.stem,
+        note=note,
+        finished=result.status == "finished",
+        status=f"{result.status}: {result.message}",
+        run=_run(result),
+        warnings=result.warnings,
+        figures=_figures(result),
+        bodies_head=_BODIES_HEAD,
+        bodies=_bodies(result),
+        contacts=[_contact(i, contact, result) for i, contact in enumerate(result.contacts)],
+        balance=balance,
+        balance_note=balance_note,
+        left_out=_left_out(result),
+        versions=list(versions().items()),
     )
     with replacing(path, "w") as file:
         file.write(page)
     return path
 
 
-def _run(result: Result) -> str:
-    status = html.escape(f"{result.status}: {result.message}")
-    paragraph = f"<p>{status}</p>" if result.status == "finished" else f'<p class="warning">{status}</p>'
-    reduction = sum(item.body.reduce_s for item in result.bodies)
-    rows = [
+def _run(result: Result) -> list[tuple[str, str]]:
+    return [
         ("time span", f"{result.t[0]:.6g} to {result.t[-1]:.6g} s, {len(result.t)} samples"),
         ("method", result.method or "not known"),
-        ("step", _number(result.step, "s") + (f", {result.steps} steps" if result.steps else "")),
-        ("reduction of the bodies (off-line)", _number(reduction, "s")),
+        ("step", _step(result)),
+        ("reduction of the bodies (off-line)", _number(sum(item.body.reduce_s for item in result.bodies), "s")),
         ("Exudyn's solver (on-line)", _number(result.time_s, "s")),
         ("written", datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")),
     ]
-    return paragraph + _table([], rows)
 
 
-def _warnings(result: Result) -> str:
-    if result.warnings is None:
-        return "<p>Warnings of the run are not known: it was read from a file.</p>"
-    listed = "".join(f"<li>{html.escape(text)}</li>" for text in result.warnings)
-    return f'<ul class="warning">{listed}</ul>' if listed else "<p>The run gave no warning.</p>"
+def _step(result: Result) -> str:
+    """Return the step, or the range of adaptive steps."""
+    if not result.steps:
+        return _number(result.step, "s")
+    mean = (result.t[-1] - result.t[0]) / result.steps
+    if mean > _ADAPTIVE * result.step:
+        return f"adaptive, {result.step:.4g} s in contact, {mean:.4g} s in the mean, {result.steps} steps"
+    return f"{_number(result.step, 's')}, {result.steps} steps"
 
 
-def _bodies(result: Result) -> str:
-    head = ["body", "frame", "basis", "f_cut [kHz]", "dofs", "FE dofs", "patch nodes", "mass [kg]", "estimated error"]
-    rows = []
+_BODIES_HEAD = (
+    "body",
+    "frame",
+    "basis",
+    "f_cut [kHz]",
+    "dofs",
+    "FE dofs",
+    "patch nodes",
+    "mass [kg]",
+    "estimated error",
+)
+
+
+def _bodies(result: Result) -> list[tuple[object, ...]]:
+    rows: list[tuple[object, ...]] = []
     for i, item in enumerate(result.bodies):
         body, estimate = item.body, item.body.estimate
         error = "not estimated" if estimate is None else f"{estimate.error:.2%} (asked {estimate.tolerance:.2%})"
         size = (1e-3 * body.f_cut, body.n_dofs, body.fe_dofs, len(body.partition.patch_nodes), body.total_mass)
         rows.append((item.name or f"body {i}", item.frame, body.basis.name, *size, error))
-    return _table(head, rows)
+    return rows
 
 
-def _contact(number: int, contact: PartitionContact, result: Result) -> str:
+def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str, object]:
     name, force = contact.name or f"contact {number}", contact.force(result)
     master = contact.sides[1][0].name or "a body" if len(contact.sides) > 1 else type(contact.master).__name__
     history, impacts = result.history(contact), contact.impacts(result)
@@ -116,7 +120,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
         ("contact law", type(result.kept(contact).law).__name__),
         ("rows", contact.n_rows),
     ]
-    said = advice = ""
+    warnings = []
     if impacts:
         peak = int(force.argmax())
         rows += [
@@ -132,21 +136,18 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> str:
             rows.append(("Hertz-equivalent pressure", f"{1e-6 * stress.pressure:.4g} MPa at {stress.time:.6g} s"))
             rows += [(f"von Mises stress of {name}", said) for name, said in stress.by_body(contact.side_names)]
             if (stress.yield_ratio or 0.0) > 1.0:
-                advice = html.escape(stress.advice(contact.side_names))
-        listed = [(i.start, i.end, i.peak, i.impulse) for i in impacts[:_MOST_IMPACTS]]
-        said = _table(["from [s]", "to [s]", "peak [N]", "impulse [N s]"], listed)
-        if len(impacts) > _MOST_IMPACTS:
-            said += f"<p>and {len(impacts) - _MOST_IMPACTS} more.</p>"
+                warnings.append(f"Beyond first yield: {stress.advice(contact.side_names)}.")
     else:
         rows.append(("peak force", f"none: the bodies did not touch; smallest gap {contact.gap(result).min():.4g} m"))
-    if advice:
-        said += f'<p class="warning">Beyond first yield: {advice}.</p>'
     if (reached := contact.edge_reached(result)) is not None:
-        said += (
-            f'<p class="warning">Reached the edge of its patch at {reached[0]:.6g} s: '
-            "the force is too small from then on.</p>"
-        )
-    return f"<h3>{html.escape(name)}</h3>" + _table([], rows) + said
+        warnings.append(f"Reached the edge of its patch at {reached[0]:.6g} s: the force is too small from then on.")
+    return {
+        "name": name,
+        "rows": rows,
+        "impacts": [(i.start, i.end, i.peak, i.impulse) for i in impacts[:_MOST_IMPACTS]],
+        "more": max(0, len(impacts) - _MOST_IMPACTS),
+        "warnings": warnings,
+    }
 
 
 def _friction_rows(contact: PartitionContact, result: Result) -> list[tuple[str, str]]:
@@ -175,70 +176,67 @@ def _plastic_rows(contact: PartitionContact, result: Result) -> list[tuple[str, 
     ]
 
 
-def _conservation(result: Result) -> str:
-    """Sums over the partition bodies at start and end of the run."""
+def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
+    """Sums over the partition bodies at start and end of the run, and a note."""
     if not result.bodies:
-        return "<p>No partition bodies.</p>"
-    rows: list[Sequence[object]] = []
-    bodies, note, with_contacts = np.sum([item.energy(result) for item in result.bodies], axis=0), "", None
+        return [], ""
+    rows: list[tuple[object, ...]] = []
+    bodies, note, total = np.sum([item.energy(result) for item in result.bodies], axis=0), "", None
+    sums = [("energy of the bodies [J]", bodies)]
     try:
-        with_contacts = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
+        total = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
+        sums.append(("with contacts' [J]", total))
     except InputError as error:
-        note = f"{html.escape(str(error))}. "
-    sums, total, takers = (
-        [("energy of the bodies [J]", bodies), ("with contacts' [J]", with_contacts)],
-        with_contacts,
-        [],
-    )
-    for what, taken in taken_by(result.bodies, result.contacts, result).items():
-        sums.append((f"taken by {what} [J]", taken))
-        takers.append(what)
-        total = None if total is None else total + taken
-    if takers:
-        sums.append((f"with contacts' and what {' and '.join(takers)} took [J]", total))
+        note = f"{error}. "
+    taken_of = taken_by(result.bodies, result.contacts, result)
+    sums += [(f"taken by {what} [J]", taken) for what, taken in taken_of.items()]
+    if total is not None:
+        given = np.sum([total, *taken_of.values()], axis=0)
+        if taken_of:
+            sums.append((f"with contacts' and what {' and '.join(taken_of)} took [J]", given))
+        sums.append(("given by joints, springs and loads; else the steps' error [J]", given - given[0]))
+    scale = max(abs(values).max() for _, values in sums) or 1.0
     for name, values in sums:
-        if values is not None:
-            largest = abs(values).max() or 1.0
-            rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / largest:.2e}"))
+        rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / scale:.2e}"))
     momenta = [item.momentum(result) for item in result.bodies]
-    total, largest = np.sum(momenta, axis=0), max(np.linalg.norm(p, axis=1).max() for p in momenta) or 1.0
+    momentum, largest = np.sum(momenta, axis=0), max(np.linalg.norm(p, axis=1).max() for p in momenta) or 1.0
     for axis, name in enumerate("xyz"):
-        p = total[:, axis]
+        p = momentum[:, axis]
         rows.append((f"momentum {name} [N s]", f"{p[0]:.6g}", f"{p[-1]:.6g}", f"{(p[-1] - p[0]) / largest:.2e}"))
-    return (
-        _table(["of all partition bodies", "at the start", "at the end", "change, of the largest"], rows)
-        + f"<p>{note}Loads, joints and other items of the model may change them; contact between the bodies does not."
-        "</p>"
-    )
+    note += "Loads, joints and other items of the model may change them; contact between the bodies does not."
+    return rows, note
 
 
-def _left_out(result: Result) -> str:
-    entries = [(item.name or f"body {i}", [*item.left_out]) for i, item in enumerate(result.bodies)]
-    entries += [(contact.name or f"contact {i}", contact.left_out) for i, contact in enumerate(result.contacts)]
-    listed = (f"<li>{html.escape(name)}: {html.escape(one)}</li>" for name, said in entries for one in said)
-    return "<ul>" + "".join(listed) + "</ul>"
+def _left_out(result: Result) -> list[tuple[str, list[str]]]:
+    """What was left out, each sentence once, with the names of the items that say it."""
+    said: dict[str, list[str]] = {}
+    for i, item in enumerate(result.bodies):
+        for text in item.left_out:
+            said.setdefault(text, []).append(item.name or f"body {i}")
+    for i, contact in enumerate(result.contacts):
+        for text in contact.left_out:
+            said.setdefault(text, []).append(contact.name or f"contact {i}")
+    return list(said.items())
 
 
-def _figures(result: Result) -> str:
-    images = []
-    with require("matplotlib").rc_context({"font.size": 9}):
+def _figures(result: Result) -> list[dict[str, str]]:
+    figures = []
+    # Texts as texts: small, and sharp at any size. A fixed salt makes equal runs equal pages.
+    with require("matplotlib").rc_context({"font.size": 9, "svg.fonttype": "none", "svg.hashsalt": "report"}):
         for i, contact in enumerate(result.contacts):
             axes = plot.force(None, result, contact=contact)
             axes.set_title(plain(contact.name or f"contact {i}"))
-            images.append((_png(axes), "contact force over time"))
+            figures.append(_drawn(axes, "contact force over time"))
         if result.bodies:
-            with contextlib.suppress(InputError):  # an energy is not known after the run; `_conservation` says so
-                images.append((_png(plot.energy(None, result)), "energies over time"))
+            with contextlib.suppress(InputError):  # an energy is not known after the run; `_balance` says so
+                figures.append(_drawn(plot.energy(None, result), "energies over time"))
     if result.bodies:
         peak = peak_time(result)
         scale = _scale(result.at([peak]))
         said = f", drawn {scale:g} times as large, so that bodies may seem to overlap" if scale > 1 else ""
-        caption = f"deformation at {peak:.6g} s{said}"
-        images.append((_encoded(view.picture(result, peak, scale=scale)), caption))
-    return "".join(
-        f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
-        for data, text in images
-    )
+        data = _encoded(view.picture(result, peak, scale=scale))
+        figures.append({"kind": "png", "data": data, "caption": f"deformation at {peak:.6g} s{said}"})
+    return figures
 
 
 def _scale(sample: Result) -> float:
@@ -253,29 +251,16 @@ def _scale(sample: Result) -> float:
     return 10.0 ** max(0, math.floor(math.log10(_VISIBLE * size / largest)))
 
 
-def _png(axes: Axes) -> str:
+def _drawn(axes: Axes, caption: str) -> dict[str, str]:
     buffer = io.BytesIO()
-    axes.figure.savefig(buffer, format="png", dpi=120)
-    return base64.b64encode(buffer.getvalue()).decode()
+    axes.figure.savefig(buffer, format="svg")
+    return {"kind": "svg+xml", "data": base64.b64encode(buffer.getvalue()).decode(), "caption": caption}
 
 
 def _encoded(image: Array) -> str:
     buffer = io.BytesIO()
     require("matplotlib.image").imsave(buffer, image, format="png")
     return base64.b64encode(buffer.getvalue()).decode()
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = ["<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"] if head else []
-    for first, *others in rows:
-        cells = "".join(_cell(value) for value in others)
-        lines.append(f"<tr><td>{html.escape(_text(first))}</td>{cells}</tr>")
-    return "<table>" + "".join(lines) + "</table>"
-
-
-def _cell(value: object) -> str:
-    kind = ' class="number"' if isinstance(value, int | float) else ""
-    return f"<td{kind}>{html.escape(_text(value))}</td>"
 
 
 def _text(value: object) -> str:

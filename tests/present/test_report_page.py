@@ -5,6 +5,7 @@ import dataclasses
 import html
 import re
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -80,7 +81,7 @@ def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
     assert abs(float(cells.row("momentum z [N s]")[2])) < 1e-9
     assert cells.row("exudyn") == [ep.versions()["exudyn"]]
     for said in (*striker.left_out, *contact.left_out):
-        assert html.escape(said) in page
+        assert said in html.unescape(page)
     listed = [row for row in cells.rows if len(row) == 4 and re.fullmatch(r"[\d.e-]+", row[0])]
     assert len(listed) == len(contact.impacts(result))
 
@@ -90,11 +91,12 @@ def test_the_page_stands_alone_with_its_figures(impact, tmp_path):
     result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6)
     page, cells = read(result.report(tmp_path / "run.html"))
     assert len(cells.images) == 3  # force, energy, the bodies
-    assert not re.search(r"(src|href)=\"(?!data:image/png;base64,)", page)
-    for i, source in enumerate(cells.images):
-        picture = tmp_path / f"{i}.png"
-        picture.write_bytes(base64.b64decode(source.split(",")[1]))
-        assert imread(picture).std() > 0.05
+    assert not re.search(r"(src|href)=\"(?!data:image/(png|svg\+xml);base64,)", page)
+    *curves, picture = (base64.b64decode(source.split(",")[1]) for source in cells.images)
+    (tmp_path / "bodies.png").write_bytes(picture)
+    assert imread(tmp_path / "bodies.png").std() > 0.05
+    titles = [{*ElementTree.fromstring(curve).itertext()} for curve in curves]
+    assert "time [ms]" in titles[0] & titles[1]
     scale = float(re.search(r"drawn (\S+) times as large", page)[1])
     assert scale >= 10
 
@@ -150,10 +152,39 @@ def test_the_page_lists_the_warnings_of_the_run(impact, tmp_path):
     assert {warning.filename for warning in caught} == {__file__}
     assert ep.collect(mbs).warnings == result.warnings
     page, _ = read(result.report(tmp_path / "run.html"))
-    assert all(f"<li>{html.escape(text)}</li>" in page for text in result.warnings)
+    assert all(f"<li>{text}</li>" in html.unescape(page) for text in result.warnings)
     result.save(tmp_path / "run.npz")
     assert ep.Result.load(tmp_path / "run.npz", mbs).warnings is None
     unknown = dataclasses.replace(result, warnings=None)
     assert "Warnings of the run are not known" in read(unknown.report(tmp_path / "unknown.html"))[0]
     early, _ = read(ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6).report(tmp_path / "early.html"))
     assert "The run gave no warning" in early
+
+
+def test_what_several_items_leave_out_is_said_once(impact, tmp_path):
+    mbs, striker, target, _ = impact
+    result = ep.solve_dynamic(mbs, end_time=2e-6, step=0.2e-6)
+    page = html.unescape(read(result.report(tmp_path / "run.html"))[0])
+    (both,) = (said for said in striker.left_out if said in target.left_out and said.startswith("strain and stress"))
+    assert page.count(both) == 1
+    assert f"{both} <i>(body 0, body 1)</i>" in page
+
+
+def test_what_all_else_gave_is_in_the_balance(mbs, bodies, tmp_path):
+    """A body under a constant load gains the load's work; the row without a load is the error of the steps."""
+    striker = ep.CreatePartitionBody(mbs, bodies[0], gravity=[0, 0, -9.81], initialVelocity=[0, 0, -1.0])
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.2e-6)
+    _, cells = read(result.report(tmp_path / "run.html"))
+    given = float(cells.row("given by joints, springs and loads; else the steps' error [J]")[1])
+    assert given == pytest.approx(striker.body.total_mass * 9.81 * 20e-6, rel=1e-3)
+
+
+def test_adaptive_steps_are_named(mbs, bodies, tmp_path):
+    striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
+    ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, bodies[1], referencePosition=[0, 0, -20e-6]))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=40e-6, method="implicit", step=0.2e-6, adaptive=True)
+    _, cells = read(result.report(tmp_path / "run.html"))
+    said = re.fullmatch(r"adaptive, 2e-07 s in contact, (\S+) s in the mean, (\d+) steps", cells.row("step")[0])
+    assert float(said[1]) == pytest.approx(40e-6 / int(said[2]), rel=1e-3)
