@@ -30,6 +30,7 @@ from ..algebra.krylov import FreeBodyFlexibility
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
+from ..fe.partition import check_one_line
 from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
 from ..plasticity.dilatation import with_free_zones
@@ -169,6 +170,8 @@ def mesh_error(
         duration = max(known)
     duration = validate_positive("duration", duration, "s")
     numbers = [body.partition.patch(key) for (_, body), key in zip(pairs, patches, strict=False)]
+    for (_, body), number in zip(pairs, numbers, strict=True):
+        check_one_line(body.partition, number, "patches")
     with one_blas_thread():
         return estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration)
 

@@ -222,8 +222,11 @@ class Gaps:
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 
     def places(self, q: Array) -> list[Array]:
-        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,)."""
-        return [side.kinematics.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
+        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,).
+
+        Where contact wanders over a patch, only nodes that may touch soon are followed; the others are NaN.
+        """
+        return [side.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], pairs held.
@@ -255,7 +258,7 @@ class Gaps:
         mean, parts = self.sparse_mean[index], []
         for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
             G = directed_matrix(nodes, weights, self.normals, len(side.surface.points))
-            parts.append(side.kinematics.on_coordinates(q, mean @ G))
+            parts.append(side.on_coordinates(q, mean @ G))
         return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -293,7 +296,7 @@ class Gaps:
             value: Array = lam @ self.H
             return value
         parts = zip(self.sides, self.split(self._q), self.nodal_forces(lam), strict=True)
-        return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
+        return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
     def resultant(self, lam: Array) -> Array:
         """Force on the slave, (3,) [N], from forces on the present rows, (nr,) [N]."""

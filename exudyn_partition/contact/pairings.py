@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import EmptyRegionError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..surfaces.near import pair_wandering
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, pair_surfaces
 from .side import Side
@@ -69,6 +70,8 @@ class Pairing:
     @classmethod
     def _found(cls, slave: Side, master: Side, kind: RowKind, places: Array) -> Pairing:
         points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
+        if slave.surface.wanders or master.surface.wanders:
+            return cls(points, pair_wandering(slave.surface, master.surface, kind), pose, places)
         try:
             rows = pair_surfaces(slave.surface, master.surface, kind)
         except EmptyRegionError:

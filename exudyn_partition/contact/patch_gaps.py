@@ -59,7 +59,7 @@ class PatchGaps(Gaps):
         self._all, self._start, self._start_q = pairing.points, pairing.rows, pairing.pose
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = self._start.facet_size, self._start.approach
-        self._linear = slave.kinematics.linear and master.kinematics.linear
+        self._linear = all(side.kinematics.linear and not side.surface.wanders for side in self.sides)
         self._witnesses = [_spread(side.surface.points) for side in self.sides]
         self._here = np.zeros((3, 3))
         self.held, self.moving = None, True
@@ -68,7 +68,7 @@ class PatchGaps(Gaps):
     def exchanged(self) -> PatchGaps:
         """Return gaps with slave and master exchanged."""
         slave, master = self.sides
-        return PatchGaps(master, slave, self._kind)
+        return type(self)(master, slave, self._kind)
 
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""

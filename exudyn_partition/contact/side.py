@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..frames.kinematics import Kinematics
+from ..fe.model import node_dofs
+from ..frames.kinematics import Kinematics, Rows
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
@@ -29,12 +31,18 @@ class Side:
         Residual flexibility of the patch's nodes [m/N]: d = 1 along `surface.direction`, d = 3 along the body's axes.
     zone : ZoneMotion or None
         What may yield beneath the patch.
+    active : (k,) int array or None
+        Nodes of the patch that are followed, as rows of `surface.points`. Default: all.
+    near : InertialKinematics or like it, or None
+        Kinematics of these nodes.
     """
 
     surface: Surface
     kinematics: Kinematics
     flexibility: Array | None = None
     zone: ZoneMotion | None = None
+    active: Array | None = None
+    near: Kinematics | None = None
 
     @property
     def n(self) -> int:
@@ -59,6 +67,36 @@ class Side:
         side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch, state))
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
+
+    def part(self, facets: Array, nodes: Array) -> Side:
+        """Return the side that follows some facets, (k,) int array, and some more nodes of its patch, (m,) int array.
+
+        Nodes keep their numbers. The time of its methods depends on the number of nodes that it follows.
+        """
+        own = self.surface.facets[facets]
+        active = np.union1d(own, nodes)
+        near = self.kinematics.at(self.kinematics.nodes[active])
+        return replace(self, surface=replace(self.surface, facets=own), active=active, near=near)
+
+    def place(self, q: Array) -> Array:
+        """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed."""
+        if self.near is None:
+            return self.kinematics.place(q)
+        places = np.full(self.surface.points.shape, np.nan)
+        places[self.active] = self.near.place(q)
+        return places
+
+    def generalised(self, q: Array, forces: Array) -> Array:
+        """Generalised forces, (n,), of forces on the patch's nodes, (np, 3) [N]."""
+        if self.near is None:
+            return self.kinematics.generalised(q, forces)
+        return self.near.generalised(q, forces[self.active])
+
+    def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Rows:
+        """Rows on the coordinates' velocities, (m, n), of rows on those of the patch's nodes, (m, 3 np)."""
+        if self.near is None or self.active is None:
+            return self.kinematics.on_coordinates(q, rows)
+        return self.near.on_coordinates(q, rows[:, node_dofs(self.active)])
 
     def at(self, q: Array) -> Surface:
         """The patch at coordinates q, (n,)."""

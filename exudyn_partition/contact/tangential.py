@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError
+from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
@@ -54,8 +55,10 @@ class TangentialRows:
         self._tangents_of: Array | None = None
         self._flexible_at: Standing | None = None
         self._flexible_index = np.empty(0, dtype=np.int64)
-        self._parts: dict[int, tuple[Side, Array, Array]] = {}  # of each side: its rows and their flexibility
+        # Of each side: its nodes in the rows, the rows and their flexibility.
+        self._parts: dict[int, tuple[Side, Array, Array, Array]] = {}
         self._places: list[Array] | None = None
+        self._places_of: object = None
         self._rows_held: object = None
         self.release()
 
@@ -75,6 +78,7 @@ class TangentialRows:
         gaps = self.gaps
         self._from, self._pose = gaps.coordinates, gaps.evaluated_pose
         self._places = gaps.places_now() if soon and gaps.moving else None
+        self._places_of = gaps.sides
 
     def hold_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
@@ -129,8 +133,8 @@ class TangentialRows:
         if not gaps.moving:
             moved = np.concatenate(gaps.coordinates) - np.concatenate(self._from)
             return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
-        if self._places is None:
-            self._places = gaps.places(np.concatenate(self._from))
+        if self._places is None or self._places_of is not gaps.sides:  # others follow other nodes
+            self._places, self._places_of = gaps.places(np.concatenate(self._from)), gaps.sides
         now = gaps.places_now()
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]
@@ -182,30 +186,38 @@ class TangentialRows:
     def _rows_on_coordinates(self, index: Array) -> Rows:
         gaps, parts = self.gaps, []
         for place, (side, q) in enumerate(zip(gaps.sides, gaps.coordinates, strict=True)):
-            weights = self._node_weights(place)[index]
-            G = _directed(weights, self.tangents[index])
-            parts.append(side.kinematics.on_coordinates(q, sp.csr_matrix(G)))
+            used, weights = self._node_weights(place, index)
+            G = sp.csr_matrix(_directed(weights, self.tangents[index]))
+            columns = node_dofs(used)[G.indices]
+            G = sp.csr_matrix((G.data, columns, G.indptr), shape=(G.shape[0], 3 * len(side.surface.points)))
+            parts.append(side.on_coordinates(q, G))
         return _interleaved(gaps.jacobian(index), joined(parts))
 
-    def _node_weights(self, place: int) -> Array:
-        """Signed weights of the nodes of one side's patch in each row, (nr, np)."""
+    def _node_weights(self, place: int, index: Array) -> tuple[Array, Array]:
+        """Nodes of one side's patch that some rows have, (k,), and their signed weights in each row, (na, k)."""
         row, point, share = self.gaps.row_points
         nodes, weights = self.gaps.shares[place]
         n_rows, n = len(self.gaps.row_nodes), len(self.gaps.sides[place].surface.points)
-        cells = nodes[point] + n * row[:, None]
-        return np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * n).reshape(
-            n_rows, n
-        )
+        present = np.bincount(nodes.ravel(), minlength=n) > 0
+        used, column = np.flatnonzero(present), np.cumsum(present) - 1
+        cells = column[nodes[point]] + len(used) * row[:, None]
+        found = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
+        return used, found.reshape(n_rows, len(used))[index]
 
     def side_rows(self, place: int) -> Array:
         """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np)."""
-        return self._some_side_rows(place, np.arange(len(self.gaps.row_nodes)))
+        used, rows = self._some_side_rows(place, np.arange(len(self.gaps.row_nodes)))
+        result = np.zeros((len(rows), 3 * len(self.gaps.sides[place].surface.points)))
+        result[:, node_dofs(used)] = rows
+        return result
 
-    def _some_side_rows(self, place: int, index: Array) -> Array:
+    def _some_side_rows(self, place: int, index: Array) -> tuple[Array, Array]:
+        """Nodes of one side's patch, (k,), and some rows on their flexibility coordinates, (3 na, 3 k)."""
         side, q = self.gaps.sides[place], self.gaps.coordinates[place]
         in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
-        G = _directed(self._node_weights(place)[index], in_body)
-        return np.asarray(_interleaved(dense(self.gaps.side_rows(place)[index]), G))
+        used, weights = self._node_weights(place, index)
+        normal = sp.csr_matrix(self.gaps.side_rows(place)[index])[:, node_dofs(used)].toarray()
+        return used, np.asarray(_interleaved(normal, _directed(weights, in_body)))
 
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
@@ -230,13 +242,14 @@ class TangentialRows:
 
     def _part(self, place: int, index: Array) -> Array:
         """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
-        F, rows = np.asarray(self.gaps.sides[place].flexibility), self._some_side_rows(place, index)
+        F, (used, rows) = np.asarray(self.gaps.sides[place].flexibility), self._some_side_rows(place, index)
         known = self._parts.get(place)
-        if known is None or known[0] is not self.gaps.sides[place] or not _nearly_equal(known[1], rows):
-            used = np.flatnonzero(rows.any(axis=0))
-            few = rows[:, used]
-            self._parts[place] = self.gaps.sides[place], rows, few @ F[np.ix_(used, used)] @ few.T
-        return self._parts[place][2]
+        same = known is not None and known[0] is self.gaps.sides[place] and np.array_equal(known[1], used)
+        if known is None or not same or not _nearly_equal(known[2], rows):
+            few = np.flatnonzero(rows.any(axis=0))
+            dofs, some = node_dofs(used)[few], rows[:, few]
+            known = self._parts[place] = self.gaps.sides[place], used, rows, some @ F[np.ix_(dofs, dofs)] @ some.T
+        return known[3]
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows by the velocities of the body that carries the surface, (3 na, 6)."""
@@ -276,10 +289,14 @@ class TangentialRows:
         x, x_m = self.gaps.places_now()
         apart = np.einsum("pk,pkd->pd", weights[active], x[nodes[active]])
         apart += np.einsum("pk,pkd->pd", master_weights[active], x_m[master_nodes[active]])
-        arms = x_m - x_m.mean(axis=0)
+        followed = self.gaps.sides[1].active
+        held = np.arange(len(x_m)) if followed is None else followed
+        arms = x_m[held] - x_m[held].mean(axis=0)
         inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
         turn = np.linalg.solve(inertia, -total_moment(apart, forces))
-        return cross(np.tile(turn, (len(arms), 1)), arms)
+        couple = np.zeros_like(x_m)
+        couple[held] = cross(np.tile(turn, (len(arms), 1)), arms)
+        return couple
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), of forces along the directions of the present rows, (nr, 3) [N]."""
@@ -287,7 +304,7 @@ class TangentialRows:
         if not gaps.moving:
             return np.asarray(self._all_rows().T @ lam.ravel())
         parts = zip(gaps.sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
-        return np.concatenate([side.kinematics.generalised(q, on_nodes) for side, q, on_nodes in parts])
+        return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
 
 def _nearly_equal(rows: Array, others: Array) -> bool:

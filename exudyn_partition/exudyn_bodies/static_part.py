@@ -57,7 +57,9 @@ def warn_near_contact(
             if other is item and item.body.basis.flexibility is not None and contact.compliant:
                 patch = item.body.partition.patches[number]
                 area = nodal_area(item.body.points, patch.facets)[patch.nodes]
-                load = np.kron(area / area.sum(), patch.direction if patch.axes == "xyz" else 1.0)
+                load = area / area.sum()
+                if patch.axes == "xyz":
+                    load = (load[:, None] * patch.node_normals).ravel()
                 radius = np.sqrt(area.sum() / np.pi)
                 away = np.linalg.norm(item.body.points[patch.nodes] - point, axis=1).min()
                 compliance = load @ item.body.flexibility(number) @ load * radius / (radius + away)

@@ -15,6 +15,7 @@ from ..contact.gaps import Gaps
 from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..contact.side import Side
+from ..contact.wandering import WanderingGaps
 from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registered, validate_new_name
@@ -135,10 +136,18 @@ def CreatePartitionContact(
     if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
         sides, placed = sides[::-1], placed[::-1]
     chosen.check([item.body for item, _ in sides])
+    for side in placed:
+        if side.surface.wanders and side.flexibility is None:
+            raise InputError(
+                "formulation: contact that wanders over a patch of Partition.surface goes through its residual "
+                f"flexibility, which basis {side.kinematics.body.basis.name!r} does not have. Take "
+                "basis='contact-adapted' or 'residual'"
+            )
     gaps: Gaps
     carrier = None
     if rigid is None:
-        gaps = PatchGaps(placed[0], placed[1], rows)
+        wanders = any(side.surface.wanders for side in placed)
+        gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
     elif masterBody is None:
         gaps = RigidGaps(placed[0], rigid, rows)
     else:

@@ -21,8 +21,9 @@ from ..support.checks import (
     validate_vector,
 )
 from .faces import middle
-from .facets import area_vectors, facet_corners, nodal_area
+from .facets import nodal_area
 from .model import FEModel, rigid_modes, same_mesh
+from .patch_facets import Faces, ball_facets, chosen_facets, local_normals, mean_direction, show, smooth_rim
 from .patches import AXES, KINDS, Interface, InterfaceKind, Patch, PatchAxes, plastic_region
 
 _FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
@@ -239,35 +240,12 @@ class Partition:
         nodes = np.flatnonzero(distance <= radius)
         if not len(nodes):
             raise EmptyRegionError(
-                f"no node lies within {radius:.4g} m of {_show(center)}: the nearest is {distance.min():.4g} m away, "
-                f"at {_show(fem.points[distance.argmin()])}; the body spans {_show(fem.points.min(axis=0))} to "
-                f"{_show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
+                f"no node lies within {radius:.4g} m of {show(center)}: the nearest is {distance.min():.4g} m away, "
+                f"at {show(fem.points[distance.argmin()])}; the body spans {show(fem.points.min(axis=0))} to "
+                f"{show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
             )
-        centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
-        within = np.linalg.norm(centres - center, axis=1) <= reach
-        if not within.any():
-            raise EmptyRegionError(
-                f"no surface facet lies within {reach:.4g} m of {_show(center)}, so nothing there can touch: "
-                f"{len(nodes)} nodes are in the region. Put the center on the surface, or refine the mesh to elements "
-                f"below {reach:.2g} m"
-            )
-        normals = area_vectors(fem.points, fem.facets)
-        # Begin with the normal at the center: the mean of all normals means little on a patch around an edge.
-        surface = np.unique(fem.facets[_facing(normals, within, direction)])
-        foot = surface[distance[surface].argmin()]
-        line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
-        # Facets beyond an edge, such as side walls, cannot touch along the line of contact.
-        facing = normals @ line > 0.5 * np.linalg.norm(normals, axis=1)
-        if direction is None:
-            line = _direction(normals[within & facing], None)
-        facets = fem.facets[within & facing]
-        if not len(facets):
-            raise EmptyRegionError(
-                f"no facet within {reach:.4g} m of {_show(center)} faces the line of contact {_show(line)}; give "
-                "another direction or center"
-            )
-        rim = np.intersect1d(facets, fem.facets[~within & facing])
-        chosen = np.flatnonzero(within & facing)
+        chosen, line, rim = ball_facets(fem, center, reach, direction, nodes)
+        facets = fem.facets[chosen]
         material, plastic = fem.material_beneath(chosen), None
         if plastic_radius is not None and not material.plastic:
             raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
@@ -276,6 +254,43 @@ class Partition:
         own = None if fem.regions is None else material
         patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
+
+    @classmethod
+    def surface(cls, fem: FEModel, faces: Faces, *, axes: PatchAxes = "normal", name: str = "") -> Partition:
+        """Contact patch of whole faces, over which contact may wander: the rim of a cam, a gear's flanks, a guide.
+
+        Contact rows act along the local normals, so that a patch may curve by any angle, even around the body. The
+        static answer to a force on each node is computed and kept: `axes="normal"` with 5000 nodes are 200 MB, and
+        `axes="xyz"` nine times that. Load patterns over the whole patch lead the basis, see `loads.resultants`.
+
+        Parameters
+        ----------
+        fem : FEModel
+        faces : str, sequence of str, (k,) int array, (nf,) bool array, or two (3,) arrays
+            Names of boundaries of the FE model; numbers of rows of `fem.facets`; a choice of all of them; or lower and
+            upper corner of a box [m]: facets centred within it belong to the patch.
+        axes : {"normal", "xyz"}
+            Directions in which the basis knows the flexibility of the nodes: along their normals, which is enough
+            without friction, or in all three.
+        name : str
+            To tell patches of one body apart.
+
+        Raises
+        ------
+        EmptyRegionError
+            If no facet is chosen.
+        InputError
+            If `faces` is none of these, or a node of the patch has no normal, as on a sheet whose both sides are given.
+        """
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_choice("axes", axes, AXES)
+        number = chosen_facets(fem, faces)
+        facets = fem.facets[number]
+        normals = local_normals(fem.points, facets)
+        line, rim = mean_direction(fem.points, facets), smooth_rim(fem, number, normals)
+        material = None if fem.regions is None else fem.material_beneath(number)
+        patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals)
+        return cls(patch.nodes, (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod
     def interface(
@@ -347,46 +362,28 @@ class Partition:
         return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes, fem.fingerprint)
 
 
+def check_one_line(partition: Partition, patch: int, argument: str) -> None:
+    """Raise if contact wanders over a patch, so that it has no single line of contact, which `argument` needs.
+
+    Raises
+    ------
+    InputError
+    """
+    if partition.patches[patch].wanders:
+        raise InputError(
+            f"{argument}: is that of an impact along one line of contact, but contact wanders over patch {patch} "
+            f"{partition.patches[patch].name!r}, made by Partition.surface. Reduce such a body with f_cut, or judge an "
+            "impact at one place with a patch of Partition.ball"
+        )
+
+
 def _checked_place(fem: FEModel, name: str, mean: Array, position: Vector) -> Array:
     """Return an interface's point that the user gave."""
     place = validate_vector("position", position)
     away, size = np.linalg.norm(place - mean), np.ptp(fem.points, axis=0).max()
     if away > size:
         raise InputError(
-            f"position: expected the point where joints attach, in the body's own coordinates, got {_show(place)}, "
-            f"{away:.4g} m away from the nodes of interface {name!r} around {_show(mean)}, of a body of {size:.4g} m"
+            f"position: expected the point where joints attach, in the body's own coordinates, got {show(place)}, "
+            f"{away:.4g} m away from the nodes of interface {name!r} around {show(mean)}, of a body of {size:.4g} m"
         )
     return place
-
-
-def _facing(normals: Array, within: Array, direction: Vector | None) -> Array:
-    """Facets within reach that face a given direction, (nf,) bool; all facets if there are none.
-
-    On a thin sheet, nodes of the other side may be nearer to the center than those of this side.
-    """
-    everywhere = np.ones(len(normals), dtype=bool)
-    if direction is None:
-        return everywhere
-    given = validate_vector("direction", direction)
-    facing = within & (normals @ given > 0.5 * np.linalg.norm(normals, axis=1) * np.linalg.norm(given))
-    return facing if facing.any() else everywhere
-
-
-def _direction(normals: Array, direction: Vector | None) -> Array:
-    total = normals.sum(axis=0)
-    mean: Array = total / np.linalg.norm(total)
-    if direction is None:
-        return mean
-    given = validate_vector("direction", direction)
-    length = np.linalg.norm(given)
-    if length == 0 or given @ mean < 0.5 * length:
-        raise InputError(
-            f"direction: expected a vector that points out of the patch, whose mean normal is {_show(mean)}, "
-            f"got {_show(given)}"
-        )
-    line: Array = given / length
-    return line
-
-
-def _show(vector: Array) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in vector) + ")"

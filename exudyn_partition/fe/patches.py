@@ -89,11 +89,11 @@ class Patch:
     facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array
         Surface facets, as nodes of the body.
     direction : (3,) array
-        Unit outward normal, area-weighted mean: the line of contact.
+        Unit outward normal, area-weighted mean: the line of contact. With `normals` it only turns pictures.
     rim : (k,) int array
         Nodes of the patch beyond which the surface continues: contact that reaches them leaves the patch.
     axes : {"normal", "xyz"}
-        Whether contact forces act along `direction` only, or along all three axes.
+        Whether contact forces act along the normals only, or along all three axes.
     direction_given : bool
         Whether the user gave `direction`.
     name : str
@@ -101,6 +101,8 @@ class Patch:
         What may yield beneath it.
     material : Material or None
         That of the elements beneath it, if the body consists of several; see `FEModel.material_beneath`.
+    normals : (np, 3) array or None
+        Unit outward normals of its nodes, if contact wanders over it; None: `direction` everywhere.
     """
 
     facets: Array
@@ -111,6 +113,7 @@ class Patch:
     name: str = ""
     plastic: PlasticRegion | None = field(default=None, metadata={"added": True})
     material: Material | None = field(default=None, metadata={"added": True})
+    normals: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         check_facets(self.facets)
@@ -122,6 +125,16 @@ class Patch:
         validate_flag("direction_given", self.direction_given)
         validate_text("name", self.name)
         read_only(self.facets, self.direction, self.rim)
+        if self.normals is not None:
+            check_floats("normals", self.normals, (len(self.nodes), 3))
+            if (abs(np.linalg.norm(self.normals, axis=1) - 1) > _UNIT).any():
+                raise InputError("normals: expected unit vectors")
+            read_only(self.normals)
+
+    @property
+    def wanders(self) -> bool:
+        """Whether contact wanders over it, along local normals; see `Partition.surface`."""
+        return self.normals is not None
 
     @property
     def nodes(self) -> Array:
@@ -129,9 +142,14 @@ class Patch:
         return np.unique(self.facets)
 
     @property
-    def directions(self) -> Array:
-        """(d, 3) array: directions of the rows of each node, one or three."""
-        return self.direction[None] if self.axes == "normal" else np.eye(3)
+    def n_axes(self) -> int:
+        """Number of rows of each node, one or three."""
+        return 1 if self.axes == "normal" else 3
+
+    @property
+    def node_normals(self) -> Array:
+        """(np, 3) array: unit outward normals of its nodes."""
+        return np.tile(self.direction, (len(self.nodes), 1)) if self.normals is None else self.normals
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,8 @@ class AdaptedSpace(FreeBody):
     fem : FEModel
     partition : Partition
     f_shift : float
-        The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz].
+        The shift is (pi f_shift)^2: the space grows fastest about half of f_shift [Hz]. Loads on patches over which
+        contact wanders are as fine as waves at f_shift need.
     keep : bool
         Whether the factors of the static answers stay, for who needs more of these.
 
@@ -156,7 +157,9 @@ class AdaptedSpace(FreeBody):
         if not partition.patches and not partition.interfaces:
             raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
         super().__init__(fem, partition)
-        self.loads = np.asarray((unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition))
+        self.loads = np.asarray(
+            (unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition, f_shift)
+        )
         flexibility = self.flexibility()
         self._lead = flexibility(self.loads)
         self.static = self.static_answers(flexibility)

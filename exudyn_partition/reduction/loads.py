@@ -8,15 +8,30 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from ..errors import InputError
 from ..fe.facets import nodal_area
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Interface, Patch
 from ..support.arrays import Array
 
+_FEWEST = 8  # load patterns on a patch over which contact wanders, in each direction
+_CELL = 1 / 8  # radius of the cell of a pattern, by the shortest wave at the truncation frequency
+
 
 def pressure(fem: FEModel, patch: Patch) -> Array:
-    """(3n,) load of a unit resultant, a uniform pressure on a contact patch along its direction."""
+    """(3n,) load of a unit resultant, a uniform pressure on a contact patch along its direction.
+
+    Raises
+    ------
+    InputError
+        If contact wanders over the patch: its pressure is never uniform.
+    """
+    if patch.wanders:
+        raise InputError(
+            f"patch: contact wanders over patch {patch.name!r}, so that a uniform pressure on all of it means nothing; "
+            "take StaticAnswer(fem, body) with the forces of the nodes, or results with fem="
+        )
     share = nodal_area(fem.points, patch.facets)
     return np.outer(share / share.sum(), patch.direction).ravel()
 
@@ -25,15 +40,17 @@ def patch_rows(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     """(r, 3n) rows G: displacements of the patches' nodes, patch after patch, node after node, in its directions."""
     rows = [sp.csr_matrix((0, fem.n_dofs))]
     for patch in partition.patches:
-        nodes, directions = patch.nodes, patch.directions
-        select = sp.csr_matrix((np.ones(len(nodes)), (np.arange(len(nodes)), nodes)), shape=(len(nodes), fem.n_nodes))
-        rows.append(sp.kron(select, directions))
+        dofs = node_dofs(patch.nodes)
+        # A row has one entry, or the three of a normal.
+        each, values = (3, patch.node_normals.ravel()) if patch.axes == "normal" else (1, np.ones(len(dofs)))
+        starts = np.arange(0, len(dofs) + 1, each)
+        rows.append(sp.csr_matrix((values, dofs, starts), shape=(len(starts) - 1, fem.n_dofs)))
     return sp.vstack(rows, format="csr")
 
 
 def patch_slice(partition: Partition, patch: int) -> slice:
     """Rows of one patch among those of `patch_rows`."""
-    sizes = [len(p.nodes) * len(p.directions) for p in partition.patches]
+    sizes = [len(p.nodes) * p.n_axes for p in partition.patches]
     return slice(sum(sizes[:patch]), sum(sizes[: patch + 1]))
 
 
@@ -53,19 +70,57 @@ def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     return sp.vstack([patch_rows(fem, partition), interface_loads(fem, partition.interfaces)], format="csr")
 
 
-def resultants(fem: FEModel, partition: Partition) -> Array:
+def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> Array:
     """(r + 6 i, p) combinations of `unit_loads` with unit resultants.
 
     These are uniform tractions on each patch, and each resultant of interfaces. A patch with all axes, as friction
     needs them, is also twisted about its direction: by tractions that grow with the distance from its middle.
+
+    Over a patch of `Partition.surface` contact wanders. It is divided into cells, each with uniform tractions, so that
+    the basis answers forces anywhere on it. No node is further from the middle of its cell than an eighth of the
+    shortest wave at `f_cut` [Hz], and there are at least eight cells.
     """
     blocks = []
     for patch in partition.patches:
         share = nodal_area(fem.points, patch.facets)[patch.nodes]
-        uniform = np.kron((share / share.sum())[:, None], np.eye(len(patch.directions)))
+        if patch.wanders:
+            blocks.append(np.kron(_cells(fem, patch, share, f_cut), np.eye(patch.n_axes)))
+            continue
+        uniform = np.kron((share / share.sum())[:, None], np.eye(patch.n_axes))
         blocks.append(uniform if patch.axes == "normal" else np.hstack([uniform, _twist(fem, patch, share)]))
     resultants: Array = scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
     return resultants
+
+
+def _cells(fem: FEModel, patch: Patch, share: Array, f_cut: float) -> Array:
+    """(np, m) shares of a patch's nodes in the uniform pressures on cells; `share`, (np,), are areas of its nodes.
+
+    Each new middle is the node furthest from all others, so that cells are about equally wide.
+    """
+    points, widest = fem.points[patch.nodes], _CELL * _shortest_wave(fem, f_cut)
+    loaded = np.flatnonzero(share > 0)
+    first = int(share.argmax())
+    cell, distance = np.zeros(len(points), dtype=np.int64), np.linalg.norm(points - points[first], axis=1)
+    count = 1
+    while count < len(loaded) and (count < _FEWEST or distance.max() > widest):
+        away = np.linalg.norm(points - points[loaded[distance[loaded].argmax()]], axis=1)
+        nearer = away < distance
+        if not nearer.any():
+            break
+        cell[nearer], distance[nearer] = count, away[nearer]
+        count += 1
+    shares = np.zeros((len(points), count))
+    shares[np.arange(len(points)), cell] = share
+    return np.asarray(shares / shares.sum(axis=0))
+
+
+def _shortest_wave(fem: FEModel, frequency: float) -> float:
+    """Length [m] of a shear wave at a frequency [Hz], or of a bending wave in a thin wall if that is shorter."""
+    if frequency == 0.0:
+        return np.inf
+    material, wall = fem.material, fem.weakest_wall
+    plate = material.bar_wave_speed * wall.thickness / np.sqrt(12 * (1 - material.nu**2))  # sqrt(D / rho t) of a plate
+    return float(min(material.shear_wave_speed / frequency, np.sqrt(2 * np.pi * plate / frequency)))
 
 
 def _twist(fem: FEModel, patch: Patch, share: Array) -> Array:

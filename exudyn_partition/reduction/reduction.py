@@ -19,7 +19,7 @@ from ..algebra.coulomb import Coulomb, friction_of
 from ..algebra.factorisation import one_blas_thread
 from ..errors import FrequencyRangeError, InputError
 from ..fe.model import FEModel, node_dofs
-from ..fe.partition import Partition
+from ..fe.partition import Partition, check_one_line
 from ..fe.patches import Patch
 from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
@@ -147,6 +147,8 @@ def reduce(
     else:
         if basis != "contact-adapted":
             raise InputError(f"tolerance: only basis 'contact-adapted' grows to a tolerance, got {basis!r}; give f_cut")
+        for number in range(len(partition.patches)):
+            check_one_line(partition, number, "tolerance")
         options = _impact_options(tolerance, _SPEED if speed is None else speed, duration)
         models, patches = [(fem, partition)], [[i] for i in range(len(partition.patches))]
         if not patches:
@@ -221,6 +223,8 @@ def reduce_pair(
     if not isinstance(patches, tuple | list) or len(patches) != 2:
         raise InputError(f"patches: expected the slave's and the master's, two names or numbers, got {patches!r}")
     numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
+    for (_, partition), number in zip((slave, master), numbers, strict=True):
+        check_one_line(partition, number, "patches")
     options = _impact_options(tolerance, speed, duration)
     models = [slave, master]
     sliding = _sliding(friction, tangential_speed, [m[1].patches[i] for m, i in zip(models, numbers, strict=True)])

@@ -18,7 +18,7 @@ from .surface import Projection, Surface, closest_points
 
 EDGE_TOLERANCE = 0.02  # of a facet's size: a point that projects past the patch's edge by less is paired
 _FACING = 0.9  # points meet if the cosine between line of contact and master's inward normal is above
-_TOUCHING = 1e-3  # of a facet's size: patches are brought as close as this before pairing
+TOUCHING = 1e-3  # of a facet's size: patches are brought as close as this before pairing
 _APPROACHES = 10  # most projections to get there
 PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 
@@ -152,7 +152,7 @@ def pair_surfaces(
         clearance = projection.gap[paired].min(initial=np.inf)
         if not paired.any():  # far apart and to the side: the nearest point decides
             clearance = float(np.hypot(projection.gap, projection.offset).min())
-        if abs(clearance) <= _TOUCHING * size:
+        if abs(clearance) <= TOUCHING * size:
             break
         way += clearance
     if not paired.any():
@@ -161,7 +161,7 @@ def pair_surfaces(
             f"the patches are {slave.points.mean(axis=0)} and {master.points.mean(axis=0)} m, their outward normals "
             f"{slave.direction} and {master.direction}. Check {placed_by} and the centers of the partitions"
         )
-    if abs(clearance) > _TOUCHING * size:
+    if abs(clearance) > TOUCHING * size:
         raise EmptyRegionError(
             f"the patches do not come together along {approach}: after {_APPROACHES} projections {clearance:.3g} m are "
             "left. Give both partitions a direction: the line along which the bodies meet"

@@ -37,6 +37,8 @@ class Surface:
         Numbers of these nodes in the body.
     direction_given : bool
         Whether the user gave `direction`. If not, it follows from the mesh.
+    wanders : bool
+        Whether contact wanders over the patch, so that its normals decide and not `direction`.
     """
 
     points: Array
@@ -45,13 +47,14 @@ class Surface:
     rim: Array
     nodes: Array
     direction_given: bool = False
+    wanders: bool = False
 
     @classmethod
     def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
         """Contact patch of a body with the nodes `points`, (n, 3) [m], shifted by `position`, (3,) [m]."""
         nodes = patch.nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
-        return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given)
+        return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given, patch.wanders)
 
     @property
     def flatness(self) -> float:
@@ -67,6 +70,24 @@ class Surface:
         total = area_vectors(self.points, self.facets).sum(axis=0)
         normal: Array = total / np.linalg.norm(total)
         return normal
+
+    def normals_at(self, nodes: Array, weights: Array) -> Array:
+        """Unit normals at points, (p, 3): means over the facets around their nodes, in their present places.
+
+        Parameters
+        ----------
+        nodes : (p, k) int array
+            Rows of `points` that carry each point.
+        weights : (p, k) array
+            Shape functions of these nodes at the points.
+        """
+        vectors, around = area_vectors(self.points, self.facets), np.zeros_like(self.points)
+        for axis in range(3):
+            each = np.repeat(vectors[:, axis], self.facets.shape[1])
+            around[:, axis] = np.bincount(self.facets.ravel(), each, minlength=len(around))
+        around /= np.maximum(np.linalg.norm(around, axis=1), 1e-300)[:, None]
+        normals = np.einsum("pk,pkd->pd", weights, around[nodes])
+        return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
 
     @cached_property
     def facet_size(self) -> float:

@@ -105,6 +105,7 @@ PATCHES = {
     "name": lambda patch: "top",
     "plastic": lambda patch: PlasticRegion(np.arange(10)[None], np.arange(3)),
     "material": lambda patch: ep.ALUMINIUM,
+    "normals": lambda patch: np.tile(patch.direction, (len(patch.nodes), 1)),
 }
 
 

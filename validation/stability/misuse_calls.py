@@ -296,6 +296,27 @@ CALLS = {
             }
         )(np.arange(12)),
     ),
+    "Partition.surface": call(
+        fem=v.fem,
+        faces=Kind(
+            {
+                **v.NOTHING,
+                "none": [],
+                "halves": [0.5, 1.5, 2.5],
+                "beyond": [0, 1, 10**6],
+                "negative": [-1, 0, 1],
+                "Trues": [True, False, True],
+                "no boundary": "hub",
+                "names and numbers": ["hub", 3],
+                "box outside": ((1, 1, 1), (2, 2, 2)),
+                "box inside out": ((1, 1, 1), (-1, -1, -1)),
+                "box of nan": ((0, 0, 0), (1, 1, np.nan)),
+                "planes": np.zeros((3, 3)),
+            }
+        )(np.arange(12)),
+        axes=v.choice("normal"),
+        name=v.text("rim"),
+    ),
     "Partition.patch": call(of=lambda s: s.part, key=v.patch),
     "Partition.find_interface": call(of=lambda s: s.part, name=v.choice("pin")),
     "reduce": call(

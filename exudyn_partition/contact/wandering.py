@@ -1,0 +1,107 @@
+"""Gaps between two patches over which contact wanders: only the parts that are near each other are followed.
+
+The parts are found by trees of the patches' nodes. They are found again when the patches have moved by a facet, so
+that a step costs what is near, and not what the patches have. Several spots may be near at once; they appear and vanish
+as the patches move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..support.arrays import Array
+from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
+from ..surfaces.rows import ContactRows
+from ..surfaces.surface import closest_points
+from .patch_gaps import PatchGaps
+
+WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
+
+
+class WanderingGaps(PatchGaps):
+    """Gaps between two patches of which contact wanders over one at least; see `Partition.surface`.
+
+    Pairs are never frozen.
+
+    Parameters
+    ----------
+    slave, master : Side
+    kind : {"integrated", "node-to-segment"}
+
+    Raises
+    ------
+    EmptyRegionError, PenetrationError
+        See `near.pair_wandering`.
+    """
+
+    _parted_at: Array | None
+    _part_reach: float
+
+    def reset(self) -> None:
+        """Go back to the pairs at the start, before a new run."""
+        self.sides, self._parted_at, self._placed_at = self._paired, None, None
+        super().reset()
+
+    def at(self, q: Array) -> Array:
+        """See `Gaps.at`."""
+        self._q = q
+        self._part_if_moved()
+        return super().at(q)
+
+    def of_present(self, q: Array) -> Array:
+        """See `Gaps.of_present`."""
+        return super().of_present(q) if self._parted_at is not None else self.at(q)
+
+    def _part_if_moved(self) -> None:
+        """Find the parts that are near each other, unless they are known."""
+        if self._parted_at is not None:
+            here = self._placed(*self.places_now())
+            if abs(here - self._parted_at).max() <= self._part_reach:
+                return
+        near = self._near_parts(self._q)
+        self._least, self._apart_by_far = near.least, not len(near.nodes)
+        if not self._apart_by_far:
+            self._near_points = near.points(self._all)
+        both = zip(self._paired, (near.slave_facets, near.master_facets), self._witnesses, strict=True)
+        self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
+        self._placed_at = self._searched_at = None
+        self._parted_at = self._placed(*self.places_now())
+        self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
+
+    def _near_parts(self, q: Array) -> NearParts:
+        slave, master = (
+            replace(side.surface, points=side.place(part))
+            for side, part in zip(self._paired, self.split(q), strict=True)
+        )
+        return NearParts.of(slave, master, (LIMIT + WINDOW) * self.size)
+
+    def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
+        """Rows of the near points that face the master, and the least gap [m]."""
+        if self._apart_by_far:
+            return self._start, self._least
+        slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
+        return near_rows(self._near_points, slave, master, self.approach)
+
+    def surface_gap(self, q: Array) -> float:
+        """See `Gaps.surface_gap`; of patches that are far apart, a lower bound."""
+        near = self._near_parts(q)
+        if not len(near.nodes):
+            return near.least
+        points = near.points(self._all)
+        slave, master = (
+            replace(side.surface, points=side.place(part), facets=side.surface.facets[facets])
+            for side, part, facets in zip(
+                self._paired, self.split(q), (near.slave_facets, near.master_facets), strict=True
+            )
+        )
+        nodes = near.nodes[:, None]
+        carriers = (points.nodes, points.weights), (nodes, np.ones(nodes.shape))
+        places = np.vstack([points.at(slave.points), slave.points[near.nodes]])
+        found = closest_points(places, master.points[master.facets])
+        normals = np.vstack([slave.normals_at(*carrier) for carrier in carriers])
+        return float(found.gap[facing_locally(found, normals, self.size)].min(initial=np.inf))
+
+    def _distance(self, x_s: Array, x_m: Array) -> float:
+        return self._near_parts(self._q).least if self._apart_by_far else self.project(x_s, x_m)[1]

@@ -1,0 +1,197 @@
+"""Which facets of a body's surface a contact patch has, their normals, and where the patch ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import EmptyRegionError, InputError
+from ..support.arrays import Array, Vector
+from ..support.checks import validate_array, validate_choice, validate_vector
+from .facets import area_vectors, facet_corners
+from .model import FEModel
+
+Faces = str | Sequence[str] | Array | Sequence[int] | tuple[Vector, Vector]
+
+_FACING = 0.5  # cosine between two normals: below it there is an edge between them
+_NO_NORMAL = 1e-3  # of the area around a node: its normals cancel each other
+
+
+def ball_facets(
+    fem: FEModel, center: Array, reach: float, direction: Vector | None, nodes: Array
+) -> tuple[Array, Array, Array]:
+    """Numbers of the facets of a patch within `reach` [m] of a point, its line of contact, (3,), and nodes at its rim.
+
+    Parameters
+    ----------
+    fem : FEModel
+    center : (3,) array
+    reach : float
+    direction : (3,) array, optional
+        The line of contact that the user gave.
+    nodes : (k,) int array
+        Nodes of the impact region, for messages.
+
+    Raises
+    ------
+    EmptyRegionError
+        If there is none.
+    InputError
+        If the direction does not point out of the patch.
+    """
+    centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
+    within = np.linalg.norm(centres - center, axis=1) <= reach
+    if not within.any():
+        raise EmptyRegionError(
+            f"no surface facet lies within {reach:.4g} m of {show(center)}, so nothing there can touch: "
+            f"{len(nodes)} nodes are in the region. Put the center on the surface, or refine the mesh to elements "
+            f"below {reach:.2g} m"
+        )
+    normals = area_vectors(fem.points, fem.facets)
+    distance = np.linalg.norm(fem.points - center, axis=1)
+    # Begin with the normal at the center: the mean of all normals means little on a patch around an edge.
+    surface = np.unique(fem.facets[_facing(normals, within, direction)])
+    foot = surface[distance[surface].argmin()]
+    line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
+    # Facets beyond an edge, such as side walls, cannot touch along the line of contact.
+    facing = normals @ line > _FACING * np.linalg.norm(normals, axis=1)
+    if direction is None:
+        line = _direction(normals[within & facing], None)
+    chosen = np.flatnonzero(within & facing)
+    if not len(chosen):
+        raise EmptyRegionError(
+            f"no facet within {reach:.4g} m of {show(center)} faces the line of contact {show(line)}; give "
+            "another direction or center"
+        )
+    return chosen, line, np.intersect1d(fem.facets[chosen], fem.facets[~within & facing])
+
+
+def chosen_facets(fem: FEModel, faces: Faces) -> Array:
+    """Numbers of the facets that `Partition.surface` was asked for, (k,), ascending.
+
+    Raises
+    ------
+    InputError, EmptyRegionError
+    """
+    n = len(fem.facets)
+    if isinstance(faces, str):
+        faces = [faces]
+    if isinstance(faces, list | tuple) and faces and all(isinstance(face, str) for face in faces):
+        number = np.concatenate([fem.boundaries[validate_choice("faces", face, fem.boundaries)] for face in faces])
+        return np.unique(number)
+    wrong = InputError(
+        "faces: expected names of boundaries, numbers of facets, (k,), a choice of them, (nf,) bool, or two corners of "
+        f"a box, ((3,), (3,)), got {type(faces).__name__}"
+    )
+    try:
+        given = np.asarray(faces)
+    except ValueError as error:
+        raise wrong from error
+    if given.shape == (2, 3) and given.dtype.kind in "iuf":
+        lower, upper = validate_array("faces", given, (2, 3))
+        if (lower > upper).any():
+            raise InputError(f"faces: expected lower and upper corner of a box, got {show(lower)} and {show(upper)}")
+        centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
+        number = np.flatnonzero(((centres >= lower) & (centres <= upper)).all(axis=1))
+        if not len(number):
+            raise EmptyRegionError(
+                f"faces: no facet is centred in the box from {show(lower)} to {show(upper)} m; the body spans "
+                f"{show(fem.points.min(axis=0))} to {show(fem.points.max(axis=0))} m. Move or enlarge the box"
+            )
+        return number
+    if given.shape == (n,) and given.dtype.kind == "b":
+        given = np.flatnonzero(given)
+    elif given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        raise wrong
+    if not given.size:
+        raise EmptyRegionError("faces: no facet is chosen; expected at least one")
+    if given.min() < 0 or given.max() >= n:
+        raise InputError(f"faces: expected numbers of facets, 0 to {n - 1}, got {given.min()} to {given.max()}")
+    return np.unique(given)
+
+
+def local_normals(points: Array, facets: Array) -> Array:
+    """(k, 3) unit outward normals of the facets' nodes, ascending: means over the areas of their facets.
+
+    Raises
+    ------
+    InputError
+        If the normals around a node cancel each other.
+    """
+    nodes, place = np.unique(facets, return_inverse=True)
+    vectors = area_vectors(points, facets)
+    around = np.zeros((len(nodes), 4))
+    each = np.column_stack([vectors, np.linalg.norm(vectors, axis=1)])
+    for column in place.reshape(facets.shape).T:
+        np.add.at(around, column, each)
+    length = np.linalg.norm(around[:, :3], axis=1)
+    flat = np.flatnonzero(length <= _NO_NORMAL * around[:, 3])
+    if len(flat):
+        raise InputError(
+            f"faces: at node {nodes[flat[0]]}, {show(points[nodes[flat[0]]])} m, the normals of the facets cancel each "
+            "other, as where both sides of a sheet or of a sharp edge belong to one patch. Make a patch of each side"
+        )
+    normals: Array = around[:, :3] / length[:, None]
+    return normals
+
+
+def mean_direction(points: Array, facets: Array) -> Array:
+    """Unit mean normal of facets, (3,); that of the first one if the facets go around the body."""
+    vectors = area_vectors(points, facets)
+    total = vectors.sum(axis=0)
+    if np.linalg.norm(total) <= _NO_NORMAL * np.linalg.norm(vectors, axis=1).sum():
+        total = vectors[0]
+    line: Array = total / np.linalg.norm(total)
+    return line
+
+
+def smooth_rim(fem: FEModel, number: Array, normals: Array) -> Array:
+    """Nodes of a patch beyond which the surface continues without an edge, (k,).
+
+    `number`, (nf,), are the facets of the patch, `normals`, (k, 3), those of its nodes, ascending.
+    """
+    nodes = np.unique(fem.facets[number])
+    other = np.ones(len(fem.facets), dtype=bool)
+    other[number] = False
+    others = fem.facets[other]
+    vectors = area_vectors(fem.points, others)
+    vectors /= np.linalg.norm(vectors, axis=1)[:, None]
+    facet, column = np.nonzero(np.isin(others, nodes))
+    shared = others[facet, column]
+    cosine = np.einsum("kd,kd->k", vectors[facet], normals[np.searchsorted(nodes, shared)])
+    return np.unique(shared[cosine > _FACING])
+
+
+def _facing(normals: Array, within: Array, direction: Vector | None) -> Array:
+    """Facets within reach that face a given direction, (nf,) bool; all facets if there are none.
+
+    On a thin sheet, nodes of the other side may be nearer to the center than those of this side.
+    """
+    everywhere = np.ones(len(normals), dtype=bool)
+    if direction is None:
+        return everywhere
+    given = validate_vector("direction", direction)
+    facing = within & (normals @ given > _FACING * np.linalg.norm(normals, axis=1) * np.linalg.norm(given))
+    return facing if facing.any() else everywhere
+
+
+def _direction(normals: Array, direction: Vector | None) -> Array:
+    total = normals.sum(axis=0)
+    mean: Array = total / np.linalg.norm(total)
+    if direction is None:
+        return mean
+    given = validate_vector("direction", direction)
+    length = np.linalg.norm(given)
+    if length == 0 or given @ mean < _FACING * length:
+        raise InputError(
+            f"direction: expected a vector that points out of the patch, whose mean normal is {show(mean)}, "
+            f"got {show(given)}"
+        )
+    line: Array = given / length
+    return line
+
+
+def show(vector: Array) -> str:
+    """Three numbers for a message."""
+    return "(" + ", ".join(f"{x:.4g}" for x in vector) + ")"

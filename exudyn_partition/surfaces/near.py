@@ -1,0 +1,157 @@
+"""Which parts of two patches are near each other, and their pairs at the start, where contact wanders over a patch.
+
+A patch that contact wanders over may have thousands of nodes, of which a few dozen touch. Trees of nodes find the parts
+that may touch soon; only these are projected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import EmptyRegionError, PenetrationError
+from ..fe.facets import facet_corners
+from ..support.arrays import Array
+from .points import ContactPoints, RowKind, contact_points
+from .rows import EDGE_TOLERANCE, PENETRATION_TOLERANCE, TOUCHING, ContactRows, rows_of
+from .surface import Projection, Surface, closest_points
+
+_FACING = 0.5  # points meet if the cosine between their local normal and the master's inward normal is above
+_FROM_NODE = 0.6  # of a facet's longest edge: no point of it is further from the nearest node
+_START = 2.0  # facets around the nearest nodes that are projected at the start
+_APPROACHES = 10  # most projections until patches touch
+LIMIT = 0.75  # of a facet's size: rows with larger gaps are no pairs
+
+
+@dataclass(frozen=True, eq=False)
+class NearParts:
+    """Parts of two patches that are near each other.
+
+    Parameters
+    ----------
+    nodes : (k,) int array
+        Nodes of the slave's patch, as rows of its points.
+    slave_facets, master_facets : (k,) int arrays
+        Facets around them, and those of the master that they may touch.
+    least : float
+        Lower bound of the distance between the patches [m].
+    """
+
+    nodes: Array
+    slave_facets: Array
+    master_facets: Array
+    least: float
+
+    @classmethod
+    def of(cls, slave: Surface, master: Surface, within: float | None = None) -> NearParts:
+        """Parts within a distance [m] of each other; by default, those around the nearest nodes.
+
+        `slave` and `master` are the patches in their present places, with all their facets.
+        """
+        apart = _FROM_NODE * (_longest(slave) + _longest(master))
+        distance, _ = cKDTree(master.points).query(slave.points)
+        nearest = float(distance.min())
+        reach = nearest + _START * master.facet_size + apart if within is None else within + apart
+        nodes = np.flatnonzero(distance <= reach)
+        slave_facets = master_facets = np.empty(0, dtype=np.int64)
+        if len(nodes):
+            back, _ = cKDTree(slave.points[nodes]).query(master.points, distance_upper_bound=reach)
+            slave_facets = np.flatnonzero(np.isin(slave.facets, nodes).any(axis=1))
+            master_facets = np.flatnonzero(np.isfinite(back)[master.facets].any(axis=1))
+        return cls(nodes, slave_facets, master_facets, max(nearest - apart, 0.0))
+
+    def points(self, points: ContactPoints) -> ContactPoints:
+        """Contact points of the slave's part, with facets numbered as in the part."""
+        some, _ = points.of_rows(np.isin(points.row_nodes, self.nodes))
+        return replace(some, facets=some.facets[self.slave_facets])
+
+
+def _longest(surface: Surface) -> float:
+    corners = surface.points[facet_corners(surface.facets)]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+
+def facing_locally(projection: Projection, normals: Array, size: float) -> Array:
+    """Which points meet the surface that they were projected on, (k,) bool, by the slave's normals there, (k, 3)."""
+    cosine = np.einsum("kd,kd->k", projection.normal, normals)
+    return np.asarray((projection.offset <= EDGE_TOLERANCE * size) & (cosine < -_FACING))
+
+
+def near_rows(
+    points: ContactPoints, slave: Surface, master: Surface, approach: Array, way: float = 0.0
+) -> tuple[ContactRows, float]:
+    """Pairs of the rows with gaps below the size of a facet, and the least distance [m].
+
+    Parameters
+    ----------
+    points : ContactPoints
+        Of the slave's part.
+    slave, master : Surface
+        The parts that are near each other.
+    approach : (3,) array
+        Where the slave is moved to, for the result.
+    way : float
+        How far it was moved from where it is; gaps are those before [m].
+    """
+    size = master.facet_size
+    found = closest_points(points.at(slave.points), master.points[master.facets])
+    paired = facing_locally(found, slave.normals_at(points.nodes, points.weights), size)
+    least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
+    # A row is a pair if its mean gap is small; points that face nothing count as far away.
+    gaps = points.mean @ np.where(paired, found.gap, LIMIT * size)
+    some, index = points.of_rows(np.flatnonzero(gaps < LIMIT * size))
+    found = found.part(index)
+    if way:
+        found = replace(found, gap=found.gap - way * (found.normal @ approach))
+    return rows_of(some, found, paired[index], slave, master, approach), float(least)
+
+
+def pair_wandering(
+    slave: Surface, master: Surface, rows: RowKind = "integrated", placed_by: str = "referencePosition"
+) -> ContactRows:
+    """Pair what is nearest of two patches, of which contact wanders over one at least.
+
+    The slave is moved against the master's normal at the nearest point until it touches; see `rows.pair_surfaces`.
+
+    Raises
+    ------
+    EmptyRegionError
+        If the parts of the patches that are nearest do not face each other.
+    PenetrationError
+        If a pair overlaps.
+    """
+    everything, size = contact_points(slave, rows), master.facet_size
+    approach, way = np.zeros(3), 0.0
+    for attempt in range(_APPROACHES):
+        moved = replace(slave, points=slave.points + way * approach)
+        near = NearParts.of(moved, master)
+        part = replace(moved, facets=moved.facets[near.slave_facets])
+        other = replace(master, facets=master.facets[near.master_facets])
+        points = near.points(everything)
+        places = points.at(part.points)
+        found = closest_points(places, other.points[other.facets])
+        paired = facing_locally(found, part.normals_at(points.nodes, points.weights), size)
+        if not paired.any():
+            raise EmptyRegionError(
+                f"the patches are nearest around {places.mean(axis=0)} m, but do not face each other there: a patch "
+                f"ends, or an edge is in between. Choose more faces for Partition.surface, or check {placed_by}"
+            )
+        nearest = np.flatnonzero(paired)[found.gap[paired].argmin()]
+        clearance = float(found.gap[nearest])
+        if attempt == 0:
+            approach = -found.normal[nearest]
+            if clearance < -PENETRATION_TOLERANCE * size:
+                raise PenetrationError(
+                    f"{np.count_nonzero(found.gap[paired] < 0)} of {len(places)} contact points start inside the other "
+                    f"body, the worst by {-clearance:.4g} m at {places[nearest]} m. Move one body by at least that "
+                    f"along {approach} ({placed_by})"
+                )
+        if abs(clearance) <= TOUCHING * size:
+            return near_rows(points, part, other, approach, way)[0]
+        way += clearance
+    raise EmptyRegionError(
+        f"the patches do not come together along {approach}: after {_APPROACHES} projections {clearance:.3g} m are "
+        f"left. Place the bodies nearer to each other ({placed_by})"
+    )

@@ -1,0 +1,154 @@
+"""Contact that wanders over whole surfaces: a disc that rolls on a plate, and in a slot."""
+
+from types import SimpleNamespace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import box, floating, inertial, moved, relative
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.coulomb import Coulomb
+from exudyn_partition.contact import wandering
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.wandering import WanderingGaps
+from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
+
+R, WIDTH, DEEP = 5e-3, 3e-3, 60e-6  # coarse facets are hollow: their rows close late
+
+
+@pytest.fixture(scope="module")
+def disc():
+    """A disc about the z axis, whose lowest point is the origin."""
+    shape = occ.Cylinder(occ.Pnt(0, R, -WIDTH / 2), occ.Z, r=R, h=WIDTH)
+    for face in shape.faces:
+        face.name = "rim" if abs(face.center.z) < WIDTH / 4 else "side"
+    return ep.fe_model(shape, ep.STEEL, maxh=2e-3)
+
+
+@pytest.fixture(scope="module")
+def plate():
+    """A plate below the origin."""
+    fem = ep.fe_model(box(0.016, 0.004, 0.004).Move(occ.gp_Vec(0, -0.002, -0.002)), ep.STEEL, maxh=1.7e-3)
+    return fem, fem.points.max(axis=0)[1]
+
+
+@pytest.fixture(scope="module")
+def rim(disc):
+    return ep.reduce(disc, ep.Partition.surface(disc, "rim", axes="xyz"), f_cut=20e3)
+
+
+@pytest.fixture(scope="module")
+def face(plate):
+    fem, top = plate
+    upper = ((-1, top - 1e-6, -1), (1, top + 1e-6, 1))
+    return ep.reduce(fem, ep.Partition.surface(fem, upper, axes="xyz"), f_cut=20e3)
+
+
+def turned(body, angle, way):
+    """Coordinates of a disc in a floating frame that has turned about its axis and moved, (n,)."""
+    side = floating(body, (0, 1e-6, 0))
+    q = side.kinematics.moved(np.zeros(body.n_dofs), np.r_[np.zeros(5), angle, np.zeros(body.n_dofs - 6)])
+    q[:3] += way
+    return q
+
+
+def forces(rim, face, places):
+    law = ComplianceContact(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
+    found = []
+    for angle, x in places:
+        law.force(np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)])
+        found.append(law.resultant())
+    return np.array(found)
+
+
+def test_parts_have_the_force_of_the_whole_surfaces_wherever_contact_wanders(rim, face, monkeypatch):
+    places = [(0.3 * i, R * (0.07 * i % 1.0)) for i in range(12)]
+    parts = forces(rim, face, places)
+    monkeypatch.setattr(wandering, "WINDOW", 1e3)
+    np.testing.assert_allclose(parts, forces(rim, face, places), rtol=1e-9, atol=1e-9)
+    assert parts[:, 1].min() > 20
+    assert abs(parts[:, [0, 2]]).max() < 0.02 * parts[:, 1].min()
+
+
+def test_a_surface_presses_as_a_small_patch_on_the_same_mesh(disc, plate, rim, face):
+    tip = ep.reduce(disc, ep.Partition.ball(disc, (0, 0, 0), 2.5e-3, axes="xyz"), f_cut=20e3)
+    spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)
+    small = ComplianceContact(PatchGaps(inertial(tip), inertial(spot)))
+    large = ComplianceContact(WanderingGaps(inertial(rim), inertial(face)))
+    force = []
+    for law, (slave, master) in ((small, (tip, spot)), (large, (rim, face))):
+        law.force(np.r_[moved(inertial(slave), [0, -DEEP, 0]), np.zeros(master.n_dofs)])
+        force.append(law.resultant())
+    assert force[0][1] > 20
+    np.testing.assert_allclose(force[1], force[0], rtol=1e-6, atol=1e-6 * force[0][1])
+
+
+def test_flexibility_along_local_normals(disc, rim):
+    along = ep.reduce(disc, ep.Partition.surface(disc, "rim"), f_cut=20e3)
+    normals = along.partition.patches[0].normals
+    F = rim.flexibility().reshape(len(normals), 3, len(normals), 3)
+    assert relative(along.flexibility(), np.einsum("ia,iajb,jb->ij", normals, F, normals)) < 1e-10
+    assert np.linalg.eigvalsh(along.flexibility()).min() > 0
+
+
+def test_force_is_the_gradient_of_its_potential(rim, face):
+    law = ComplianceContact(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
+    at, step = [0.4e-3, -DEEP - 1e-6, 0], 1e-9
+    force = -law.force(np.r_[turned(rim, 1.3, at), np.zeros(face.n_dofs)])[1]
+    energy = [
+        law.potential(np.r_[turned(rim, 1.3, np.add(at, [0, way, 0])), np.zeros(face.n_dofs)]) for way in (-step, step)
+    ]
+    assert (energy[1] - energy[0]) / (2 * step) == pytest.approx(force, rel=1e-4)
+
+
+def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
+    """The disc is pressed and then shifted by less than a row may slide."""
+    tip = ep.reduce(disc, ep.Partition.ball(disc, (0, 0, 0), 2.5e-3, axes="xyz"), f_cut=20e3)
+    spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)
+    found = []
+    for gaps, slave, master in ((PatchGaps, tip, spot), (WanderingGaps, rim, face)):
+        law = FrictionalCompliance(gaps(inertial(slave), inertial(master)), Coulomb(0.3)).for_run("implicit")
+        law.gaps.moving = True
+        for step, x in enumerate((0.0, 0.2e-6, 0.4e-6)):
+            q = np.r_[moved(inertial(slave), [x, -DEEP, 0]), np.zeros(master.n_dofs)]
+            law.commit(1e-6 * step)
+            law.evaluate(SimpleNamespace(q=q, q_t=np.zeros(len(q)), step=1e-6, start=1e-6 * step))
+        found.append(law.resultant())
+    assert found[0][0] < -1
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-3, atol=1e-3 * found[0][1])
+
+
+def test_spots_appear_and_vanish(rim):
+    """A disc in a slot touches one flank, none, and then the other one; one patch has both flanks."""
+    wide, deep = 2 * R + 2e-6, 4e-3
+    slot = occ.Box(occ.Pnt(-4e-3, -deep, -2e-3), occ.Pnt(4e-3, wide + deep, 2e-3))
+    slot -= occ.Box(occ.Pnt(-4e-3, 0, -2e-3), occ.Pnt(3e-3, wide, 2e-3))
+    fem = ep.fe_model(slot, ep.STEEL, maxh=2e-3)
+    flanks = ((-1, -1e-9, -1), (2.9e-3, wide + 1e-9, 1))
+    inner = ep.Partition.surface(fem, flanks)
+    heights = fem.points[inner.patches[0].nodes, 1]
+    assert np.unique(heights.round(6)).tolist() == [0.0, round(wide, 6)]
+    body = ep.reduce(fem, inner, f_cut=5e3)
+    law = ComplianceContact(WanderingGaps(inertial(rim, (-2e-3, 1e-6, 0)), inertial(body)))
+    up = []
+    for y in (-DEEP, 0.0, DEEP, 0.0, -DEEP):
+        law.force(np.r_[moved(inertial(rim), [0, y, 0]), np.zeros(body.n_dofs)])
+        up.append(law.resultant()[1])
+    assert up[0] > 5
+    assert up[1] == up[3] == 0
+    assert up[2] < -5
+    assert up[4] == pytest.approx(up[0], rel=1e-9)
+
+
+def test_wrong_starts_have_named_errors(rim, face, disc, mbs):
+    with pytest.raises(PenetrationError, match="referencePosition"):
+        WanderingGaps(inertial(rim, (0, -1e-4, 0)), inertial(face))
+    with pytest.raises(EmptyRegionError, match="do not face"):
+        WanderingGaps(inertial(rim, (0.03, -R, 0)), inertial(face))
+    nodal = ep.reduce(disc, ep.Partition.surface(disc, "rim"), f_cut=200e3, basis="craig-bampton")
+    items = [ep.CreatePartitionBody(mbs, body) for body in (nodal, face)]
+    with pytest.raises(InputError, match="residual flexibility"):
+        ep.CreatePartitionContact(mbs, *items, formulation="penalty")
