@@ -44,6 +44,7 @@ _HOMES = {
     "algebra.coulomb": ("Coulomb",),
     "exudyn_bodies.create_body": ("CreatePartitionBody",),
     "exudyn_bodies.partition_body": ("PartitionBody",),
+    "contact.profile": ("RigidProfile",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "exudyn_contacts.create_contact": ("CreatePartitionContact",),
     "exudyn_contacts.partition_contact": ("PartitionContact",),

@@ -6,6 +6,7 @@ from .accuracy.design import design_impact
 from .accuracy.impact_design import ImpactDesign
 from .accuracy.mesh_error import mesh_error
 from .algebra.coulomb import Coulomb
+from .contact.profile import RigidProfile
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
 from .exudyn_bodies.create_body import CreatePartitionBody
 from .exudyn_bodies.partition_body import PartitionBody
@@ -63,6 +64,7 @@ __all__ = [
     "Result",
     "RigidCylinder",
     "RigidPlane",
+    "RigidProfile",
     "RigidSphere",
     "StrainGauge",
     "amplitude_spectrum",

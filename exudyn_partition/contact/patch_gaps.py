@@ -60,7 +60,7 @@ class PatchGaps(Gaps):
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = self._start.facet_size, self._start.approach
         self._linear = all(side.kinematics.linear and not side.surface.wanders for side in self.sides)
-        self._witnesses = [_spread(side.surface.points) for side in self.sides]
+        self._witnesses = [spread(side.surface.points) for side in self.sides]
         self._here = np.zeros((3, 3))
         self.held, self.moving = None, True
         self.reset()
@@ -119,7 +119,7 @@ class PatchGaps(Gaps):
 
     def _drift_rows(self, rows: ContactRows) -> Array:
         """Rows, (6, n), that give the sliding of three pairs along two tangents."""
-        some = _spread(rows.points.at(self.slave.surface.points))
+        some = spread(rows.points.at(self.slave.surface.points))
         blocks = []
         for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
             along, block = np.tile(tangent, (len(some), 1)), []
@@ -314,8 +314,8 @@ def _pose(points: Array) -> Array:
     return np.concatenate([origin, axes.ravel()])
 
 
-def _spread(points: Array) -> Array:
-    """Numbers of three points that are far from each other, (3,)."""
+def spread(points: Array) -> Array:
+    """Return the numbers of three points that are far from each other, (3,)."""
     first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
     second = int(np.linalg.norm(points - points[first], axis=1).argmax())
     aside = np.linalg.norm(np.cross(points - points[first], points[second] - points[first]), axis=1)

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from ..errors import InputError, PenetrationError
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
-from ..surfaces.points import RowKind, contact_points
+from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps
 from .side import Side
@@ -164,20 +164,29 @@ class RigidGaps(Gaps):
         self.surface, self._pose, self._motion, self.sides = surface, pose, motion, (slave,)
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
-        self._all = contact_points(slave.surface, kind)
-        self.sparse_mean = self._all.mean
-        self.mean, self.row_points = self._all.dense_mean, sp.find(self._all.mean)
-        self.shares = ((self._all.nodes, self._all.weights),)
-        self.row_nodes, self.area, self.unpaired = self._all.row_nodes, self._all.area, 0
-        self.at_edge = np.isin(self.row_nodes, slave.surface.rim)
+        self._all, self.unpaired = contact_points(slave.surface, kind), 0
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
+        linear = linear and not slave.surface.wanders
         self._q = self._start_q = np.zeros(self.n)
+        self._take(self._at_start())
         start = self._evaluate(slave.surface.points)
         self._check_start(start)
         self.moving, self.held = True, None
         if linear:
             self._gap, self.H = start, self.jacobian(np.arange(len(self.row_nodes)))
             self.moving, self.held = False, self
+
+    def _at_start(self) -> ContactPoints:
+        """Points of the rows at the start."""
+        return self._all
+
+    def _take(self, points: ContactPoints) -> None:
+        """Set the present rows."""
+        self._points, self.sparse_mean = points, points.mean
+        self.mean, self.row_points = points.dense_mean, sp.find(points.mean)
+        self.shares = ((points.nodes, points.weights),)
+        self.row_nodes, self.area = points.row_nodes, points.area
+        self.at_edge = np.isin(self.row_nodes, self.slave.surface.rim)
 
     @property
     def carrier_pose(self) -> Array:
@@ -225,7 +234,7 @@ class RigidGaps(Gaps):
         """Derivative of the rates of some gaps, (na, 6), by velocity and angular velocity of the surface's carrier."""
         if self._pose is None:
             raise InputError("carrier_rows: nothing carries the surface")
-        arms = self._all.at(self.places_now()[0]) - self._pose()[0]
+        arms = self._points.at(self.places_now()[0]) - self._pose()[0]
         rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
         return rows[index] if self.mean is None else self.mean[index] @ rows
 
@@ -234,23 +243,30 @@ class RigidGaps(Gaps):
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
 
     def _evaluate(self, nodes: Array) -> Array:
-        x = self._all.at(nodes)
-        if self._pose is None:
-            gap, self.normals = self.surface.project(x)
-        else:
-            place, axes = self._pose()
-            self.evaluated_pose = np.concatenate([place, axes.ravel()])
-            gap, normals = self.surface.project((x - place) @ axes)
-            self.normals = normals @ axes.T
+        gap, self.normals = self._projected(self._points.at(nodes))
         return gap if self.mean is None else self.mean @ gap
+
+    def _projected(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and normals in space, (k, 3), at points in space, (k, 3) [m]."""
+        if self._pose is None:
+            return self.surface.project(x)
+        place, axes = self._pose()
+        self.evaluated_pose = np.concatenate([place, axes.ravel()])
+        gap, normals = self.surface.project((x - place) @ axes)
+        return gap, normals @ axes.T
+
+    def _direction(self, node: int) -> Array:
+        """Outward normal of the patch by which it faces the surface, (3,)."""
+        return self.slave.surface.direction
 
     def _check_start(self, gap: Array) -> None:
         deepest, surface = int(gap.argmin()), self.slave.surface
         self.approach = -self.normal[deepest]
-        self.faced = bool(self.approach @ surface.direction > 0)
-        if not self.faced and self.slave.kinematics.linear:
+        direction = self._direction(self.row_nodes[deepest])
+        self.faced = bool(self.approach @ direction > 0)
+        if not self.faced and (self.slave.kinematics.linear or surface.wanders):
             raise InputError(
-                f"master: the slave's patch, with outward normal {surface.direction}, faces away from the rigid "
+                f"master: the slave's patch, with outward normal {direction}, faces away from the rigid "
                 f"surface; the normal there is {-self.approach}. Turn the normal, or choose another patch"
             )
         if gap[deepest] < -PENETRATION_TOLERANCE * self.size:

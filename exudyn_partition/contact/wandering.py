@@ -13,11 +13,14 @@ import numpy as np
 
 from ..support.arrays import Array
 from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
+from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import closest_points
-from .patch_gaps import PatchGaps
+from .patch_gaps import PatchGaps, spread
+from .rigid import RigidGaps
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
+_SOON = 0.25  # of a facet's size: gaps to rigid surfaces that may close, and motion after which rows are chosen again
 
 
 class WanderingGaps(PatchGaps):
@@ -105,3 +108,76 @@ class WanderingGaps(PatchGaps):
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
         return self._near_parts(self._q).least if self._apart_by_far else self.project(x_s, x_m)[1]
+
+
+class WanderingRigidGaps(RigidGaps):
+    """Gaps of a patch over which contact wanders to a rigid surface; see `RigidGaps`.
+
+    Only rows that may close soon are present. They are chosen again when the patch has moved by a quarter of a facet.
+    """
+
+    def _at_start(self) -> ContactPoints:
+        self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
+        gap = self._projected(self.slave.surface.points)[0]
+        return self._rows(np.flatnonzero(gap <= gap.min() + _SOON * self.size))
+
+    def _direction(self, node: int) -> Array:
+        direction: Array = self.slave.surface.normals_at(np.array([[node]]), np.ones((1, 1)))[0]
+        return direction
+
+    def _rows(self, nodes: Array) -> ContactPoints:
+        return self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0]
+
+    def reset(self) -> None:
+        """Go back to the start, before a new run."""
+        self._chosen_at: Array | None = None
+        super().reset()
+
+    def at(self, q: Array) -> Array:
+        """See `Gaps.at`."""
+        self._q = q
+        if self._chosen_at is None or abs(self._here() - self._chosen_at).max() > self._reach:
+            self._choose(q)
+        return super().at(q)
+
+    def of_present(self, q: Array) -> Array:
+        """See `Gaps.of_present`."""
+        if self._chosen_at is None:
+            return self.at(q)
+        return super().at(q)
+
+    def _here(self) -> Array:
+        """Places of three nodes as seen from the surface, (3, 3) [m]."""
+        x = self.places_now()[0][self._witnesses]
+        if self._pose is None:
+            return x
+        place, axes = self._pose()
+        return (x - place) @ axes
+
+    def _choose(self, q: Array) -> None:
+        """Take the rows that may close until the patch has moved by `_reach`."""
+        gap = self._projected(self._whole.place(q))[0]
+        least, soon = float(gap.min()), _SOON * self.size
+        self._reach = max(soon, 0.25 * (least - 2 * soon))
+        nodes = np.flatnonzero(gap < 2 * soon)
+        facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
+        self.sides, self._placed_at = (self._whole.part(facets, self._witnesses),), None
+        self._take(self._rows(nodes))
+        self._flexible_at, self._beyond = None, max(least, 2 * soon) - self._reach
+        self._chosen_at = self._here()
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """See `Gaps.closing`; the last entry bounds all points without rows: the least gap, the largest speed."""
+        gap, rate, acceleration = super().closing(q, q_t, q_tt)
+        kinematics = self._whole.kinematics
+        velocity = kinematics.velocities(q, q_t)
+        if self._pose is not None and self._motion is not None:
+            moving, turning = self._motion()
+            velocity = velocity - moving - np.cross(turning, kinematics.place(q) - self._pose()[0])
+        speed = float(np.linalg.norm(velocity, axis=1).max())
+        return np.append(gap, self._beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
+
+    def surface_gap(self, q: Array) -> float:
+        """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
+        nodes = self._whole.place(q)
+        return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())

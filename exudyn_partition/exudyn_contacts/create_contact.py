@@ -13,9 +13,10 @@ from ..contact.formulations.choices import FormulationName, TwoPasses, formulati
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
 from ..contact.patch_gaps import PatchGaps
+from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..contact.side import Side
-from ..contact.wandering import WanderingGaps
+from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registered, validate_new_name
@@ -62,7 +63,7 @@ def CreatePartitionContact(
     ----------
     mbs : exudyn.MainSystem
     slave : PartitionBody
-    master : PartitionBody, RigidPlane, RigidSphere or RigidCylinder
+    master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder or RigidProfile
         Rigid surfaces are fixed in space, or to `masterBody`.
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
@@ -101,10 +102,10 @@ def CreatePartitionContact(
     bodies, contacts = partition_items(mbs)
     other = master if isinstance(master, PartitionBody) else None
     rigid = None if isinstance(master, PartitionBody) else master
-    if other is None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder)):
+    if other is None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder, RigidProfile)):
         raise InputError(
-            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere or RigidCylinder, got "
-            f"{type(master).__name__}"
+            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere, RigidCylinder or "
+            f"RigidProfile, got {type(master).__name__}"
         )
     if not isinstance(slave, PartitionBody):
         raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")
@@ -148,11 +149,13 @@ def CreatePartitionContact(
     if rigid is None:
         wanders = any(side.surface.wanders for side in placed)
         gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
-    elif masterBody is None:
-        gaps = RigidGaps(placed[0], rigid, rows)
     else:
-        gaps = RigidGaps(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody))
-        carrier = Carrier(mbs, masterBody)
+        to_rigid = WanderingRigidGaps if placed[0].surface.wanders else RigidGaps
+        if masterBody is None:
+            gaps = to_rigid(placed[0], rigid, rows)
+        else:
+            gaps = to_rigid(placed[0], rigid, rows, pose(mbs, masterBody), motion(mbs, masterBody))
+            carrier = Carrier(mbs, masterBody)
     law = chosen.law(gaps)
     if any(side.zone is not None for side in gaps.sides) and law.yielding is None:
         raise InputError(

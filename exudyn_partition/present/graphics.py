@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
@@ -99,6 +100,11 @@ def rigid_surfaces(contacts: Iterable[PartitionContact], places: Array) -> list[
             around = min(np.pi, 2 * half / surface.radius) * share[:, None, None]
             side = np.cos(around) * towards + np.sin(around) * np.cross(surface.axis, towards)
             grid = foot + surface.radius * side + half * share[:, None] * surface.axis
+        elif isinstance(surface, RigidProfile):
+            foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
+            around = np.linspace(0, len(surface.curve), len(share)).astype(int) % len(surface.curve)
+            side = surface.curve[around] @ surface.plane.T
+            grid = foot + side[:, None] + half * share[:, None] * surface.axis
         else:
             continue
         drawn.append(_grid(grid))

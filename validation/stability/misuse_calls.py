@@ -416,6 +416,22 @@ CALLS = {
     ),
     "RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),
     "RigidSphere": call(center=v.vector, radius=v.positive(1.0)),
+    "RigidProfile": call(
+        curve=Kind(
+            {
+                **v.NOTHING,
+                "three": [(0, 0), (1, 0), (0, 1)],
+                "flat": [(i, 0.0) for i in range(9)],
+                "closed twice": [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 20)],
+                "space": np.ones((9, 3)),
+                "no numbers": lambda angle: "circle",
+            }
+        )(lambda angle: np.column_stack([np.cos(angle), np.sin(angle)])),
+        point=v.vector,
+        axis=v.direction,
+        first=v.direction.or_none,
+        swaps=False,
+    ),
     "RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), swaps=False),
     "PartitionBody.CreateInterfaceMarker": call(of=_item, mbs=v.mbs, interface=v.choice("pin")),
     "PartitionBody.CreateSurfaceLoad": call(
@@ -733,7 +749,7 @@ NOT_CALLED = {
     "hertz.HertzImpact": _MADE_BY_US,
     "PartitionBody.is_in": _EVERY_STEP,
     "PartitionContact.slices": _EVERY_STEP,
-    **{f"{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder")},
+    **{f"{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder", "RigidProfile")},
     "PlasticState": _MADE_BY_US,
     **{f"PlasticState.{name}": _INSIDE for name in ("virgin", "at", "changed")},
     "Refine.n_elements": _INSIDE,
