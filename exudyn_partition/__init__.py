@@ -13,7 +13,8 @@ The way of a model, each step with what it takes from the one before::
     result.report("run.html")
 
 Around it: `hertz` (estimates before any mesh), `recovery` (strain, stress), `plot`, `output` (ParaView), `view`
-(Exudyn's renderer), `reference` (the full FE model), `compare`, `errors`. Units are SI: m, kg, s, N, Pa, Hz, rad.
+(Exudyn's renderer), `pyvista_view`, `reference` (the full FE model), `compare`, `errors`. Units are SI: m, kg, s, N,
+Pa, Hz, rad.
 
 Names are imported on first use, so that importing the package is instant and needs neither Exudyn nor NGSolve.
 """
@@ -65,6 +66,7 @@ _MODULES = {
     "hertz": "prediction.hertz",
     "output": "present.output",
     "plot": "present.plot",
+    "pyvista_view": "present.pyvista_view",
     "recovery": "reduction.recovery",
     "reference": "reference",
     "report": "results.compare",

@@ -23,7 +23,7 @@ from .meshing.ngsolve_fem import fe_model
 from .plasticity.flow import PlasticState
 from .prediction import hertz
 from .prediction.spectrum import amplitude_spectrum, truncation_frequency
-from .present import output, plot, view
+from .present import output, plot, pyvista_view, view
 from .present.view import CreatePartitionView
 from .reduction import recovery
 from .reduction.body import ReducedBody, load_body
@@ -81,6 +81,7 @@ __all__ = [
     "output",
     "plot",
     "progress",
+    "pyvista_view",
     "recovery",
     "reduce",
     "reduce_pair",

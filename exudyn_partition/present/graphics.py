@@ -1,19 +1,30 @@
-"""Exudyn's graphics data of what stands beside the bodies: the scale of colours, and rigid surfaces."""
+"""What is drawn: bodies with a field; and as Exudyn's graphics data the scale of colours and rigid surfaces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere
+from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
+from ..support.checks import validate_choice, validate_integer
+from .output import BodyFields, Shown, contact_loads, shown_bodies
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
+
+ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
+UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
+COLOURS = "viridis"
+WINDOW = (1024, 768)
+_MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
 
 _STEPS = 32  # of the colour bar, and of a surface along each side
 _GREY = (0.6, 0.6, 0.63, 1.0)
@@ -26,6 +37,48 @@ def peak_time(result: Result) -> float:
     """Time of the largest contact force, or of the last sample if there is no contact [s]."""
     forces = [contact.force(result) for contact in result.contacts]
     return float(result.t[int(np.argmax(np.max(forces, axis=0)))] if forces else result.t[-1])
+
+
+def pieces_of(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None, field: ViewField) -> list[BodyFields]:
+    """Surfaces of the bodies to draw, by default all that are `held`, with what a picture of `field` needs."""
+    validate_choice("field", field, UNITS)
+    return [BodyFields(entry, ("displacement", "deformation", field), surface=True)
+            for entry in shown_bodies(held, bodies)]  # fmt: skip
+
+
+def fields_at(
+    result: Result, pieces: Sequence[BodyFields], now: Callable[[], int]
+) -> Callable[[BodyFields], dict[str, Array]]:
+    """Return a function of a piece that returns its fields at the sample whose number `now` returns."""
+    loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
+    histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
+
+    def fields(piece: BodyFields) -> dict[str, Array]:
+        i = now()
+        q, q_t = histories[id(piece)]
+        return piece.fields(q[i], q_t[i], piece.forces(loads, i))
+
+    return fields
+
+
+def drawn_fields(
+    pieces: Sequence[BodyFields], fields: Callable[[BodyFields], dict[str, Array]], field: ViewField, scale: float
+) -> tuple[list[Array], list[Array]]:
+    """Places of the pieces' nodes, (n, 3) [m], their deformation scaled, and the magnitudes of a field there, (n,)."""
+    places, values = [], []
+    for piece in pieces:
+        data = fields(piece)
+        places.append(piece.points + data["displacement"] + (scale - 1) * data["deformation"])
+        colour = data[field]
+        values.append(colour if colour.ndim == 1 else np.linalg.norm(colour, axis=1))
+    return places, values
+
+
+def validate_pixels(size: tuple[int, int]) -> list[int]:
+    """Check width and height of a picture."""
+    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or len(size) != 2:
+        raise InputError(f"size: expected width and height in pixels, such as {WINDOW}, got {size!r}")
+    return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
 
 
 def colour_bar(

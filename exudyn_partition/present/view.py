@@ -15,7 +15,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -38,17 +37,25 @@ from ..support.checks import (
 )
 from ..support.foreign import ItemIndex, MainSystem, ObjectIndex, SystemContainer
 from ..support.optional import require
-from .graphics import GraphicsData, colour_bar, peak_time, rigid_surfaces
-from .output import BodyFields, Shown, contact_loads, shown_bodies
+from .graphics import (
+    COLOURS,
+    UNITS,
+    WINDOW,
+    GraphicsData,
+    ViewField,
+    colour_bar,
+    drawn_fields,
+    fields_at,
+    peak_time,
+    pieces_of,
+    rigid_surfaces,
+    validate_pixels,
+)
+from .output import BodyFields, Shown
 
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
 Contacts = Callable[[MainSystem], Sequence[PartitionContact]]
 
-ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
-UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
-_COLOURS = "viridis"
-_WINDOW = (1024, 768)
-_MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
 _LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
 _AMBIENT = 0.8  # brightness without light: shadows must not look like small values
 _MARGIN = 0.6  # half of a picture's height, relative to the diagonal of the bodies
@@ -94,7 +101,7 @@ def CreatePartitionView(
     validate_choice("field", field, [name for name in UNITS if name != "von_mises"])
     configuration = require("exudyn").ConfigurationType.Visualization
     held = partition_items(mbs)[0]
-    pieces = _pieces(shown_bodies(held, bodies), field)
+    pieces = pieces_of(held, bodies, field)
     for piece in pieces:
         if not any(piece.item is item for item in held):
             raise InputError(
@@ -124,7 +131,7 @@ def picture(
     scale: float = 1.0,
     limits: Sequence[float] | None = None,
     rotation: Vector = (-1.2, 0.0, 0.3),
-    size: tuple[int, int] = _WINDOW,
+    size: tuple[int, int] = WINDOW,
 ) -> Array:
     """Picture of a run's bodies by Exudyn's software raytracer, which needs no screen.
 
@@ -156,7 +163,7 @@ def picture(
     validate_result(result)
     frame = result.at([peak_time(result) if time is None else validate_number("time", time, "a time in s")])
     turn = Rotation.from_rotvec(validate_vector("rotation", rotation).tolist())
-    pixels = _pixels(size)
+    pixels = validate_pixels(size)
     SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
     general, view = SC.visualizationSettings.general, SC.visualizationSettings.view0
     view.window.renderWindowSize = pixels
@@ -228,18 +235,6 @@ def show(
     SC.renderer.Stop()
 
 
-def _pieces(bodies: Sequence[Shown], field: ViewField) -> list[BodyFields]:
-    validate_choice("field", field, UNITS)
-    return [BodyFields(entry, ("displacement", "deformation", field), surface=True) for entry in bodies]
-
-
-def _pixels(size: tuple[int, int]) -> list[int]:
-    """Check width and height of a picture."""
-    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or len(size) != 2:
-        raise InputError(f"size: expected width and height in pixels, such as {_WINDOW}, got {size!r}")
-    return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
-
-
 def _scene(
     result: Result,
     now: Callable[[], int],
@@ -252,16 +247,9 @@ def _scene(
     """System container and model with only the bodies, drawn at the sample whose number `now` returns."""
     SC = require("exudyn").SystemContainer()
     mbs = SC.AddSystem()
-    pieces = _pieces(shown_bodies(result.bodies, bodies), field)
-    loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
-    histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
-
-    def fields(mbs: MainSystem, piece: BodyFields) -> dict[str, Array]:
-        i = now()
-        q, q_t = histories[id(piece)]
-        return piece.fields(q[i], q_t[i], piece.forces(loads, i))
-
-    _add(mbs, pieces, fields, field, scale, limits, lambda mbs: result.contacts, turn)
+    pieces = pieces_of(result.bodies, bodies, field)
+    at_sample = fields_at(result, pieces, now)
+    _add(mbs, pieces, lambda mbs, piece: at_sample(piece), field, scale, limits, lambda mbs: result.contacts, turn)
     mbs.Assemble()
     return SC, mbs
 
@@ -303,16 +291,11 @@ def _graphics(
     contacts: Sequence[PartitionContact],
 ) -> list[GraphicsData]:
     """Exudyn's graphics data of the deformed surfaces, of rigid surfaces, and of the scale of the colours."""
-    places, values = [], []
-    for piece in pieces:
-        data = fields(piece)
-        places.append(piece.points + data["displacement"] + (scale - 1) * data["deformation"])
-        colour = data[field]
-        values.append(colour if colour.ndim == 1 else np.linalg.norm(colour, axis=1))
+    places, values = drawn_fields(pieces, fields, field, scale)
     least, largest = (
         (min(v.min() for v in values), max(v.max() for v in values)) if limits is None else map(float, limits)
     )
-    colours = require("matplotlib").colormaps[_COLOURS]
+    colours = require("matplotlib").colormaps[COLOURS]
     drawn: list[GraphicsData] = []
     for piece, place, value in zip(pieces, places, values, strict=True):
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))

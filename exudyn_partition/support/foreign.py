@@ -39,5 +39,7 @@ NGSolveObject = _Unknown  # a vector, matrix or coefficient function
 MeshioMesh = _Unknown  # meshio.Mesh
 Axes = _Unknown  # matplotlib.axes.Axes
 Figure = _Unknown  # matplotlib.figure.Figure
+Plotter = _Unknown  # pyvista.Plotter
+PolyData = _Unknown  # pyvista.PolyData
 ProgressBar = _Unknown  # rich.progress.Progress
 JSON = _Unknown  # a value in the types of JSON, from a file

@@ -206,6 +206,14 @@ _size = Kind(
     {**v.NOTHING, "one": (1,), "negative": (-1, 5), "halves": (1.5, 2.5), "huge": (10**6, 10**6), "nan": (v.nan, 1)},
     (32, 24),
 )
+_SCENE = {
+    "result": v.own_result,
+    "time": v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
+    "bodies": _bodies,
+    "field": v.choice("velocity"),
+    "scale": v.positive.but(**{"1e300": 1e300}),
+    "limits": _limits,
+}
 _rotation = Kind(
     {
         "text": "x",
@@ -711,16 +719,7 @@ CALLS = {
         scale=v.positive.but(**{"1e300": 1e300}),
         limits=_limits,
     ),
-    "view.picture": call(
-        result=v.own_result,
-        time=v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
-        bodies=_bodies,
-        field=v.choice("velocity"),
-        scale=v.positive.but(**{"1e300": 1e300}),
-        limits=_limits,
-        rotation=v.vector,
-        size=_size,
-    ),
+    "view.picture": call(**_SCENE, rotation=v.vector, size=_size),
     "view.show": call(
         result=v.own_result,
         bodies=_bodies,
@@ -730,6 +729,14 @@ CALLS = {
         times=v.times(2),
         period=v.positive,
         cycles=v.count.or_none(1),
+    ),
+    "pyvista_view.plotter": call(**_SCENE, size=_size),
+    "pyvista_view.turntable": call(
+        path=v.path_out(Made(lambda s: s.folder / "turn.gif")),
+        **_SCENE,
+        size=_size((80, 60)),
+        frames=v.count.but(one=1, beyond=10**6)(2),
+        period=v.positive,
     ),
     "progress": call(title=v.text, after=v.number.but(negative=-1.0)(0.0)),
 }
