@@ -5,9 +5,10 @@ from pathlib import Path
 import exudyn as exu
 import netgen.occ as occ
 import pytest
-from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, TOP, box, end, hexahedra, write
+from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, TOP, box, end, hexahedra, without_numba, write
 
 import exudyn_partition as ep
+from exudyn_partition.support.compiled import compiles
 
 TESTS = Path(__file__).parent
 LONG = ("examples", "validation")  # folders of files that take a minute or more
@@ -160,3 +161,15 @@ def impact(mbs, bodies):
     contact = ep.CreatePartitionContact(mbs, striker, target, name="tip", rows="node-to-segment")
     mbs.Assemble()
     return mbs, striker, target, contact
+
+
+@pytest.fixture(params=["compiled", "numpy"])
+def each_path(request):
+    """Run a test twice: with compiled inner loops, and without numba."""
+    if request.param == "compiled":
+        if not compiles():
+            pytest.skip("numba does not load here")
+        yield
+    else:
+        with without_numba():
+            yield

@@ -1,16 +1,21 @@
 """What several tests share: small bodies by their measures, models of a few lines, dense answers to compare with."""
 
+import contextlib
+import sys
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import meshio
 import netgen.occ as occ
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.support.compiled import compiles, kernels
 
 SPHERE_RADIUS = 0.010  # of the fixtures `sphere`, `other_sphere` and `ball` [m]
 MARBLE_RADIUS = 5e-3  # [m]
@@ -155,3 +160,28 @@ def add_force(mbs, item, vector):
             nodeNumbers=item.nodes, forceVector=load, visualization=items.VObjectGenericODE2(show=False)
         )
     )
+
+
+@contextlib.contextmanager
+def without_numba():
+    """Let inner loops run in NumPy, as if numba were not installed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "numba", None)
+        _look_again()
+        assert not compiles()
+        yield
+    _look_again()
+
+
+def _look_again():
+    for cached in (compiles, kernels):
+        cached.cache_clear()
+
+
+def each_way(work):
+    """What a function returns with compiled inner loops, and with those in NumPy."""
+    if not compiles():
+        pytest.skip("numba does not load here")
+    compiled = work()
+    with without_numba():
+        return compiled, work()

@@ -13,8 +13,10 @@ from scipy.linalg import lapack
 
 from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
+from ..support.compiled import kernels
 
 _REGULARISATION = 1e-9  # of the mean diagonal
+_ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
 PATIENCE = 10  # block steps without progress before single pivots begin
 
 
@@ -88,13 +90,17 @@ class Complementarity:
         self.active, self.index = active, np.flatnonzero(active)
         self._factor: Array | None = None  # made when it is needed
 
-    def solve_active(self, rhs: Array) -> Array:
-        """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
+    def _active_factor(self) -> Array:
+        """Lower factor of Cholesky of the active part, (na, na)."""
         if self._factor is None:
-            self._factor, info = lapack.dpotrf(self.F[np.ix_(self.index, self.index)], lower=1, overwrite_a=1)
+            self._factor, info = lapack.dpotrf(self.F[np.ix_(self.index, self.index)], lower=1)
             if info:
                 raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
-        solution: Array = lapack.dpotrs(self._factor, rhs, lower=1)[0]
+        return self._factor
+
+    def solve_active(self, rhs: Array) -> Array:
+        """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
+        solution: Array = lapack.dpotrs(self._active_factor(), rhs, lower=1)[0]
         return solution
 
     def forces(self, h: Array) -> tuple[Array, Array]:
@@ -105,6 +111,16 @@ class Complementarity:
         active = self.solve_active(-h[index])
         lam[index] = active
         return lam, h + self.F[:, index] @ active
+
+    def _check(self, h: Array) -> tuple[Array, Array, int]:
+        """Forces on the present active set, which rows violate their condition, (nc,) each, and how many do."""
+        if loops := kernels("algebra"):
+            rows = self.F if self.F.flags.c_contiguous else self.F.T  # the same, because F is symmetric
+            lam, wrong, count = loops.check_active(rows, self._active_factor().T, self.index, h, _ROUNDING)
+            return lam, wrong, count
+        lam, w = self.forces(h)
+        wrong = np.where(self.active, lam < 0.0, w < -_ROUNDING * (abs(h).max() + 1e-300))
+        return lam, wrong, int(np.count_nonzero(wrong))
 
     def solve(self, h: Array) -> Array:
         """Return lambda, (nc,), for h, (nc,).
@@ -124,10 +140,7 @@ class Complementarity:
         fewest, patience = len(h) + 1, PATIENCE
         for _ in range(50 + 20 * len(h)):
             self.iterations += 1
-            lam, w = self.forces(h)
-            scale = abs(h).max() + 1e-300
-            wrong = np.where(self.active, lam < 0.0, w < -1e-12 * scale)
-            count = int(np.count_nonzero(wrong))
+            lam, wrong, count = self._check(h)
             if not count:
                 return lam
             if count < fewest:

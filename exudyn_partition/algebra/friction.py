@@ -14,6 +14,7 @@ from scipy.linalg import lapack
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .complementarity import Complementarity
 from .friction_sweeps import sweep
 
@@ -116,7 +117,7 @@ class FrictionProblem:
         self.index = index
         self._open = np.delete(np.arange(len(self.state)), index)
         places = (3 * index[:, None] + np.arange(3)).ravel()
-        columns = self.F[:, places]
+        self._columns = columns = self.F[:, places]
         self._onto_open = columns[3 * self._open]
         self._closed = _ClosedRows(columns[places], self._inverse[index].ravel())
 
@@ -156,6 +157,13 @@ class FrictionProblem:
             f"not while the coefficients rose from zero to {mu.max():g}, and not after {sum(_SWEEPS)} sweeps. Rows are "
             "nearly redundant, or friction is too high"
         )
+
+    def moved_by(self, lam: Array) -> Array:
+        """How far forces, (nr, 3) [N], move the rows, F lambda, (nr, 3) [m]; most of them are on closed rows."""
+        closed = lam[self.index]
+        elsewhere = np.count_nonzero(lam) > np.count_nonzero(closed)
+        moved = self.F @ lam.ravel() if elsewhere else self._columns @ closed.ravel()
+        return np.asarray(moved).reshape(-1, 3)
 
     def _continue(self, h: Array, mu: Array) -> bool:
         """Let friction rise from zero in steps, each of which begins at the last answer; return whether it settled."""
@@ -290,6 +298,10 @@ class _ClosedRows:
     def residual(self, lam: Array) -> float:
         """Largest force that the law leaves unbalanced [N]."""
         value = self._h + self._F @ lam
+        if loops := kernels("algebra"):
+            self._value, law = value, loops.friction_residual(value, lam, self._mu)
+            self._x1, self._x2, self._length, self._bound, largest = law
+            return float(largest)
         self._x1, self._x2 = x1, x2 = lam[1::3] - value[1::3], lam[2::3] - value[2::3]
         self._length = length = np.sqrt(x1 * x1 + x2 * x2)
         self._bound = bound = self._mu * np.maximum(lam[::3], 0.0)

@@ -18,6 +18,7 @@ from ..meshing.mesh_size import Refine
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import impact
 from ..reduction.reduction import reduce
+from ..support.compiled import compiles
 from ..support.optional import require
 
 _PACKAGES = ("exudyn", "ngsolve", "numpy", "scipy", "meshio", "matplotlib", "rich", "platformdirs", "threadpoolctl")
@@ -36,12 +37,19 @@ def doctor(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
             versions[package] = metadata.version(package)
         except ImportError as error:  # also PackageNotFoundError
             missing[wanted.get(package, package)] = str(error)  # it may be there, but miss a library that it needs
-    found: dict[str, object] = {"versions": versions}
+    found: dict[str, object] = {"versions": versions, "contact_loops": contact_loops()}
     if missing:
         line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
         return 1, found | {"missing": missing, "install": line}
     found["self_test"] = test = _self_test()
     return int(not test["passed"]), found
+
+
+def contact_loops() -> str:
+    """What evaluates contact."""
+    if compiles():
+        return f"compiled by numba {metadata.version('numba')}"
+    return 'NumPy; pip install "exudyn-partition[fast]" compiles them'
 
 
 def _requirements() -> list[str]:

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.products import congruence
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
-from ..surfaces.points import ContactPoints
+from ..surfaces.points import ContactPoints, at_points, on_nodes
 from ..surfaces.rows import directed_matrix, point_matrix
 from .side import Side
 
@@ -77,8 +78,10 @@ class Gaps:
         Whether rows follow the motion. If not, their gaps are linear in the coordinates.
     held : object
         An object; each time that rows are frozen, it is a new one.
+    points : ContactPoints
+        Points of the present rows. While rows move, only those are present that can touch soon.
     row_nodes : (nr,) int array
-        Node of the slave's patch for each present row. While rows move, only those that can touch soon are present.
+        Node of the slave's patch for each present row.
     area : (nr,) array
         Area that each row stands for [m2].
     at_edge : (nr,) bool array
@@ -103,6 +106,7 @@ class Gaps:
     size: float
     moving: bool
     held: object
+    points: ContactPoints
     row_nodes: Array
     area: Array
     at_edge: Array
@@ -114,9 +118,6 @@ class Gaps:
     searches: int = 0
     H: Rows
     _all: ContactPoints  # of the slave
-    mean: Array | None  # (nr, p): rows by points; None if each row is one point
-    sparse_mean: sp.csr_matrix  # the same, also if each row is one point
-    row_points: tuple[Array, Array, Array]  # the same as triplets: rows, points and weights
     _flexibility: Array  # of all present rows
     _flexible_at: Standing | None = None
     _flexible_index: Array  # some present rows, and the flexibility between them
@@ -191,10 +192,8 @@ class Gaps:
     @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each present row."""
-        if self.mean is None:
-            return self.normals
         if self._normal_of is not self.normals:
-            self._normal, self._normal_of = self.mean @ self.normals, self.normals
+            self._normal, self._normal_of = self.points.average(self.normals), self.normals
         return self._normal
 
     @property
@@ -255,7 +254,7 @@ class Gaps:
         """Derivative of the gaps of some present rows by the coordinates, (na, n), pairs held."""
         if not self.moving:
             return self.H[index]
-        mean, parts = self.sparse_mean[index], []
+        mean, parts = self.points.mean[index], []
         for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
             G = directed_matrix(nodes, weights, self.normals, len(side.surface.points))
             parts.append(side.on_coordinates(q, mean @ G))
@@ -267,28 +266,18 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
-        at_points = lam if self.mean is None else lam @ self.mean
-        active = np.flatnonzero(at_points)
-        return self.on_nodes(active, at_points[active, None] * self.normals[active])
+        return self.on_nodes(self.points.spread(lam)[:, None] * self.normals)
 
-    def on_nodes(self, active: Array, forces: Array) -> list[Array]:
+    def on_nodes(self, forces: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N].
 
         Parameters
         ----------
-        active : (k,) int array
-            Some of the present points.
-        forces : (k, 3) array
-            Forces on the slave at these points, in axes of space [N].
+        forces : (p, 3) array
+            Forces on the slave at the present points, in axes of space [N].
         """
-        result = []
-        for (nodes, weights), side in zip(self.shares, self.sides, strict=True):
-            at, share, n = nodes.take(active, axis=0).ravel(), weights.take(active, axis=0), len(side.surface.points)
-            on_nodes = np.empty((n, 3))
-            for axis in range(3):  # np.add.at takes several times as long
-                on_nodes[:, axis] = np.bincount(at, (share * forces[:, axis, None]).ravel(), minlength=n)
-            result.append(on_nodes)
-        return result
+        sides = zip(self.shares, self.sides, strict=True)
+        return [on_nodes(*shares, forces, len(side.surface.points)) for shares, side in sides]
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
@@ -304,13 +293,11 @@ class Gaps:
 
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
-        at_points = lam if self.mean is None else lam @ self.mean
-        return self.moment_of(at_points[:, None] * self.normals, point)
+        return self.moment_of(self.points.spread(lam)[:, None] * self.normals, point)
 
     def moment_of(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""
-        (nodes, weights), x = self.shares[0], self.places_now()[0]
-        arms = np.einsum("pk,pkd->pd", weights, x[nodes]) - point
+        arms = at_points(*self.shares[0], self.places_now()[0]) - point
         return total_moment(arms, forces)
 
     def flexibility(self, index: Array) -> Array:
@@ -337,7 +324,7 @@ class Gaps:
         raise NotImplementedError
 
     def _all_flexibility(self) -> Array:
-        row, point, share = self.row_points
+        row, point, share = self.points.triplets
         n_rows = len(self.row_nodes)
         F = np.zeros((n_rows, n_rows))
         for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
@@ -352,7 +339,7 @@ class Gaps:
                 weights = (weights[:, :, None] * along[:, None, :]).reshape(len(row), -1)
             cells = (column + len(used) * row[:, None]).ravel()
             rows = np.bincount(cells, weights.ravel(), minlength=n_rows * len(used)).reshape(n_rows, len(used))
-            F += rows @ np.asarray(side.flexibility)[np.ix_(used, used)] @ rows.T
+            F += congruence(rows, np.asarray(side.flexibility)[np.ix_(used, used)])
         return F
 
     def side_rows(self, side: int) -> Rows:
@@ -364,7 +351,7 @@ class Gaps:
         else:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
-        return self.sparse_mean @ rows
+        return self.points.mean @ rows
 
 
 def dense(matrix: Rows) -> Array:

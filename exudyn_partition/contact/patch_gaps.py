@@ -18,10 +18,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from ..surfaces.pairs import MovingPairs
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
@@ -107,14 +107,12 @@ class PatchGaps(Gaps):
 
     def _take(self, points: ContactPoints, at_edge: Array) -> None:
         """Set the present rows."""
-        self._points, self.sparse_mean = points, points.mean
-        self.mean, self.row_points = points.dense_mean, sp.find(points.mean)
-        self.row_nodes, self.area, self.at_edge = points.row_nodes, points.area, at_edge
+        self.points, self.row_nodes, self.area, self.at_edge = points, points.row_nodes, points.area, at_edge
         self._flexible_at = None
 
     def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
         """Set what the present points face: nodes and weights, (p, k), and normals, (p, 3), of the master."""
-        self.shares = (self._points.nodes, self._points.weights), (nodes, -weights)
+        self.shares = (self.points.nodes, self.points.weights), (nodes, -weights)
         self.normals = normals
 
     def _drift_rows(self, rows: ContactRows) -> Array:
@@ -205,8 +203,12 @@ class PatchGaps(Gaps):
 
     def _placed(self, x_s: Array, x_m: Array) -> Array:
         """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
-        origin, axes = _triangle_frame(x_m[self._witnesses[1]])
-        here = (x_s[self._witnesses[0]] - origin) @ axes
+        some, others = self._witnesses
+        if loops := kernels("contact"):
+            here: Array = loops.seen_from(x_s, some, x_m, others)
+        else:
+            origin, axes = _triangle_frame(x_m[others])
+            here = (x_s[some] - origin) @ axes
         if not math.isfinite(here.sum()):
             raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
         return here
@@ -243,7 +245,7 @@ class PatchGaps(Gaps):
         every = self._every
         self._pairs.rest()
         found, gap = self._followed(every.points, np.arange(len(every.facet)), x_s, x_m)
-        row_gap = every.points.mean @ gap
+        row_gap = every.points.average(gap)
         if near is None:
             near = min(_needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
         chosen = row_gap < near
@@ -251,7 +253,7 @@ class PatchGaps(Gaps):
         self._take(points, every.at_edge[chosen])
         self._meet_followed(found.part(self._followed_points))
         # Change of the gaps to first order in the slave's rigid motion as seen from the master.
-        normals = (every.points.mean @ found.normal) @ _triangle_frame(x_m[self._witnesses[1]])[1]
+        normals = every.points.average(found.normal) @ _triangle_frame(x_m[self._witnesses[1]])[1]
         turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
         order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
         self._rigidly = np.hstack([normals, turning])[order]
@@ -266,20 +268,23 @@ class PatchGaps(Gaps):
         Their gaps are estimated from rigid motion. Deformation and curvature make an error. For rows that are not
         followed, the error is taken as twice the largest error of the followed rows.
         """
+        most = _NEAR * self.size
+        if loops := kernels("contact"):
+            return bool(loops.others_close(gap, self._from, self._rigidly, self._pose, here, BULGE, most))
         rigid = self._from + self._rigidly @ (_pose(here) - self._pose)
         off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
         nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
-        return bool(nearest < min(_needed(gap), _NEAR * self.size))
+        return bool(nearest < min(_needed(gap), most))
 
     def _follow(self, x_s: Array, x_m: Array) -> Array:
         """Gaps of the present rows, (nr,) [m]."""
-        found, gap = self._followed(self._points, self._followed_points, x_s, x_m)
+        found, gap = self._followed(self.points, self._followed_points, x_s, x_m)
         self._meet_followed(found)
-        return gap if self.mean is None else self.mean @ gap
+        return self.points.average(gap)
 
     def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
         """Projections of some of the pairs, and their gaps, (p,) [m]."""
-        found, gone = self._pairs.follow(index, points.at(x_s), x_m)
+        found, gone = self._pairs.follow(points, index, x_s, x_m)
         return found, np.where(gone, self.size, found.gap) if gone.any() else found.gap
 
     def _meet_followed(self, found: Projection) -> None:

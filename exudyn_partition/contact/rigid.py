@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
 from ..support.arrays import Array, Vector
@@ -182,9 +181,7 @@ class RigidGaps(Gaps):
 
     def _take(self, points: ContactPoints) -> None:
         """Set the present rows."""
-        self._points, self.sparse_mean = points, points.mean
-        self.mean, self.row_points = points.dense_mean, sp.find(points.mean)
-        self.shares = ((points.nodes, points.weights),)
+        self.points, self.shares = points, ((points.nodes, points.weights),)
         self.row_nodes, self.area = points.row_nodes, points.area
         self.at_edge = np.isin(self.row_nodes, self.slave.surface.rim)
 
@@ -234,17 +231,17 @@ class RigidGaps(Gaps):
         """Derivative of the rates of some gaps, (na, 6), by velocity and angular velocity of the surface's carrier."""
         if self._pose is None:
             raise InputError("carrier_rows: nothing carries the surface")
-        arms = self._points.at(self.places_now()[0]) - self._pose()[0]
+        arms = self.points.at(self.places_now()[0]) - self._pose()[0]
         rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
-        return rows[index] if self.mean is None else self.mean[index] @ rows
+        return self.points.average(rows)[index]
 
     def stance(self) -> Array:
         """See `Gaps.stance`."""
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
 
     def _evaluate(self, nodes: Array) -> Array:
-        gap, self.normals = self._projected(self._points.at(nodes))
-        return gap if self.mean is None else self.mean @ gap
+        gap, self.normals = self._projected(self.points.at(nodes))
+        return self.points.average(gap)
 
     def _projected(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and normals in space, (k, 3), at points in space, (k, 3) [m]."""

@@ -13,11 +13,14 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.products import congruence
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
+from ..support.compiled import kernels
+from ..surfaces.points import at_points
 from ..surfaces.surface import cross
 from .gaps import SAME, Gaps, Standing, dense, joined
 from .side import Side
@@ -153,8 +156,8 @@ class TangentialRows:
         """Mean place of each row's points, relative to the master if that is a patch, (nr, 3) [m]."""
         gaps = self.gaps
         parts = zip(gaps.shares, places, strict=True)
-        at_points = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in parts)
-        return np.asarray(at_points if gaps.mean is None else gaps.mean @ at_points)
+        apart = [at_points(nodes, weights, x) for (nodes, weights), x in parts]
+        return gaps.points.average(apart[0] if len(apart) == 1 else apart[0] + apart[1])
 
     def _carried(self, offsets: Array, then: list[Array]) -> Array:
         """Where offsets, (nr, 3), of the coordinates `then` would be now if they had moved with the master."""
@@ -195,14 +198,18 @@ class TangentialRows:
 
     def _node_weights(self, place: int, index: Array) -> tuple[Array, Array]:
         """Nodes of one side's patch that some rows have, (k,), and their signed weights in each row, (na, k)."""
-        row, point, share = self.gaps.row_points
+        row, point, share = self.gaps.points.triplets
         nodes, weights = self.gaps.shares[place]
-        n_rows, n = len(self.gaps.row_nodes), len(self.gaps.sides[place].surface.points)
-        present = np.bincount(nodes.ravel(), minlength=n) > 0
-        used, column = np.flatnonzero(present), np.cumsum(present) - 1
+        n_rows, (used, column) = len(self.gaps.row_nodes), self._used(place)
         cells = column[nodes[point]] + len(used) * row[:, None]
         found = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
         return used, found.reshape(n_rows, len(used))[index]
+
+    def _used(self, place: int) -> tuple[Array, Array]:
+        """Nodes of one side's patch that the present rows have, (k,), and the number among them of each node, (np,)."""
+        nodes = self.gaps.shares[place][0]
+        present = np.bincount(nodes.ravel(), minlength=len(self.gaps.sides[place].surface.points)) > 0
+        return np.flatnonzero(present), np.cumsum(present) - 1
 
     def side_rows(self, place: int) -> Array:
         """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np)."""
@@ -215,6 +222,12 @@ class TangentialRows:
         """Nodes of one side's patch, (k,), and some rows on their flexibility coordinates, (3 na, 3 k)."""
         side, q = self.gaps.sides[place], self.gaps.coordinates[place]
         in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
+        if loops := kernels("contact"):
+            mean, (nodes, weights) = self.gaps.points.mean, self.gaps.shares[place]
+            used, column = self._used(place)
+            normals = side.kinematics.in_frame(q, self.gaps.normals)
+            triple = mean.indptr, mean.indices, mean.data
+            return used, loops.directed_rows(*triple, index, column[nodes], weights, normals, in_body, len(used))
         used, weights = self._node_weights(place, index)
         normal = sp.csr_matrix(self.gaps.side_rows(place)[index])[:, node_dofs(used)].toarray()
         return used, np.asarray(_interleaved(normal, _directed(weights, in_body)))
@@ -248,7 +261,7 @@ class TangentialRows:
         if known is None or not same or not _nearly_equal(known[2], rows):
             few = np.flatnonzero(rows.any(axis=0))
             dofs, some = node_dofs(used)[few], rows[:, few]
-            known = self._parts[place] = self.gaps.sides[place], used, rows, some @ F[np.ix_(dofs, dofs)] @ some.T
+            known = self._parts[place] = self.gaps.sides[place], used, rows, congruence(some, F[np.ix_(dofs, dofs)])
         return known[3]
 
     def carrier_rows(self, index: Array) -> Array:
@@ -265,17 +278,15 @@ class TangentialRows:
     def at_points(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], of forces along the directions of rows, (nr, 3)."""
         gaps = self.gaps
-        vectors = self.in_space(lam[:, 1:])
-        if gaps.mean is None:
-            return np.asarray(lam[:, :1] * gaps.normals + vectors)
-        return np.asarray((lam[:, 0] @ gaps.mean)[:, None] * gaps.normals + gaps.mean.T @ vectors)
+        pushed = gaps.points.spread(np.hstack([lam[:, :1], self.in_space(lam[:, 1:])]))
+        return np.asarray(pushed[:, :1] * gaps.normals + pushed[:, 1:])
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], of forces along the rows, (nr, 3) [N]."""
         forces = self.at_points(lam)
-        active = np.flatnonzero(forces.any(axis=1))
-        on_nodes = self.gaps.on_nodes(active, forces[active])
+        on_nodes = self.gaps.on_nodes(forces)
         if len(on_nodes) == 2 and not self.gaps.sides[1].kinematics.linear:
+            active = np.flatnonzero(forces.any(axis=1))
             on_nodes[1] += self._couple_on_master(active, forces[active])
         return on_nodes
 
@@ -287,8 +298,8 @@ class TangentialRows:
         """
         (nodes, weights), (master_nodes, master_weights) = self.gaps.shares
         x, x_m = self.gaps.places_now()
-        apart = np.einsum("pk,pkd->pd", weights[active], x[nodes[active]])
-        apart += np.einsum("pk,pkd->pd", master_weights[active], x_m[master_nodes[active]])
+        apart = at_points(nodes[active], weights[active], x)
+        apart += at_points(master_nodes[active], master_weights[active], x_m)
         followed = self.gaps.sides[1].active
         held = np.arange(len(x_m)) if followed is None else followed
         arms = x_m[held] - x_m[held].mean(axis=0)

@@ -220,7 +220,7 @@ class ContactResults(PlasticResults):
             return None
         large, rows = large[touching], rows[touching]
         places = self.slave.body.points[self.law.gaps.slave.surface.nodes]
-        axes = semi_axes(rows, places, areas, self.law.gaps.mean is not None)
+        axes = semi_axes(rows, places, areas, not self.law.gaps.points.nodal)
         peak = int((force[large] / axes.prod(axis=1)).argmax())
         whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
         load, (a, b) = float(force[large[peak]]), map(float, axes[peak])

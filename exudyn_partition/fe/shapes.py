@@ -80,12 +80,18 @@ def _derivative(value: Array, axis: int) -> Array:
 def _table(polynomials: Array) -> Array:
     """(6 or 10, 3n) array: coefficients of all values, then of the derivatives by r, then by s."""
     value = polynomials.T
-    return np.hstack([value, _derivative(value, 0), _derivative(value, 1)])
+    return np.ascontiguousarray(np.hstack([value, _derivative(value, 0), _derivative(value, 1)]))
 
 
 _COEFFICIENTS = {n: np.array(p, dtype=float) for n, p in _POLYNOMIALS.items()} | {10: _cubic_polynomials()}
-_TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _COEFFICIENTS.items()}
+TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _COEFFICIENTS.items()}
 _BENDS = np.stack([_derivative(_derivative(_COEFFICIENTS[10].T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))], axis=2)
+
+# Coefficients of the second derivatives by rr, rs and ss of all shape functions, (6 or 10, 3n).
+BEND_TABLES = {
+    n: np.ascontiguousarray(np.hstack([_derivative(_derivative(p.T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))]))
+    for n, p in _COEFFICIENTS.items()
+}
 
 # Second derivatives by rr, rs and ss, the same everywhere in a facet that is not cubic, (n, 3).
 _SECOND_DERIVATIVES = {n: p[:, 3:] * [2, 1, 2] for n, p in _COEFFICIENTS.items() if n != 10}
@@ -130,7 +136,7 @@ def shape_functions(local: Array, n_nodes: int) -> Array:
     (k, 3, n_nodes) array
         Values, derivatives by r, derivatives by s.
     """
-    return (_monomials(local, n_nodes) @ _TABLES[n_nodes]).reshape(len(local), 3, n_nodes)
+    return (_monomials(local, n_nodes) @ TABLES[n_nodes]).reshape(len(local), 3, n_nodes)
 
 
 ORDERS = {4: 1, 10: 2, 20: 3, 8: 1}  # of tetrahedra and hexahedra, by their number of nodes

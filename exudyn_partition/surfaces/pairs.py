@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from functools import reduce
+from types import ModuleType
 
 import numpy as np
 
-from ..fe.shapes import corners_of, shape_functions
+from ..fe.shapes import TABLES, corners_of, shape_functions
 from ..support.arrays import Array
+from ..support.compiled import kernels
+from .points import ContactPoints, at_points
 from .rows import EDGE_TOLERANCE
 from .surface import Projection, Surface, closest_points, cross, newton_step
 
@@ -36,7 +39,7 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         self.facets, self.size = master.facets, master.facet_size
         self._neighbours = master.neighbours
-        self._turns = _turns(master)
+        self._middles, self._turns = _middles(master.facets), _turns(master)
         self.facet, self.local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
 
@@ -44,15 +47,17 @@ class MovingPairs:
         """Forget the last motion of the points."""
         self._last[:] = 0.0
 
-    def follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
+    def follow(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
         """Project some points again, and tell which points are past the edge.
 
         Parameters
         ----------
+        points : ContactPoints
+            The k points.
         index : (k,) int array
-            Numbers of the points.
-        x : (k, 3) array
-            Their places [m].
+            Their numbers among the pairs.
+        x_s : (ns, 3) array
+            Places of the slave's nodes [m].
         x_m : (np, 3) array
             Places of the master's nodes [m].
 
@@ -60,6 +65,13 @@ class MovingPairs:
         -------
         Projection, (k,) bool array
         """
+        if loops := kernels("surfaces"):
+            pairs = self._follow_compiled(loops, points, index, x_s, x_m)
+        else:
+            pairs = self._follow(index, points.at(x_s), x_m)
+        return pairs, self._gone.take(index)
+
+    def _follow(self, index: Array, x: Array, x_m: Array) -> Projection:
         facet, last = self.facet.take(index), self._last.take(index, axis=0)
         local = self.local.take(index, axis=0) + last
         left = self._on_patch(index, _outside(local, self.facets.shape[1]))
@@ -70,12 +82,34 @@ class MovingPairs:
         left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], _FOLLOWED))
         if len(left):
             last[left] = 0.0
-            self._find(pairs, left, x[left], x_m)
-            offset = np.where(self._at_rim(pairs.facet[left], pairs.local[left]), pairs.offset[left], 0.0)
-            self._past[index[left]] = offset > _ON_EDGE * self.size
-            self._gone[index[left]] = offset > EDGE_TOLERANCE * self.size
+            lost = self._cross_again(pairs, left, x[left], x_m)
+            self._search(index, pairs, lost, x[lost], x_m)
         self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
-        return pairs, self._gone.take(index)
+        return pairs
+
+    def _follow_compiled(
+        self, loops: ModuleType, points: ContactPoints, index: Array, x_s: Array, x_m: Array
+    ) -> Projection:
+        """Do the same as `_follow`, compiled; only points that are on no neighbour are searched here."""
+        own = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
+        state = self.facet, self.local, self._last, self._past
+        found = loops.follow(points.nodes, points.weights, x_s, index, x_m, *own, *state, _FOLLOWED, _STEPS)
+        (facet, local, weights, normal, gap, lost), offset = found, np.zeros(len(index))
+        pairs = Projection(facet, local, weights, normal, gap, offset)
+        if len(lost):
+            x = at_points(points.nodes[lost], points.weights[lost], x_s)
+            self._search(index, pairs, lost, x, x_m)
+            self.facet[index[lost]], self.local[index[lost]] = pairs.facet[lost], pairs.local[lost]
+        return pairs
+
+    def _search(self, index: Array, pairs: Projection, lost: Array, x: Array, x_m: Array) -> None:
+        """Project the points `lost`, x (k, 3), on all facets; find out which of them are past the edge."""
+        if not len(lost):
+            return
+        pairs.put(lost, closest_points(x, x_m[self.facets]))
+        offset = np.where(self._at_rim(pairs.facet[lost], pairs.local[lost]), pairs.offset[lost], 0.0)
+        self._past[index[lost]] = offset > _ON_EDGE * self.size
+        self._gone[index[lost]] = offset > EDGE_TOLERANCE * self.size
 
     def _on_patch(self, index: Array, left: Array) -> Array:
         """Those of the points `left`, numbers in `index`, that are not past the edge of the patch."""
@@ -85,7 +119,7 @@ class MovingPairs:
         """Facets across the edges that points have crossed, with coordinates and motion there; unchanged at rims."""
         edge = np.argmin(_depths(local, self.facets.shape[1]), axis=0)
         neighbour, its_edge = (of[facet, edge] for of in self._neighbours)
-        middle, turn = _middles(self.facets), self._turns[facet, edge]
+        middle, turn = self._middles, self._turns[facet, edge]
         there = middle[its_edge] + np.einsum("kij,kj->ki", turn, local - middle[edge])
         over = (neighbour >= 0)[:, None]
         turned = np.einsum("kij,kj->ki", turn, last)
@@ -96,15 +130,15 @@ class MovingPairs:
         on = np.stack(_depths(local, self.facets.shape[1]), axis=1) < _ON_EDGE
         return np.asarray((on & (self._neighbours[0][facet] < 0)).any(axis=1))
 
-    def _find(self, pairs: Projection, left: Array, x: Array, x_m: Array) -> None:
-        """Project points, x (k, 3), that have left their facets: on the neighbours, or else on all facets."""
+    def _cross_again(self, pairs: Projection, left: Array, x: Array, x_m: Array) -> Array:
+        """Project points, x (k, 3), that have left their facets, on the neighbours; return those that are not there."""
         before = pairs.facet[left]
         facet, local, _ = self._cross(before, pairs.local[left], np.zeros((len(left), 2)))
         pairs.put(left, follow(x, x_m[self.facets[facet]], facet, local))
         lost = facet == before
         lost[_outside(pairs.local[left], self.facets.shape[1], _FOLLOWED)] = True
-        if lost.any():
-            pairs.put(left[lost], closest_points(x[lost], x_m[self.facets]))
+        searched: Array = left[lost]
+        return searched
 
 
 def _middles(facets: Array) -> Array:

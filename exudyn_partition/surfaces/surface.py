@@ -10,13 +10,15 @@ from scipy.spatial import cKDTree
 
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.patches import Patch
-from ..fe.shapes import corners_of, curvature, shape_functions
+from ..fe.shapes import BEND_TABLES, TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array
+from ..support.compiled import kernels
 
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-10  # of a facet: the last step
 _CONVEX = 0.1  # curvature is left out if second derivatives are below this share of those of a flat facet
 _CANDIDATES = 8  # facets that are tried for each point, nearest centroids first
+_SAME = 1e-9  # relative difference of squared distances: of facets that share the closest point, the first is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +191,9 @@ def closest_points(points: Array, facets: Array) -> Projection:
     candidates = min(_CANDIDATES, nf)
     _, nearest = cKDTree(facet_corners(facets).mean(axis=1)).query(points, k=candidates)
     nearest = np.asarray(nearest).reshape(-1)
+    if loops := kernels("surfaces"):
+        own = facets, nearest.reshape(k, candidates), corners_of(facets), TABLES[n_nodes], BEND_TABLES[n_nodes]
+        return Projection(*loops.closest(points, *own, _NEWTON_STEPS, _CONVERGED, _CONVEX, _SAME))
     targets = np.repeat(points, candidates, axis=0)
     nodes = facets[nearest]
     domain = corners_of(facets)
@@ -206,7 +211,9 @@ def closest_points(points: Array, facets: Array) -> Projection:
         if not left.size:
             break
     miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
-    best = (miss**2).sum(axis=1).reshape(k, candidates).argmin(axis=1) + candidates * np.arange(k)
+    distance = (miss**2).sum(axis=1).reshape(k, candidates)
+    closest = distance <= distance.min(axis=1, keepdims=True) * (1 + _SAME)
+    best = closest.argmax(axis=1) + candidates * np.arange(k)
     shape = shape_functions(local[best], n_nodes)
     return Projection.at(nearest[best], local[best], shape, shape @ nodes[best], miss[best])
 

@@ -9,6 +9,7 @@ import sys
 import netgen.occ as occ
 import numpy as np
 import pytest
+from oracles import without_numba
 
 import exudyn_partition as ep
 from exudyn_partition.cli import commands, doctor, main
@@ -127,6 +128,12 @@ def test_the_doctor_finds_an_installation_that_works():
     assert found["self_test"]["passed"]
     assert abs(found["self_test"]["errors"]["momentum"]) < 1e-9
     assert found["versions"]["exudyn"] == ep.versions()["exudyn"]
+    assert "numba" in found["contact_loops"]
+
+
+def test_the_doctor_says_that_numpy_does_the_work_of_numba():
+    with without_numba():
+        assert doctor.contact_loops().startswith("NumPy")
 
 
 def test_the_doctor_says_what_is_missing(monkeypatch, capsys):

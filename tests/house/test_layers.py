@@ -82,7 +82,7 @@ def test_outer_packages_have_one_door_each(modules):
 def test_import_needs_neither_exudyn_nor_ngsolve():
     code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"exudyn", "ngsolve", "netgen", "meshio", "matplotlib", "scipy.sparse", "rich"} & set(loaded)
+    assert not {"exudyn", "ngsolve", "netgen", "meshio", "matplotlib", "scipy.sparse", "rich", "numba"} & set(loaded)
 
 
 def test_folders_and_files_stay_small():

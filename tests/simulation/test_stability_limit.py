@@ -25,7 +25,7 @@ def held_gap(gaps, q):
     shares = zip(gaps.shares, gaps.places(q), strict=True)
     way = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in shares)
     gap = np.einsum("pd,pd->p", way, gaps.normals)
-    return gap if gaps.mean is None else gaps.mean @ gap
+    return gaps.points.average(gap)
 
 
 def closed_stiffness(law):

@@ -4,11 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from exudyn_partition.surfaces.pairs import MovingPairs
+from exudyn_partition.surfaces.points import ContactPoints
 from exudyn_partition.surfaces.surface import closest_points
 
 
+def single_points(n):
+    """Contact points that are the slave's nodes themselves."""
+    one = sp.identity(n, format="csr")
+    return ContactPoints(np.arange(n)[:, None], np.ones((n, 1)), one, np.arange(n), np.ones(n), one, one)
+
+
+@pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("quadratic", [True, False])
 def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, flat_body, quadratic):
     surface = round_body.surface(np.zeros(3))
@@ -22,11 +31,11 @@ def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, fla
     rng = np.random.default_rng(1)
     x = np.c_[rng.uniform(-0.3e-3, 0.3e-3, (40, 2)), np.full(40, -5e-6)]
     found = closest_points(x, surface.points[facets])
-    pairs = MovingPairs(surface, found.facet, found.local)
+    pairs, alone = MovingPairs(surface, found.facet, found.local), single_points(40)
     start = pairs.facet.copy()
     for _ in range(50):
         x = x + np.array([4e-6, 2e-6, 0.0])
-        followed, gone = pairs.follow(np.arange(40), x, surface.points)
+        followed, gone = pairs.follow(alone, np.arange(40), x, surface.points)
         assert not gone.any()
         found = closest_points(x, surface.points[facets])
         np.testing.assert_allclose(followed.gap, found.gap, rtol=1e-4)

@@ -101,7 +101,7 @@ def nodal_forces(law):
         (a, b), (c, d) = (nodal_forces(one) for one in law.passes)
         return 0.5 * (a + d), 0.5 * (b + c)
     gaps = law.gaps
-    at_points = law.lam if gaps.mean is None else law.lam @ gaps.mean
+    at_points = gaps.points.spread(law.lam)
     forces = []
     for (nodes, weights), side in zip(gaps.shares, gaps.sides, strict=True):
         on_nodes = np.zeros((len(side.surface.points), 3))

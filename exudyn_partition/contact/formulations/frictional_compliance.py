@@ -63,12 +63,13 @@ class FrictionalCompliance(FrictionalContact):
         if self._before is not None:
             self.problem.extrapolate(self.on_rows(self._before)[near])
             self._before = None
-        carried = (self.problem.F @ last[near].ravel()).reshape(-1, 3)
+        carried = self.problem.moved_by(last[near])
         h = pushed[near]
         h[:, 0] += gap[near]
         h[:, 1:] += self.tangential.way()[near] - carried[:, 1:]
         self._h = h
         found = self.problem.solve(h, self.coefficients()[near])
+        self._moved = self.problem.moved_by(found)
         self.forces = np.zeros((len(gap), 3))
         self.forces[near] = found
         self._state = np.zeros(len(gap), dtype=np.int8)
@@ -106,16 +107,14 @@ class FrictionalCompliance(FrictionalContact):
         """See `FrictionalContact`."""
         slips = np.zeros((len(self.forces), 2))
         if self.index.size:
-            near = self._near
-            slips[near] = (self._h + (self.problem.F @ self.forces[near].ravel()).reshape(-1, 3))[:, 1:]
+            slips[self._near] = (self._h + self._moved)[:, 1:]
         return slips
 
     def stored(self) -> float:
         """See `Law`: 1/2 lambda' F lambda."""
         if not self.index.size:
             return 0.0
-        some, lam = directions(self.problem.index), self.forces[self.index].ravel()
-        return 0.5 * float(lam @ (self.problem.F[np.ix_(some, some)] @ lam))
+        return 0.5 * float(np.sum(self.problem.lam * self._moved))
 
     @property
     def pushes(self) -> bool:

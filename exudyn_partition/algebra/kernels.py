@@ -1,0 +1,110 @@
+"""Compiled loops of small dense problems; the modules beside this one do the same by NumPy and LAPACK."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..support.arrays import Array
+from ..support.compiled import compiled
+
+
+@compiled
+def check_active(F: Array, factor: Array, index: Array, h: Array, rounding: float) -> tuple[Array, Array, int]:
+    """Forces on the active rows, which rows violate their condition, and how many: see `Complementarity`.
+
+    Parameters
+    ----------
+    F : (n, n) array
+    factor : (na, na) array
+        Transpose of the lower factor of Cholesky of the active part.
+    index : (na,) int array
+        Active rows.
+    h : (n,) array
+    rounding : float
+        Of the largest entry of h, by which an inactive row may be violated.
+    """
+    n, na = len(h), len(index)
+    x = np.empty(na)
+    for i in range(na):
+        x[i] = -h[index[i]]
+    for i in range(na):
+        x[i] /= factor[i, i]
+        for j in range(i + 1, na):
+            x[j] -= factor[i, j] * x[i]
+    for i in range(na - 1, -1, -1):
+        total = x[i]
+        for j in range(i + 1, na):
+            total -= factor[i, j] * x[j]
+        x[i] = total / factor[i, i]
+    largest = 1e-300
+    for i in range(n):
+        largest = max(largest, abs(h[i]))
+    lam, active, wrong = np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    count = 0
+    for i in range(na):
+        row = index[i]
+        active[row] = True
+        lam[row] = x[i]
+        wrong[row] = x[i] < 0.0
+        count += wrong[row]
+    for row in range(n):
+        if not active[row]:
+            w = h[row]
+            for i in range(na):
+                w += F[row, index[i]] * x[i]
+            wrong[row] = w < -rounding * largest
+            count += wrong[row]
+    return lam, wrong, count
+
+
+@compiled
+def friction_residual(value: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, float]:
+    """Forces that the law of friction leaves unbalanced, see `friction._ClosedRows.residual`.
+
+    Parameters
+    ----------
+    value : (3 na,) array
+        Gaps and slips, scaled to forces; becomes the unbalanced forces.
+    lam : (3 na,) array
+    mu : (na,) array
+
+    Returns
+    -------
+    Trial forces along both tangents, their length, their bound, (na,) each, and the largest unbalanced force.
+    """
+    n = len(mu)
+    x1, x2, length, bound = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    largest = 0.0
+    for i in range(n):
+        k = 3 * i
+        x1[i], x2[i] = lam[k + 1] - value[k + 1], lam[k + 2] - value[k + 2]
+        length[i] = np.sqrt(x1[i] * x1[i] + x2[i] * x2[i])
+        bound[i] = mu[i] * max(lam[k], 0.0)
+        share = min(1.0, bound[i] / (length[i] + 1e-300))
+        value[k + 1], value[k + 2] = lam[k + 1] - share * x1[i], lam[k + 2] - share * x2[i]
+        largest = max(largest, abs(value[k]), abs(value[k + 1]), abs(value[k + 2]))
+    return x1, x2, length, bound, largest
+
+
+@compiled
+def congruence(rows: Array, F: Array) -> Array:
+    """See `products.congruence`; without products with zeros, and only half of the symmetric result."""
+    n, m = rows.shape
+    half, result = np.zeros((n, m)), np.zeros((n, n))
+    for i in range(n):
+        for k in range(m):
+            weight = rows[i, k]
+            if weight != 0.0:
+                for j in range(m):
+                    half[i, j] += weight * F[k, j]
+    columns = np.ascontiguousarray(half.T)
+    for i in range(n):
+        for k in range(m):
+            weight = rows[i, k]
+            if weight != 0.0:
+                for j in range(i, n):
+                    result[i, j] += weight * columns[k, j]
+    for i in range(n):
+        for j in range(i):
+            result[i, j] = result[j, i]
+    return result

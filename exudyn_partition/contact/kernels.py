@@ -1,0 +1,84 @@
+"""Compiled loops over the rows of contacts; `patch_gaps` and `tangential` do the same by NumPy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..support.arrays import Array
+from ..support.compiled import compiled
+
+
+@compiled
+def frame_of(a: Array, b: Array, c: Array) -> Array:
+    """Axes of the frame of three points, (3, 3), as columns, see `patch_gaps._triangle_frame`."""
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    d, e, f = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    u, v, w = y * f - z * e, z * d - x * f, x * e - y * d
+    length = math.sqrt(u * u + v * v + w * w)
+    u, v, w = u / length, v / length, w / length
+    return np.array([[x, v * z - w * y, u], [y, w * x - u * z, v], [z, u * y - v * x, w]])
+
+
+@compiled
+def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+    """Places of three of the slave's nodes in the frame of three of the master's, (3, 3) [m]."""
+    origin = x_m[others[0]]
+    axes = frame_of(origin, x_m[others[1]], x_m[others[2]])
+    result = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                result[i, j] += (x_s[some[i], k] - origin[k]) * axes[k, j]
+    return result
+
+
+@compiled
+def others_close(gap: Array, start: Array, rigidly: Array, pose: Array, here: Array, bulge: float, most: float) -> bool:
+    """Whether rows that are not followed may close, see `patch_gaps.PatchGaps._others_close`."""
+    axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
+    for i in range(3):
+        change[i] = here[0, i] - pose[i]
+        for j in range(3):
+            change[3 + 3 * i + j] = axes[i, j] - pose[3 + 3 * i + j]
+    least, off, nearest = np.inf, 0.0, np.inf
+    for row in range(len(start)):
+        rigid = start[row]
+        for k in range(12):
+            rigid += rigidly[row, k] * change[k]
+        if row < len(gap):
+            least = min(least, gap[row])
+            off = max(off, abs(gap[row] - rigid))
+        else:
+            nearest = min(nearest, rigid)
+    return nearest - 2 * off < min(max(least, -bulge * least), most)
+
+
+@compiled
+def directed_rows(
+    starts: Array, columns: Array, shares: Array, index: Array, nodes: Array, weights: Array,
+    normals: Array, tangents: Array, n: int,
+) -> Array:  # fmt: skip
+    """Rows of some normals and tangents on n nodes of a side, (3 na, 3 n), see `TangentialRows.side_rows`.
+
+    The first three are those of the csr matrix of the rows' means; normals belong to points, tangents to rows.
+    """
+    result = np.zeros((3 * len(index), 3 * n))
+    for i in range(len(index)):
+        row, carried = index[i], np.zeros(n)
+        for k in range(starts[row], starts[row + 1]):
+            point = columns[k]
+            for j in range(nodes.shape[1]):
+                node, weight = nodes[point, j], shares[k] * weights[point, j]
+                carried[node] += weight
+                for axis in range(3):
+                    result[3 * i, 3 * node + axis] += weight * normals[point, axis]
+        for node in range(n):
+            if carried[node] != 0.0:
+                for axis in range(3):
+                    result[3 * i + 1, 3 * node + axis] = carried[node] * tangents[i, 0, axis]
+                    result[3 * i + 2, 3 * node + axis] = carried[node] * tangents[i, 1, axis]
+    return result

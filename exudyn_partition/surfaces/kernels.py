@@ -1,0 +1,320 @@
+"""Compiled loops over pairs of points and facets; `pairs`, `surface` and `points` do the same by NumPy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..support.arrays import Array
+from ..support.compiled import compiled
+
+
+@compiled
+def shapes(r: float, s: float, table: Array, out: Array) -> None:
+    """Shape functions and their derivatives by r and s, out (3n,), from the table of their coefficients."""
+    rr, rs, ss = r * r, r * s, s * s
+    for j in range(len(out)):
+        out[j] = table[0, j] + r * table[1, j] + s * table[2, j]
+        out[j] += rr * table[3, j] + rs * table[4, j] + ss * table[5, j]
+    if len(table) == 10:
+        for j in range(len(out)):
+            out[j] += r * rr * table[6, j] + r * rs * table[7, j] + r * ss * table[8, j] + s * ss * table[9, j]
+
+
+@compiled
+def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
+    """Least distance from the edges of a facet, in its coordinates, and the number of that edge; positive inside."""
+    least, edge = s, 0
+    other = 1 - r if quad else 1 - r - s
+    if other < least:
+        least, edge = other, 1
+    if quad and 1 - s < least:
+        least, edge = 1 - s, 2
+    if r < least:
+        least, edge = r, 3 if quad else 2
+    return least, edge
+
+
+@compiled
+def project(
+    x: float, y: float, z: float, facets: Array, f: int, x_m: Array, r: float, s: float,
+    table: Array, enough: float, steps: int, shape: Array, weights: Array, normal: Array, i: int,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Project a point on a facet, see `pairs.follow`: its coordinates there, and its gap; sets weights and normal."""
+    n, gap = facets.shape[1], 0.0
+    for left in range(steps, 0, -1):
+        shapes(r, s, table, shape)
+        mx, my, mz, ax, ay, az, bx, by, bz = x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(n):
+            node = facets[f, j]
+            px, py, pz = x_m[node, 0], x_m[node, 1], x_m[node, 2]
+            value, by_r, by_s = shape[j], shape[n + j], shape[2 * n + j]
+            mx -= value * px
+            my -= value * py
+            mz -= value * pz
+            ax += by_r * px
+            ay += by_r * py
+            az += by_r * pz
+            bx += by_s * px
+            by += by_s * py
+            bz += by_s * pz
+        aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+        am, bm = ax * mx + ay * my + az * mz, bx * mx + by * my + bz * mz
+        squared = aa * bb - ab * ab
+        dr, ds = (bb * am - ab * bm) / squared, (aa * bm - ab * am) / squared
+        if left > 1 and max(abs(dr), abs(ds)) > enough:
+            r += min(max(dr, -1.0), 1.0)
+            s += min(max(ds, -1.0), 1.0)
+            continue
+        length = math.sqrt(squared)
+        nx, ny, nz = (ay * bz - az * by) / length, (az * bx - ax * bz) / length, (ax * by - ay * bx) / length
+        normal[i, 0], normal[i, 1], normal[i, 2] = nx, ny, nz
+        gap = mx * nx + my * ny + mz * nz
+        for j in range(n):
+            weights[i, j] = shape[j] + dr * shape[n + j] + ds * shape[2 * n + j]
+        return r + dr, s + ds, gap
+    return r, s, gap
+
+
+@compiled
+def cross_edge(
+    facet: int, edge: int, r: float, s: float, across: Array, its_edge: Array, turns: Array, middles: Array
+) -> tuple[int, float, float]:
+    """The neighbour of a facet across an edge, and a point in its coordinates."""
+    there = its_edge[facet, edge]
+    dr, ds = r - middles[edge, 0], s - middles[edge, 1]
+    return (
+        across[facet, edge],
+        middles[there, 0] + turns[facet, edge, 0, 0] * dr + turns[facet, edge, 0, 1] * ds,
+        middles[there, 1] + turns[facet, edge, 1, 0] * dr + turns[facet, edge, 1, 1] * ds,
+    )
+
+
+@compiled
+def follow(
+    nodes: Array, shares: Array, x_s: Array, index: Array, x_m: Array,
+    facets: Array, across: Array, its_edge: Array, turns: Array, middles: Array, table: Array,
+    all_facet: Array, all_local: Array, all_last: Array, past: Array, by: float, steps: int,
+) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """Follow points over facets, see `pairs.MovingPairs.follow`; the last result are those that must be searched.
+
+    Points that have left their facet are projected on the neighbour. Those that are not there either are told with what
+    was found on the neighbour, or on their own facet if there is none.
+    """
+    k, n = len(index), facets.shape[1]
+    quad = n == 4
+    facet, local = np.empty(k, np.int64), np.empty((k, 2))
+    weights, normal, gap = np.empty((k, n)), np.empty((k, 3)), np.empty(k)
+    left, lost, shape = np.empty(k, np.int64), 0, np.empty(3 * n)
+    for i in range(k):
+        p = index[i]
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(nodes.shape[1]):
+            share, node = shares[i, j], nodes[i, j]
+            x += share * x_s[node, 0]
+            y += share * x_s[node, 1]
+            z += share * x_s[node, 2]
+        f, last_r, last_s = all_facet[p], all_last[p, 0], all_last[p, 1]
+        r, s = all_local[p, 0] + last_r, all_local[p, 1] + last_s
+        depth, edge = nearest_edge(r, s, quad)
+        if depth < 0.0 and not past[p] and across[f, edge] >= 0:
+            turn = turns[f, edge]
+            last_r, last_s = turn[0, 0] * last_r + turn[0, 1] * last_s, turn[1, 0] * last_r + turn[1, 1] * last_s
+            f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
+        last_r -= r
+        last_s -= s
+        r, s, gap[i] = project(x, y, z, facets, f, x_m, r, s, table, by, steps, shape, weights, normal, i)
+        last_r += r
+        last_s += s
+        depth, edge = nearest_edge(r, s, quad)
+        if depth < -by and not past[p]:
+            last_r = last_s = 0.0
+            is_lost = across[f, edge] < 0
+            if not is_lost:
+                f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
+                r, s, gap[i] = project(x, y, z, facets, f, x_m, r, s, table, by, steps, shape, weights, normal, i)
+                is_lost = nearest_edge(r, s, quad)[0] < -by
+            if is_lost:
+                left[lost] = i
+                lost += 1
+        facet[i], local[i, 0], local[i, 1] = f, r, s
+        all_facet[p], all_local[p, 0], all_local[p, 1] = f, r, s
+        all_last[p, 0], all_last[p, 1] = last_r, last_s
+    return facet, local, weights, normal, gap, left[:lost]
+
+
+@compiled
+def average(starts: Array, columns: Array, shares: Array, values: Array) -> Array:
+    """Products of a csr matrix, (m, p), with values, (p, d)."""
+    m, d = len(starts) - 1, values.shape[1]
+    result = np.zeros((m, d))
+    for row in range(m):
+        for k in range(starts[row], starts[row + 1]):
+            for axis in range(d):
+                result[row, axis] += shares[k] * values[columns[k], axis]
+    return result
+
+
+@compiled
+def spread(starts: Array, columns: Array, shares: Array, values: Array, n: int) -> Array:
+    """Products of the transpose of a csr matrix, (m, n), with values, (m, d)."""
+    d = values.shape[1]
+    result = np.zeros((n, d))
+    for row in range(len(starts) - 1):
+        some = False
+        for axis in range(d):
+            some = some or values[row, axis] != 0.0
+        if some:
+            for k in range(starts[row], starts[row + 1]):
+                for axis in range(d):
+                    result[columns[k], axis] += shares[k] * values[row, axis]
+    return result
+
+
+@compiled
+def on_nodes(nodes: Array, weights: Array, forces: Array, n: int) -> Array:
+    """Forces on n nodes, (n, 3), of forces at points, (p, 3), see `points.on_nodes`."""
+    result = np.zeros((n, 3))
+    for i in range(len(nodes)):
+        x, y, z = forces[i, 0], forces[i, 1], forces[i, 2]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            for j in range(nodes.shape[1]):
+                node, weight = nodes[i, j], weights[i, j]
+                result[node, 0] += weight * x
+                result[node, 1] += weight * y
+                result[node, 2] += weight * z
+    return result
+
+
+@compiled
+def at_points(nodes: Array, weights: Array, values: Array) -> Array:
+    """Vectors at points, (p, 3), of those at nodes, see `points.at_points`."""
+    result = np.zeros((len(nodes), 3))
+    for i in range(len(nodes)):
+        for j in range(nodes.shape[1]):
+            node, weight = nodes[i, j], weights[i, j]
+            result[i, 0] += weight * values[node, 0]
+            result[i, 1] += weight * values[node, 1]
+            result[i, 2] += weight * values[node, 2]
+    return result
+
+
+@compiled
+def clipped(
+    r: float, s: float, dr: float, ds: float, rr: float, rs: float, ss: float, domain: Array
+) -> tuple[float, float]:
+    """The point of a domain that is closest to (r + dr, s + ds) in a metric, see `surface._clip`."""
+    r, s = r + dr, s + ds
+    if r >= 0.0 and s >= 0.0 and (r + s if len(domain) == 3 else max(r, s)) <= 1.0:
+        return r, s
+    best_r, best_s, least = r, s, np.inf
+    for i in range(len(domain)):
+        start_r, start_s = domain[i, 0], domain[i, 1]
+        edge_r, edge_s = domain[(i + 1) % len(domain), 0] - start_r, domain[(i + 1) % len(domain), 1] - start_s
+        weighted_r, weighted_s = rr * edge_r + rs * edge_s, rs * edge_r + ss * edge_s
+        along = (r - start_r) * weighted_r + (s - start_s) * weighted_s
+        along = min(max(along / (weighted_r * edge_r + weighted_s * edge_s), 0.0), 1.0)
+        foot_r, foot_s = start_r + along * edge_r, start_s + along * edge_s
+        miss_r, miss_s = r - foot_r, s - foot_s
+        distance = rr * miss_r * miss_r + 2 * rs * miss_r * miss_s + ss * miss_s * miss_s
+        if distance < least:
+            best_r, best_s, least = foot_r, foot_s, distance
+    return best_r, best_s
+
+
+Vector = tuple[float, float, float]
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def place_on(facets: Array, f: int, shape: Array, point: Vector) -> tuple[Vector, Vector, Vector]:
+    """Tangents on a facet, and the vector from the place there to the point."""
+    n = facets.shape[1]
+    mx, my, mz, ax, ay, az, bx, by, bz = point[0], point[1], point[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        px, py, pz = facets[f, j, 0], facets[f, j, 1], facets[f, j, 2]
+        value, by_r, by_s = shape[j], shape[n + j], shape[2 * n + j]
+        mx -= value * px
+        my -= value * py
+        mz -= value * pz
+        ax += by_r * px
+        ay += by_r * py
+        az += by_r * pz
+        bx += by_s * px
+        by += by_s * py
+        bz += by_s * pz
+    return (ax, ay, az), (bx, by, bz), (mx, my, mz)
+
+
+@compiled
+def closest_on(
+    facets: Array, f: int, point: Vector, domain: Array, table: Array, bend_table: Array,
+    steps: int, converged: float, convex: float, shape: Array, bends: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Coordinates of the closest point of a facet, see `surface.closest_points`."""
+    n = facets.shape[1]
+    r, s = float(np.mean(domain[:, 0])), float(np.mean(domain[:, 1]))
+    for _ in range(steps):
+        shapes(r, s, table, shape)
+        a, b, miss = place_on(facets, f, shape, point)
+        aa, ab, bb, am, bm = dot(a, a), dot(a, b), dot(b, b), dot(a, miss), dot(b, miss)
+        rr, rs, ss = aa, ab, bb
+        shapes(r, s, bend_table, bends)
+        for j in range(n):
+            arm = dot((facets[f, j, 0], facets[f, j, 1], facets[f, j, 2]), miss)
+            rr -= bends[j] * arm
+            rs -= bends[n + j] * arm
+            ss -= bends[2 * n + j] * arm
+        squared, det = aa * bb - ab * ab, rr * ss - rs * rs
+        if not (det > convex * squared and rr > convex * aa):
+            rr, rs, ss, det = aa, ab, bb, squared
+        dr, ds = (ss * am - rs * bm) / det, (rr * bm - rs * am) / det
+        there_r, there_s = clipped(r, s, dr, ds, rr, rs, ss, domain)
+        change = max(abs(there_r - r), abs(there_s - s))
+        r, s = there_r, there_s
+        if change < converged:
+            break
+    return r, s
+
+
+@compiled
+def closest(
+    points: Array, facets: Array, nearest: Array, domain: Array, table: Array, bend_table: Array,
+    steps: int, converged: float, convex: float, same: float,
+) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """Closest points on the nearest facets, (k, c), of each point: what `surface.Projection` holds."""
+    k, n = len(points), facets.shape[1]
+    facet, local, weights = np.zeros(k, np.int64), np.zeros((k, 2)), np.zeros((k, n))
+    normal, gap, offset = np.zeros((k, 3)), np.zeros(k), np.zeros(k)
+    shape, bends = np.empty(3 * n), np.empty(3 * n)
+    places, distances = np.empty((nearest.shape[1], 2)), np.empty(nearest.shape[1])
+    for i in range(k):
+        point = points[i, 0], points[i, 1], points[i, 2]
+        for c, f in enumerate(nearest[i]):
+            r, s = closest_on(facets, f, point, domain, table, bend_table, steps, converged, convex, shape, bends)
+            shapes(r, s, table, shape)
+            miss = place_on(facets, f, shape, point)[2]
+            places[c, 0], places[c, 1], distances[c] = r, s, dot(miss, miss)
+        best, least = 0, distances.min() * (1 + same)
+        while distances[best] > least:
+            best += 1
+        f, r, s = nearest[i, best], places[best, 0], places[best, 1]
+        shapes(r, s, table, shape)
+        a, b, miss = place_on(facets, f, shape, point)
+        facet[i], local[i, 0], local[i, 1] = f, r, s
+        for j in range(n):
+            weights[i, j] = shape[j]
+        x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        normal[i, 0], normal[i, 1], normal[i, 2] = x, y, z
+        gap[i] = away = dot(miss, (x, y, z))
+        aside = (miss[0] - away * x, miss[1] - away * y, miss[2] - away * z)
+        offset[i] = math.sqrt(dot(aside, aside))
+    return facet, local, weights, normal, gap, offset

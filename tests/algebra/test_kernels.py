@@ -1,0 +1,55 @@
+"""Compiled loops of dense problems against NumPy and LAPACK."""
+
+import numpy as np
+import pytest
+from oracles import each_way
+
+from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.algebra.friction import FrictionProblem
+from exudyn_partition.algebra.products import congruence
+
+
+def flexibility(n, seed):
+    """A flexibility of n rows that move each other."""
+    A = np.random.default_rng(seed).normal(size=(n, 2 * n))
+    return 1e-9 * (A @ A.T / n + np.eye(n))
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_complementarity_has_the_same_answers(order):
+    F, rng = flexibility(40, 0), np.random.default_rng(1)
+    gaps = 1e-6 * (rng.normal(size=(30, 40)) + np.linspace(-1, 1, 30)[:, None])
+
+    def answers():
+        problem = Complementarity(F)
+        problem.replace(np.array(F, order=order), np.zeros(40, dtype=bool))
+        found = [(problem.solve(h), problem.active.copy()) for h in gaps]
+        return found, problem.iterations
+
+    (compiled, n_compiled), (plain, n_plain) = each_way(answers)
+    assert n_compiled == n_plain
+    for (lam, active), (expected, as_well) in zip(compiled, plain, strict=True):
+        np.testing.assert_allclose(lam, expected, rtol=1e-9, atol=1e-12 * expected.max())
+        np.testing.assert_array_equal(active, as_well)
+
+
+def test_friction_has_the_same_answers():
+    F, rng = flexibility(45, 2), np.random.default_rng(3)
+    way = 1e-6 * np.cumsum(0.3 * rng.normal(size=(25, 15, 3)), axis=0)
+
+    def answers():
+        problem = FrictionProblem(F)
+        return [(problem.solve(h, np.full(15, 0.3)).copy(), problem.state.copy()) for h in way]
+
+    compiled, plain = each_way(answers)
+    assert {0, 1, 2} <= set(np.concatenate([state for _, state in plain]))
+    for (lam, state), (expected, as_well) in zip(compiled, plain, strict=True):
+        np.testing.assert_allclose(lam, expected, atol=1e-9 * abs(expected).max())
+        np.testing.assert_array_equal(state, as_well)
+
+
+def test_congruence_leaves_out_products_with_zeros():
+    rng, F = np.random.default_rng(4), flexibility(30, 5)
+    rows = rng.normal(size=(12, 30)) * (rng.random((12, 30)) < 0.2)
+    for product in each_way(lambda: congruence(rows, F)):
+        np.testing.assert_allclose(product, rows @ F @ rows.T, rtol=1e-12, atol=1e-14 * F.max())

@@ -1,0 +1,53 @@
+"""Contact with compiled loops against the same contact in NumPy: forces to rounding."""
+
+import numpy as np
+import pytest
+from oracles import each_way, floating, inertial, moved, relative
+
+from exudyn_partition.algebra.coulomb import Coulomb
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.surfaces.points import ROWS
+
+
+def ways(slave, n_master):
+    """Coordinates of a ball that comes down on a plate, slides over its facets, tilts and leaves."""
+    for u in np.linspace(0, 1, 60):
+        depth = 5e-6 * np.sin(2 * np.pi * u) + 2e-6
+        tilt = [2e-4 * np.sin(9 * u), 1e-4 * u, 0.0]
+        yield np.r_[moved(slave, [0.3e-3 * u, 0.1e-3 * u, -depth], tilt), np.zeros(n_master)]
+
+
+@pytest.mark.parametrize("frame", [inertial, floating])
+@pytest.mark.parametrize("kind", ROWS)
+def test_forces_are_the_same(round_body, flat_body, kind, frame):
+    sides = frame(round_body), inertial(flat_body)
+
+    def forces():
+        law = ComplianceContact(PatchGaps(*sides, kind))
+        found = [law.force(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
+        assert law.gaps.moving
+        return np.array(found)
+
+    compiled, plain = each_way(forces)
+    assert relative(compiled, plain) < 1e-9
+    assert 0 < np.count_nonzero(plain.any(axis=1)) < len(plain)
+
+
+def test_forces_with_friction_are_the_same(round_body, flat_body):
+    """Rows stick, slip, open and close on the way."""
+    sides = inertial(round_body), inertial(flat_body)
+
+    def forces():
+        law, found, states = FrictionalCompliance(PatchGaps(*sides), Coulomb(0.3)), [], set()
+        for step, q in enumerate(ways(sides[0], flat_body.n_dofs)):
+            law.commit(float(step))
+            found.append(law.respond(q).copy())
+            states |= set(law.state)
+        assert states == {0, 1, 2}
+        return np.array([*found, np.full(len(found[0]), law.dissipated())])
+
+    compiled, plain = each_way(forces)
+    assert relative(compiled, plain) < 1e-8
+    assert plain[-1, 0] > 0
