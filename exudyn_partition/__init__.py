@@ -40,6 +40,7 @@ _HOMES = {
     "accuracy.design": ("design_impact",),
     "accuracy.impact_design": ("ImpactDesign",),
     "accuracy.mesh_error": ("mesh_error",),
+    "accuracy.total_error": ("with_mesh_error",),
     "reduction.recovery": ("StrainGauge",),
     "frames.damping": ("Rayleigh",),
     "algebra.coulomb": ("Coulomb",),

@@ -5,6 +5,7 @@ from ._version import __version__ as __version__
 from .accuracy.design import design_impact
 from .accuracy.impact_design import ImpactDesign
 from .accuracy.mesh_error import mesh_error
+from .accuracy.total_error import with_mesh_error
 from .algebra.coulomb import Coulomb
 from .contact.profile import RigidProfile
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
@@ -94,4 +95,5 @@ __all__ = [
     "truncation_frequency",
     "versions",
     "view",
+    "with_mesh_error",
 ]

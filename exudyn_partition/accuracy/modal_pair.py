@@ -17,7 +17,7 @@ from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
 from ..reduction.loads import patch_slice
 from ..support.arrays import Array
-from ..surfaces.points import contact_points
+from ..surfaces.points import ContactPoints, contact_points, corner_hats
 from ..surfaces.rows import PENETRATION_TOLERANCE, directed_matrix, pair_surfaces, point_matrix
 from ..surfaces.surface import Surface
 
@@ -41,6 +41,8 @@ class Side:
         Facets' corner nodes, places in the facets, and directions of the contact points.
     mean : (nr, p) csr matrix
         Weights of the points in each row.
+    coarse : (nc, nr) array
+        Rows of the corners of the slave's facets, as means of its rows.
     """
 
     fem: FEModel
@@ -52,6 +54,7 @@ class Side:
     local: Array
     normals: Array
     mean: sp.csr_matrix
+    coarse: Array
 
     @property
     def gaps(self) -> Array:
@@ -67,8 +70,7 @@ class _Rows:
     ----------
     gap : (nr,) array
         [m]
-    mean : (nr, p) csr matrix
-        Weights of the points in each row.
+    points : ContactPoints
     approach : (3,) array
         Way of the slave to its partner.
     directed, plain : tuple of csr matrices
@@ -78,7 +80,7 @@ class _Rows:
     """
 
     gap: Array
-    mean: sp.csr_matrix
+    points: ContactPoints
     approach: Array
     directed: Sequence[sp.csr_matrix]
     plain: Sequence[sp.csr_matrix]
@@ -109,6 +111,7 @@ def impact_of(
         for (fem, body), i in zip(pairs, numbers, strict=True)
     ]
     rows = _between(*surfaces) if rigid is None else _to_rigid(surfaces[0], rigid)
+    coarse = _of_corners(surfaces[0], rows.points)
     sides = []
     for (fem, body), i, on_patch, weight, (nodes, local, normals) in zip(
         pairs, numbers, rows.directed, rows.plain, rows.places, strict=True
@@ -118,7 +121,7 @@ def impact_of(
         assert body.basis.flexibility is not None
         residual = to_rows @ body.basis.flexibility[own, own] @ to_rows.T
         corners = patch.nodes[nodes[:, :3]]
-        sides.append(Side(fem, body, on_patch, patch, residual, corners, local, normals, rows.mean))
+        sides.append(Side(fem, body, on_patch, patch, residual, corners, local, normals, rows.points.mean, coarse))
     first = pairs[0][1]
     velocity = np.zeros(sum(body.n_dofs for _, body in pairs))
     velocity[: first.n_dofs] = first.rigid @ np.r_[speed * rows.approach, np.zeros(3)]
@@ -133,13 +136,21 @@ def impact_of(
     return sides, impact
 
 
+def _of_corners(slave: Surface, points: ContactPoints) -> Array:
+    """Rows of the corners of facets as means of the rows, (nc, nr)."""
+    hats: Array = corner_hats(slave)[:, points.row_nodes].toarray() * points.area
+    hats = hats[hats.any(axis=1)]
+    means: Array = hats / hats.sum(axis=1)[:, None]
+    return means
+
+
 def _between(slave: Surface, master: Surface) -> _Rows:
     contact = pair_surfaces(slave, master, placed_by="the points of its mesh, which are taken as they are")
     sizes = len(slave.points), len(master.points)
     points = contact.points
     return _Rows(
         gap=contact.gap,
-        mean=points.mean,
+        points=points,
         approach=contact.approach,
         directed=contact.matrices(*sizes),
         plain=contact.interpolation(*sizes),
@@ -169,7 +180,7 @@ def _to_rigid(slave: Surface, rigid: RigidSurface) -> _Rows:
     n = len(slave.points)
     return _Rows(
         gap=gap,
-        mean=points.mean,
+        points=points,
         approach=approach / np.linalg.norm(approach),
         directed=[points.mean @ directed_matrix(points.nodes, points.weights, normals, n)],
         plain=[points.mean @ point_matrix(points.nodes, points.weights, n)],

@@ -52,6 +52,10 @@ class Impact:
         H, F = self.H[:, keep], self.F + cut @ cut.T
         return replace(self, H=H, F=F, omega=self.omega[keep], velocity=self.velocity[keep]), keep
 
+    def with_means(self, mean: Array) -> Impact:
+        """The impact with fewer rows, means of these: (k, nc) weights."""
+        return replace(self, gap=mean @ self.gap, H=mean @ self.H, F=mean @ self.F @ mean.T)
+
     def step(self, f_cut: float, finer: float = 1.0) -> float:
         """Default step of a run with bodies truncated at `f_cut` [s]; the step for the impact is divided by `finer`."""
         problem = Complementarity(self.F)

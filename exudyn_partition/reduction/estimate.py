@@ -16,7 +16,7 @@ way. Its norm is the kinetic energy of the difference of the two motions, integr
 of the change in velocity since the start.
 
 This is an estimate and no bound. It assumes that f_top is high enough for differences to become smaller and smaller
-(saturation assumption; Bank and Weiser 1985). It does not include the error of the mesh.
+(saturation assumption; Bank and Weiser 1985). It does not include the error of the mesh; `with_mesh_error` adds that.
 
 Theory: examples/site/theory.md, "The error of a truncation".
 """
@@ -26,7 +26,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -84,6 +84,10 @@ class Estimate:
         Tolerance of the user.
     limit : str
         Why the estimate is above the tolerance, and what to do; empty if it is not.
+    mesh_force, mesh_velocity : float or None
+        The same errors by the meshes, which are not in `force` and `velocity`; None until `with_mesh_error`.
+    step : float or None
+        Error of the force by the default step alone, a part of `force`; None until then.
     """
 
     force: float
@@ -95,9 +99,13 @@ class Estimate:
     against: str
     tolerance: float
     limit: str = ""
+    mesh_force: float | None = field(default=None, metadata={"added": True})
+    mesh_velocity: float | None = field(default=None, metadata={"added": True})
+    step: float | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
-        for name in ("force", "velocity", "tolerance"):
+        known = [name for name in ("mesh_force", "mesh_velocity", "step") if getattr(self, name) is not None]
+        for name in ("force", "velocity", "tolerance", *known):
             if validate_number(name, getattr(self, name)) < 0:
                 raise InputError(f"{name}: expected an error that is not negative, got {getattr(self, name)}")
         for name in ("f_cut", "f_top", "speed", "duration"):
@@ -109,6 +117,19 @@ class Estimate:
     def error(self) -> float:
         """The larger of both."""
         return max(self.force, self.velocity)
+
+    @property
+    def total(self) -> float:
+        """Error of meshes, truncation and step together: the larger sum, of force or of velocity.
+
+        Raises
+        ------
+        InputError
+            If the error of the meshes is not known.
+        """
+        if self.mesh_force is None or self.mesh_velocity is None:
+            raise InputError("mesh_force: the error of the meshes is not known; ep.with_mesh_error estimates it")
+        return max(self.force + self.mesh_force, self.velocity + self.mesh_velocity)
 
 
 @dataclass(frozen=True)

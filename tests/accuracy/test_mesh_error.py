@@ -10,7 +10,7 @@ import exudyn_partition as ep
 from exudyn_partition.accuracy.mesh_error import estimate_of
 from exudyn_partition.accuracy.modal_pair import impact_of
 from exudyn_partition.algebra import krylov
-from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
+from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError, ToleranceWarning
 from exudyn_partition.reduction import free_body
 from exudyn_partition.reduction.estimate import grow_to_tolerance
 from exudyn_partition.reduction.reduction import bodies_of
@@ -43,6 +43,16 @@ def coarse(marbles):
     return [of_order[2] for of_order in marbles]
 
 
+@pytest.fixture(scope="module")
+def grown(coarse):
+    """Spaces that keep their factors, their estimate, and FE models with the bodies."""
+    models = [(fem, body.partition) for fem, body in coarse]
+    options = {"tolerance": 0.02, "speed": SPEED, "duration": END}
+    spaces, truncation = grow_to_tolerance(models, [[0, 0]], **options, keep=True)
+    bodies = bodies_of(spaces, truncation, 0.0)
+    return spaces, truncation, [(fem, body) for (fem, _), body in zip(coarse, bodies, strict=True)]
+
+
 def force(pairs):
     mbs = exu.SystemContainer().AddSystem()
     (_, upper), (_, lower) = pairs
@@ -71,7 +81,7 @@ def test_against_a_rigid_plane_the_mesh_is_what_limits(coarse):
         coarse[0][0], ep.reduce(fem, body.partition, tolerance=0.02, speed=SPEED / 2, duration=END))))  # fmt: skip
     both = ep.mesh_error(*coarse, speed=SPEED, duration=END)
     assert upper.force == pytest.approx(both.force, rel=0.35)
-    assert upper.of_bodies == (upper.force,)
+    assert upper.force == pytest.approx(np.hypot(upper.of_bodies[0], upper.rows), rel=0.02)
     assert upper.far[0] < 0.2 * upper.local[0] == pytest.approx(0.2 * upper.error, rel=0.2)
     assert upper.limit == ""
     with pytest.raises(InputError, match="truncation: not known"):
@@ -81,16 +91,38 @@ def test_against_a_rigid_plane_the_mesh_is_what_limits(coarse):
     assert lower.limit.startswith("the mesh of the body, at the contact")
 
 
-def test_factors_that_a_reduction_keeps_serve_the_estimate_and_the_next_reduction(coarse, monkeypatch):
+def test_bodies_tell_all_errors_apart_and_together_and_name_the_mesh(grown, coarse, tmp_path):
+    """In a file too."""
+    _, truncation, pairs = grown
+    with pytest.raises(InputError, match="the error of the meshes is not known"):
+        truncation.total  # noqa: B018
+    with pytest.warns(
+        ToleranceWarning, match=r"total error is 0\.\d+, of which .* is the mesh of the (slave|master), at"
+    ):
+        told, other = ep.with_mesh_error(*pairs)
+    estimate, found = told.estimate, ep.mesh_error(*pairs, speed=SPEED, duration=END)
+    assert estimate == other.estimate
+    assert (estimate.mesh_force, estimate.mesh_velocity, estimate.total) == (found.force, found.velocity, found.total)
+    assert (estimate.force, estimate.velocity) == (truncation.force, truncation.velocity)
+    assert 0 < estimate.step < 2 * estimate.force
+    assert estimate.limit == found.limit
+    told.save(tmp_path / "told.npz")
+    assert ep.load_body(tmp_path / "told.npz").estimate == estimate
+    with pytest.raises(InputError, match="speed: expected one"):
+        ep.with_mesh_error(*coarse, duration=END)
+    with pytest.raises(InputError, match="estimate: a body has none"):
+        ep.with_mesh_error(pairs[0], coarse[1])
+
+
+def test_factors_that_a_reduction_keeps_serve_the_estimate_and_the_next_reduction(grown, monkeypatch):
     """So neither factorises anything, and both give what they give alone."""
-    models = [(fem, body.partition) for fem, body in coarse]
+    spaces, truncation, pairs = grown
     options = {"speed": SPEED, "duration": END}
-    spaces, truncation = grow_to_tolerance(models, [[0, 0]], tolerance=0.1, **options, keep=True)
-    pairs = [(fem, body) for (fem, _), body in zip(coarse, bodies_of(spaces, truncation, 0.0), strict=True)]
     alone = ep.mesh_error(*pairs, **options)
     for module in (krylov, free_body):
         monkeypatch.setattr(module, "Factorisation", None)
-    again, same = grow_to_tolerance(models, [[0, 0]], tolerance=0.1, **options, known=spaces)
+    models = [(fem, body.partition) for fem, body in pairs]
+    again, same = grow_to_tolerance(models, [[0, 0]], tolerance=0.02, **options, known=spaces)
     assert same == truncation
     estimate = estimate_of(*impact_of(pairs, [0, 0], SPEED), SPEED, END, [space.elastic for space in again])
     assert (estimate.force, estimate.velocity) == pytest.approx((alone.force, alone.velocity), rel=1e-6)

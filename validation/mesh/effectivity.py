@@ -1,16 +1,20 @@
-"""Estimated error of a mesh beside its true one: `ep.mesh_error` in two scenes, by order and size of elements.
+"""Estimated error of a mesh beside its true one: `ep.mesh_error` in nine scenes, by order and size of elements.
 
 Reference: reduced bodies of cubic elements on a finer mesh, so that the difference is due to the mesh.
 Quantity: relative L2 difference of the contact force over the impact, as `mesh_error` estimates it and as it is.
 Effectivity: the estimated one over the true one.
 Limits: effectivity 0.6 to 1.6 where at least one and a half elements are in a contact radius, or cubic ones one.
+`inside` counts those between 0.7 and 1.3.
 
-    python -m validation.mesh.effectivity [--only spheres plate]
+    python -m validation.mesh.effectivity [--only spheres plate ...]
 """
 
 import argparse
+import json
 import time
 import warnings
+from dataclasses import dataclass
+from pathlib import Path
 
 import exudyn as exu
 import netgen.occ as occ
@@ -21,108 +25,228 @@ from rich.table import Table
 import exudyn_partition as ep
 from validation.contact import scenes
 
-BALL = {"radius": 5e-3, "speed": 0.3, "end": 45e-6, "f_cut": 300e3}
-ROD = {"radius": 5e-3, "tip": 8e-3, "length": 40e-3, "speed": 0.5, "end": 100e-6, "f_cut": 100e3}
-PLATE = (0.08, 0.08, 0.003)
-# Order and size of elements over the contact radius; far from it, of the plate, over its thickness.
-SPHERES = ((2, 1.0), (2, 0.7), (2, 0.5), (3, 1.4), (3, 1.0))
-FINE_SPHERES = (3, 0.55)
-PLATES = ((2, 0.6, 4.0), (2, 0.6, 2.0), (3, 0.9, 4.0))
-FINE_PLATE = (3, 0.6, 2.0)
+STEEL, ALUMINIUM = scenes.STEEL, ep.ALUMINIUM
+STOCKY = ((2, 1.0, 1.0), (2, 0.7, 1.0), (2, 0.5, 1.0), (3, 1.0, 1.0))
+THIN = ((2, 0.6, 1.0), (2, 0.6, 0.5), (3, 0.9, 1.0))
 LIMITS = {"least": 0.6, "largest": 1.6}
+WANTED = (0.7, 1.3)
+REACH = (1.7, 2.2)  # radii of the patches by that of the contact; an element is added
 
 
-def spheres(order, size):
-    """Models of two balls that touch, the slave first."""
-    radius = BALL["radius"]
-    mass = scenes.STEEL.rho * 4 / 3 * np.pi * radius**3
-    a = ep.hertz.impact(mass / 2, BALL["speed"], radius, radius, scenes.STEEL, scenes.STEEL).contact_radius
-    models = []
-    for up, h, reach in ((True, size, 1.7), (False, 1.1 * size, 2.2)):
-        shape = occ.Sphere(occ.Pnt(0, 0, radius if up else -radius), radius)
-        fine = ep.Refine((0, 0, 0), 1.6 * a, h * a)
-        fem = ep.fe_model(shape, scenes.STEEL, order=order, maxh=radius / 2, refine=[fine], grading=0.5)
-        line = (0, 0, -1 if up else 1)
-        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), (reach + h) * a, direction=line)))
-    return models, BALL
+@dataclass(frozen=True)
+class Scene:
+    """Two bodies that touch at the origin, the first one above; it moves down.
+
+    Parameters
+    ----------
+    bodies : ((shape, Material, size), (shape, Material, size))
+        With the size of elements far from the contact [m].
+    radius : float
+        Of the sphere on a plane with the same contact [m].
+    mass : float
+        Effective one, by a guess [kg]: it gives the contact radius for the meshes.
+    speed, end, f_cut : float
+        [m/s], [s], [Hz]
+    meshes : tuple of (order, size at the contact over its radius, factor on the sizes far from it)
+    fine : the same
+        Of the reference.
+    back : bool
+        Whether averaged interfaces hold the far ends.
+    """
+
+    bodies: tuple
+    radius: float
+    mass: float
+    speed: float
+    end: float
+    f_cut: float
+    meshes: tuple = STOCKY
+    fine: tuple = (3, 0.55, 0.7)
+    back: bool = False
+
+    def models(self, order, size, far):
+        """FE models and partitions."""
+        materials = [material for _, material, _ in self.bodies]
+        a = ep.hertz.impact(self.mass, self.speed, self.radius, np.inf, *materials).contact_radius
+        found = []
+        for (shape, material, maxh), h, reach, line in zip(
+            self.bodies, (size, 1.1 * size), REACH, (-1, 1), strict=True
+        ):
+            fine = ep.Refine((0, 0, 0), 1.6 * a, h * a)
+            fem = ep.fe_model(shape, material, order=order, maxh=far * maxh, refine=[fine], grading=0.5)
+            part = ep.Partition.ball(fem, (0, 0, 0), (reach + h) * a, direction=(0, 0, line))
+            if self.back:
+                part |= ep.Partition.interface(fem, "back", "back", kind="averaged")
+            found.append((fem, part))
+        return found
 
 
-def plate(order, size, far):
-    """Models of a rod with a round tip and of a thin plate."""
-    radius, tip, length = ROD["radius"], ROD["tip"], ROD["length"]
-    rod = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=radius, h=length) * (
+def ball(radius, *, up=True):
+    return occ.Sphere(occ.Pnt(0, 0, radius if up else -radius), radius)
+
+
+def rod(radius, tip, length):
+    """Upright, with a round tip at the origin."""
+    return occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=radius, h=length) * (
         occ.Sphere(occ.Pnt(0, 0, tip), tip) + occ.Cylinder(occ.Pnt(0, 0, tip), occ.Z, r=tip, h=length)
     )
-    mass = scenes.STEEL.rho * np.pi * radius**2 * length
-    a = ep.hertz.impact(mass / 3, ROD["speed"], tip, np.inf, scenes.STEEL, ep.ALUMINIUM).contact_radius
-    x, y, z = PLATE
-    sheet = occ.Box(occ.Pnt(-x / 2, -y / 2, -z), occ.Pnt(x / 2, y / 2, 0))
-    models = []
-    for shape, material, maxh, h, reach, line in (
-        (rod, scenes.STEEL, 4e-3, size, 1.7, -1), (sheet, ep.ALUMINIUM, far * z, 1.1 * size, 2.2, 1)
-    ):  # fmt: skip
-        fine = ep.Refine((0, 0, 0), 1.6 * a, h * a)
-        fem = ep.fe_model(shape, material, order=order, maxh=maxh, refine=[fine], grading=0.4)
-        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), (reach + h) * a, direction=(0, 0, line))))
-    return models, ROD
 
 
-SCENES = {"spheres": (spheres, SPHERES, FINE_SPHERES), "plate": (plate, PLATES, FINE_PLATE)}
+def box(x, y, z):
+    """Below the origin, between the ends of two ranges."""
+    return occ.Box(occ.Pnt(x[0], y[0], -z), occ.Pnt(x[1], y[1], 0))
 
 
-def reduced(make, sizes):
-    """FE models with their bodies, and the impact."""
-    models, impact = make(*sizes)
-    f_cut = min(impact["f_cut"], *(0.99 * fem.resolved_frequency for fem, _ in models))
-    return [(fem, ep.reduce(fem, partition, f_cut=f_cut)) for fem, partition in models], impact
+def head(length, sign):
+    """Cylinder with a spherical head of 10 mm radius; the face at its back has a name."""
+    radius = 10e-3
+    shape = occ.Cylinder(occ.Pnt(0, 0, radius if sign > 0 else -length), occ.Z, r=radius, h=length - radius)
+    shape += occ.Sphere(occ.Pnt(0, 0, sign * radius), radius)
+    (shape.faces.Max(occ.Z) if sign > 0 else shape.faces.Min(occ.Z)).name = "back"
+    return shape
 
 
-def forces(pairs, impact):
+def mass_of(shape, material=STEEL):
+    return material.rho * shape.mass
+
+
+SMALL = ball(5e-3)
+SLIM = rod(5e-3, 8e-3, 40e-3)
+
+
+def spheres():
+    """Two balls."""
+    bodies = (SMALL, STEEL, 2.5e-3), (ball(5e-3, up=False), STEEL, 2.5e-3)
+    return Scene(bodies, 2.5e-3, mass_of(SMALL) / 2, 0.3, 45e-6, 300e3)
+
+
+def plate():
+    """A rod with a round tip and a plate of 3 mm."""
+    bodies = (SLIM, STEEL, 4e-3), (box((-0.04, 0.04), (-0.04, 0.04), 3e-3), ALUMINIUM, 12e-3)
+    return Scene(bodies, 8e-3, mass_of(SLIM) / 3, 0.5, 100e-6, 100e3, THIN, (3, 0.6, 0.5))
+
+
+def blocks():
+    """Two cylinders with spherical heads."""
+    bodies = (head(71e-3, 1), STEEL, 6e-3), (head(58e-3, -1), STEEL, 6e-3)
+    return Scene(bodies, 5e-3, mass_of(bodies[0][0]) / 2, 0.3, 150e-6, 100e3)
+
+
+def crank_slider():
+    """The same with interfaces at their backs, as the blocks of the crank slider have."""
+    bodies = (head(71e-3, 1), STEEL, 6e-3), (head(58e-3, -1), STEEL, 6e-3)
+    return Scene(bodies, 5e-3, mass_of(bodies[0][0]) / 2, 0.3, 150e-6, 60e3, back=True)
+
+
+def edge():
+    """A ball on a block, 1 mm from an edge."""
+    bodies = (SMALL, STEEL, 2.5e-3), (box((-19e-3, 1e-3), (-10e-3, 10e-3), 10e-3), STEEL, 4e-3)
+    return Scene(bodies, 5e-3, mass_of(SMALL), 0.2, 60e-6, 150e3)
+
+
+def tilted():
+    """A rod that leans by 20 degrees, on a plate of 10 mm, beside its centre."""
+    leaning = SLIM.Rotate(occ.Axis(occ.Pnt(0, 0, 8e-3), occ.Y), 20)
+    bodies = (leaning, STEEL, 4e-3), (box((-30e-3, 20e-3), (-25e-3, 15e-3), 10e-3), STEEL, 5e-3)
+    return Scene(bodies, 8e-3, mass_of(SLIM) / 2, 0.3, 100e-6, 100e3)
+
+
+def cylinders():
+    """Two cylinders that cross at a right angle."""
+    radius, length = 5e-3, 30e-3
+    upper = occ.Cylinder(occ.Pnt(-length / 2, 0, radius), occ.X, r=radius, h=length)
+    lower = occ.Cylinder(occ.Pnt(0, -length / 2, -radius), occ.Y, r=radius, h=length)
+    return Scene(((upper, STEEL, 2e-3), (lower, STEEL, 2e-3)), radius, mass_of(upper) / 2, 0.3, 80e-6, 100e3)
+
+
+def thin():
+    """A ball on a plate of 2 mm."""
+    bodies = (SMALL, STEEL, 2.5e-3), (box((-0.03, 0.03), (-0.03, 0.03), 2e-3), ALUMINIUM, 8e-3)
+    return Scene(bodies, 5e-3, mass_of(SMALL), 0.2, 80e-6, 100e3, THIN, (3, 0.6, 0.5))
+
+
+def hollow():
+    """A ball on a tube with a wall of 2 mm."""
+    radius, wall, length = 10e-3, 2e-3, 30e-3
+    outer, inner = (
+        occ.Cylinder(occ.Pnt(-length / 2, 0, -radius), occ.X, r=r, h=length) for r in (radius, radius - wall)
+    )
+    bodies = (SMALL, STEEL, 2.5e-3), (outer - inner, STEEL, 5e-3)
+    return Scene(bodies, 4e-3, mass_of(SMALL), 0.2, 80e-6, 100e3, THIN, (3, 0.6, 0.6))
+
+
+SCENES = {make.__name__: make for make in (spheres, plate, blocks, crank_slider, edge, tilted, cylinders, thin, hollow)}
+
+
+def reduced(scene, sizes):
+    """FE models with their bodies."""
+    models = scene.models(*sizes)
+    f_cut = min(scene.f_cut, *(0.99 * fem.resolved_frequency for fem, _ in models))
+    return [(fem, ep.reduce(fem, partition, f_cut=f_cut)) for fem, partition in models]
+
+
+def forces(scene, pairs):
     """Times and contact forces of a run."""
     mbs = exu.SystemContainer().AddSystem()
     (_, first), (_, second) = pairs
-    striker = ep.CreatePartitionBody(mbs, first, initialVelocity=[0, 0, -impact["speed"]])
+    striker = ep.CreatePartitionBody(mbs, first, initialVelocity=[0, 0, -scene.speed])
     contact = ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, second), passes="given")
     mbs.Assemble()
-    result = ep.solve_dynamic(mbs, end_time=impact["end"], step=impact["end"] / 500)
+    result = ep.solve_dynamic(mbs, end_time=scene.end, step=scene.end / 500)
     return result.t, contact.force(result)
+
+
+def measured(name, scene):
+    """Runs of a scene, printed as a table."""
+    pairs = reduced(scene, scene.fine)
+    t, exact = forces(scene, pairs)
+    dofs = sum(fem.n_dofs for fem, _ in pairs)
+    table = Table("order", "h/a", "unknowns", "true", "estimated", "effectivity", "bodies", "reduce", "estimate",
+                  title=f"{name}; reference: {dofs} unknowns")  # fmt: skip
+    runs = []
+    for sizes in scene.meshes:
+        begin = time.process_time()
+        pairs = reduced(scene, sizes)
+        reduce_s, begin = time.process_time() - begin, time.process_time()
+        estimate = ep.mesh_error(*pairs, speed=scene.speed, duration=scene.end)
+        estimate_s = time.process_time() - begin
+        true = np.linalg.norm(np.interp(t, *forces(scene, pairs)) - exact) / np.linalg.norm(exact)
+        run = {
+            "order": sizes[0], "size": sizes[1:], "dofs": sum(fem.n_dofs for fem, _ in pairs), "true": true,
+            "estimated": estimate.force, "effectivity": estimate.force / true, "reduce_cpu_s": reduce_s,
+            "estimate_cpu_s": estimate_s, "of_bodies": estimate.of_bodies, "far": estimate.far, "local": estimate.local,
+            "rows": estimate.rows,
+            "judged": sizes[1] <= (0.7 if sizes[0] == 2 else 1.0),
+        }  # fmt: skip
+        runs.append(run)
+        table.add_row(
+            str(sizes[0]), " ".join(f"{s:g}" for s in sizes[1:]), str(run["dofs"]), f"{true:.2%}",
+            f"{estimate.force:.2%}", f"{run['effectivity']:.2f}",
+            " ".join(f"{x:.2%}" for x in estimate.of_bodies), f"{reduce_s:.1f} s", f"{estimate_s:.1f} s",
+        )  # fmt: skip
+    Console(width=120).print(table)
+    return {"reference_dofs": dofs, "runs": runs}
 
 
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", nargs="+", choices=SCENES, default=[*SCENES])
+    only = parser.parse_args().only
     warnings.simplefilter("ignore", ep.errors.PartitionWarning)  # coarse meshes say so
-    result, judged = {"limits": LIMITS, "scenes": {}}, []
-    for name in parser.parse_args().only:
-        make, every, fine = SCENES[name]
-        pairs, impact = reduced(make, fine)
-        t, exact = forces(pairs, impact)
-        table = Table("order", "h/a", "unknowns", "true", "estimated", "effectivity", "bodies", "reduce", "estimate",
-                      title=f"{name}; reference: {sum(fem.n_dofs for fem, _ in pairs)} unknowns")  # fmt: skip
-        runs = result["scenes"][name] = []
-        for sizes in every:
-            begin = time.perf_counter()
-            pairs, impact = reduced(make, sizes)
-            reduce_s, begin = time.perf_counter() - begin, time.perf_counter()
-            estimate = ep.mesh_error(*pairs, speed=impact["speed"], duration=impact["end"])
-            estimate_s = time.perf_counter() - begin
-            true = np.linalg.norm(np.interp(t, *forces(pairs, impact)) - exact) / np.linalg.norm(exact)
-            run = {
-                "order": sizes[0], "size": sizes[1:], "dofs": sum(fem.n_dofs for fem, _ in pairs), "true": true,
-                "estimated": estimate.force, "effectivity": estimate.force / true, "reduce_s": reduce_s,
-                "estimate_s": estimate_s, "of_bodies": estimate.of_bodies,
-            }  # fmt: skip
-            runs.append(run)
-            if sizes[1] <= (0.7 if sizes[0] == 2 else 1.0):
-                judged.append(run["effectivity"])
-            table.add_row(
-                str(sizes[0]), " ".join(f"{s:g}" for s in sizes[1:]), str(run["dofs"]), f"{true:.2%}",
-                f"{estimate.force:.2%}", f"{run['effectivity']:.2f}",
-                " ".join(f"{x:.2%}" for x in estimate.of_bodies), f"{reduce_s:.1f} s", f"{estimate_s:.1f} s",
-            )  # fmt: skip
-        Console(width=120).print(table)
-    result |= {"least": min(judged), "largest": max(judged)}
-    failed = ["effectivity"] * int(result["least"] < LIMITS["least"] or result["largest"] > LIMITS["largest"])
+    path = Path(__file__).with_suffix(".json")
+    before = json.loads(path.read_text())["scenes"] if path.is_file() and len(only) < len(SCENES) else {}
+    found = before | {name: measured(name, SCENES[name]()) for name in only}
+    judged = [run["effectivity"] for one in found.values() for run in one["runs"] if run["judged"]]
+    result = {
+        "limits": LIMITS, "scenes": {name: found[name] for name in SCENES if name in found}, "least": min(judged),
+        "largest": max(judged), "inside": sum(WANTED[0] <= x <= WANTED[1] for x in judged), "judged": len(judged),
+    }  # fmt: skip
+    failed = [
+        f"{name} {run['order']}, {run['size']}"
+        for name, one in found.items()
+        for run in one["runs"]
+        if run["judged"] and not LIMITS["least"] <= run["effectivity"] <= LIMITS["largest"]
+    ]
     scenes.finish(__file__, result, failed)
 
 

@@ -359,6 +359,14 @@ CALLS = {
         patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1, "rigid": (0, 0)}, (None, None)),
         swaps=False,
     ),
+    "with_mesh_error": call(
+        slave=_reduced_pair(Made(lambda s: (s.fem, ep.reduce(s.fem, s.body.partition, tolerance=0.2)))),
+        master=_reduced_pair(Made(lambda s: ep.RigidPlane())),
+        speed=v.positive.or_none(1.0),
+        duration=v.positive.or_none(1e-5),
+        patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1, "rigid": (0, 0)}, (None, None)),
+        swaps=False,
+    ),
     "design_impact": call(
         first=_shape_pair(Made(_falling_ball)),
         second=_shape_pair(Made(lambda s: ep.RigidPlane())),

@@ -1,0 +1,80 @@
+"""Bodies whose estimate tells the error of their meshes too."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+from ..contact.rigid import RigidSurface
+from ..errors import InputError, ToleranceWarning
+from ..reduction.body import ReducedBody
+from .mesh_error import mesh_error
+from .modal_pair import Pair
+
+
+def with_mesh_error(
+    slave: Pair,
+    master: Pair | RigidSurface,
+    *,
+    speed: float | None = None,
+    duration: float | None = None,
+    patches: tuple[int | str | None, int | str | None] = (None, None),
+) -> tuple[ReducedBody, ...]:
+    """Add the error of the meshes to the estimate of bodies that were reduced to a tolerance.
+
+    `body.estimate` then tells the errors of truncation and step (`force`, `velocity`), of the step (`step`), of the
+    meshes (`mesh_force`, `mesh_velocity`) and of all together (`total`). Its `limit` names the mesh if that is what
+    keeps the total above the tolerance.
+
+    Parameters
+    ----------
+    slave : (FEModel, ReducedBody)
+    master : (FEModel, ReducedBody), RigidPlane, RigidSphere or RigidCylinder
+    duration, patches :
+        As for `mesh_error`.
+    speed : float, optional
+        Approach speed along the line of contact [m/s]; default: that of the slave's estimate.
+
+    Returns
+    -------
+    tuple of ReducedBody
+        The slave, and the master if it is a body.
+
+    Raises
+    ------
+    InputError
+        If a body was not reduced to a tolerance, or as `mesh_error`.
+    MeshError, EmptyRegionError, PenetrationError, MemoryLimitError, MissingPackageError
+
+    Warns
+    -----
+    ToleranceWarning
+        If the total error is above the tolerance of the reduction.
+
+    Notes
+    -----
+    It is no part of `reduce`, because it takes about as long: `validation/mesh/effectivity.py`.
+    """
+    if speed is None:
+        body = slave[1] if isinstance(slave, tuple | list) and len(slave) == 2 else None
+        if not isinstance(body, ReducedBody) or body.estimate is None:
+            raise InputError("speed: expected one [m/s], because the slave was not reduced to a tolerance")
+        speed = body.estimate.speed
+    found = mesh_error(slave, master, speed=speed, duration=duration, patches=patches)
+    bodies = [slave[1], master[1]] if isinstance(master, tuple | list) else [slave[1]]
+    result = []
+    for body in bodies:
+        if body.estimate is None:
+            raise InputError("estimate: a body has none, because it was not reduced to a tolerance; reduce it so")
+        limit = replace(found, truncation=body.estimate).limit
+        estimate = replace(found.added_to(body.estimate), limit=limit or body.estimate.limit)
+        result.append(replace(body, estimate=estimate))
+    worst = max((body.estimate for body in result if body.estimate is not None), key=lambda estimate: estimate.total)
+    if worst.total > worst.tolerance:
+        warnings.warn(
+            f"tolerance: {worst.tolerance:.3g} cannot be promised; the estimated total error is {worst.total:.3g}, of "
+            f"which the meshes make {found.error:.3g}. What limits it is {worst.limit}",
+            ToleranceWarning,
+            stacklevel=2,
+        )
+    return tuple(result)
