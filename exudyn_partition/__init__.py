@@ -46,6 +46,7 @@ _HOMES = {
     "algebra.coulomb": ("Coulomb",),
     "exudyn_bodies.create_body": ("CreatePartitionBody",),
     "exudyn_bodies.partition_body": ("PartitionBody",),
+    "exudyn_bodies.surface_loads": ("CreateDistributedLoad",),
     "contact.profile": ("RigidProfile",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "exudyn_contacts.create_contact": ("CreatePartitionContact",),

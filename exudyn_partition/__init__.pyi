@@ -11,6 +11,7 @@ from .contact.profile import RigidProfile
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
 from .exudyn_bodies.create_body import CreatePartitionBody
 from .exudyn_bodies.partition_body import PartitionBody
+from .exudyn_bodies.surface_loads import CreateDistributedLoad
 from .exudyn_contacts.create_contact import CreatePartitionContact
 from .exudyn_contacts.partition_contact import PartitionContact
 from .fe.material import ALUMINIUM, STEEL, Material
@@ -47,6 +48,7 @@ __all__ = [
     "STEEL",
     "Comparison",
     "Coulomb",
+    "CreateDistributedLoad",
     "CreatePartitionBody",
     "CreatePartitionContact",
     "CreatePartitionView",

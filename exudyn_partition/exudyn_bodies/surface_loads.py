@@ -1,4 +1,4 @@
-"""Exudyn adapter: uniform tractions on faces of a partition body.
+"""Exudyn adapter: uniform tractions on faces of a partition body, and distributed loads.
 
 Theory: examples/site/theory.md, "Uniform tractions".
 """
@@ -6,18 +6,32 @@ Theory: examples/site/theory.md, "Uniform tractions".
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..errors import InputError
 from ..fe.facets import nodal_area
 from ..fe.model import FEModel
 from ..fe.patches import Interface
+from ..frames.floating import FloatingKinematics
+from ..frames.inertial import InertialKinematics
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_callable, validate_flag, validate_vector
-from ..support.foreign import LoadIndex, MainSystem, MarkerIndex, UserFunction
+from ..support.checks import validate_callable, validate_flag, validate_number, validate_text, validate_vector
+from ..support.foreign import (
+    Coordinates,
+    ItemIndex,
+    LoadIndex,
+    MainSystem,
+    MarkerIndex,
+    MatrixContainer,
+    ObjectIndex,
+    UserFunction,
+)
 from ..support.optional import require
+from .model import BodyItem, validate_model
 
 _ASIDE = 1e-6  # distance of an interface's point from the mean of its face, by the body's size, that is round-off
 
@@ -50,6 +64,90 @@ def loaded_area(body: ReducedBody | FEModel, interface: Interface) -> float:
             "uniform traction acts; leave out position= of Partition.interface"
         )
     return total
+
+
+@runtime_checkable
+class LoadedBody(BodyItem, Protocol):
+    """A body in a model that a distributed load can act on: a PartitionBody."""
+
+    kinematics: FloatingKinematics | InertialKinematics
+
+
+def CreateDistributedLoad(
+    mbs: MainSystem,
+    body: LoadedBody,
+    load: str,
+    magnitude: float,
+    *,
+    bodyFixed: bool = True,
+    loadUserFunction: UserFunction | None = None,
+    name: str = "",
+) -> ObjectIndex:
+    """Put a distributed load of `Partition.load` on a body: a pressure or traction [Pa], or a line load [N/m].
+
+    The body's static answer to it is that of the FE mesh. It is an object without mass, because Exudyn's loads act at
+    points; `solve_static` applies it in full from its first load step on.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    body : PartitionBody
+    load : str
+        Name of the load in the partition.
+    magnitude : float
+        Pressure or traction [Pa], or line load [N/m].
+    bodyFixed : bool
+        Whether the directions turn with the body, as those of a pressure do. Otherwise they stay as they are at the
+        start.
+    loadUserFunction : callable, optional
+        Function f(mbs, t, magnitude) that returns the magnitude at time t.
+    name : str
+
+    Returns
+    -------
+    exudyn.ObjectIndex
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, there is no such load, or the body is not in this model.
+    """
+    validate_model(mbs)
+    if not isinstance(body, LoadedBody):
+        raise InputError(f"body: expected what CreatePartitionBody returns, got {type(body).__name__}")
+    if not body.is_in(mbs):
+        raise InputError(f"body: {body.name!r} is not in this model; create it there before its loads")
+    pattern, size = body.body.partition.find_load(load), validate_number("magnitude", magnitude)
+    validate_flag("bodyFixed", bodyFixed)
+    if loadUserFunction is not None:
+        validate_callable("loadUserFunction", loadUserFunction, "f(mbs, t, magnitude), which returns the magnitude")
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    kinematics, n = body.kinematics.at(pattern.nodes), body.body.n_dofs
+    at_start = kinematics.frame(np.zeros(n))[1]
+
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+        now = np.asarray(q)
+        axes = kinematics.frame(now)[1] if bodyFixed else at_start
+        present = size if loadUserFunction is None else float(loadUserFunction(mbs, t, size))
+        generalised = kinematics.generalised(now, present * (pattern.forces @ axes.T))
+        if isinstance(kinematics, FloatingKinematics):
+            return kinematics.on_constant_mass(now, generalised)
+        return generalised
+
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        return exu.MatrixContainer(sp.csr_matrix((n, n)))  # that of its turning is small
+
+    return mbs.AddObject(
+        items.ObjectGenericODE2(
+            name=validate_text("name", name),
+            nodeNumbers=body.nodes,
+            forceUserFunction=force,
+            jacobianUserFunction=jacobian,
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
 
 
 def surface_load(

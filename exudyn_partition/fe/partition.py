@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,13 +20,19 @@ from ..support.checks import (
     validate_type,
     validate_vector,
 )
-from .faces import middle
-from .facets import nodal_area
-from .model import FEModel, rigid_modes, same_mesh
+from .model import FEModel, same_mesh
 from .patch_facets import Faces, ball_facets, chosen_facets, local_normals, mean_direction, show, smooth_rim
-from .patches import AXES, KINDS, Interface, InterfaceKind, Patch, PatchAxes, plastic_region
-
-_FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
+from .patches import (
+    AXES,
+    Interface,
+    InterfaceKind,
+    LoadPattern,
+    Patch,
+    PatchAxes,
+    interface_of,
+    load_pattern,
+    plastic_region,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +55,7 @@ class Partition:
         Nodes of the FE model.
     mesh : (9,) array
         `FEModel.fingerprint` of the FE model.
+    loads : tuple of LoadPattern
 
     Raises
     ------
@@ -61,18 +68,19 @@ class Partition:
     interfaces: tuple[Interface, ...]
     n_nodes: int
     mesh: Array
+    loads: tuple[LoadPattern, ...] = field(default=(), metadata={"added": True})
 
     def __post_init__(self) -> None:
         n_nodes = validate_integer("n_nodes", self.n_nodes, 1)
         check_tuple("patches", self.patches, Patch)
         check_tuple("interfaces", self.interfaces, Interface)
-        check_indices("nodes", self.nodes, (None,), n_nodes)
+        check_tuple("loads", self.loads, LoadPattern)
         for patch in self.patches:
             check_indices("facets", patch.facets, patch.facets.shape, n_nodes)
             check_indices("rim", patch.rim, (None,), n_nodes)
-        for interface in self.interfaces:
-            check_indices("nodes", interface.nodes, (None,), n_nodes)
-        for nodes in (self.nodes, *(interface.nodes for interface in self.interfaces)):
+        parts = [interface.nodes for interface in self.interfaces] + [load.nodes for load in self.loads]
+        for nodes in (self.nodes, *parts):
+            check_indices("nodes", nodes, (None,), n_nodes)
             if (np.diff(nodes) <= 0).any():
                 raise InputError("nodes: expected each node once, ascending")
         check_floats("mesh", self.mesh, (9,))
@@ -89,7 +97,8 @@ class Partition:
                             f"partition: {other} and {name} share {len(shared)} nodes, such as node {shared[0]}; "
                             "expected none. Make one of them smaller, or move it"
                         )
-        for names in ([i.name for i in self.interfaces], [p.name for p in self.patches if p.name]):
+        named = [p.name for p in self.patches if p.name]
+        for names in ([i.name for i in self.interfaces], [load.name for load in self.loads], named):
             if len(set(names)) < len(names):
                 raise InputError(f"name: expected each name once, got {', '.join(map(repr, names))}")
 
@@ -108,6 +117,7 @@ class Partition:
             self.interfaces + other.interfaces,
             self.n_nodes,
             self.mesh,
+            self.loads + other.loads,
         )
 
     def is_of(self, fem: FEModel) -> bool:
@@ -116,6 +126,16 @@ class Partition:
         A mesh may be moved as a whole under its patches, but not under the points of interfaces.
         """
         return same_mesh(self.mesh, fem.fingerprint, same_place=bool(self.interfaces))
+
+    def find_load(self, name: str) -> LoadPattern:
+        """Return the distributed load of that name; InputError if there is none."""
+        names = [load.name for load in self.loads]
+        if not isinstance(name, str) or name not in names:
+            raise InputError(
+                f"load: expected one of {', '.join(map(repr, names)) or 'none, for the body has none'}, got {name!r}. "
+                f"Join Partition.load(fem, {name!r}, faces) to the partition by | and reduce the body again"
+            )
+        return self.loads[names.index(name)]
 
     def check_mesh(self, fem: FEModel, name: str = "partition") -> None:
         """Raise unless the partition is of the mesh of `fem`.
@@ -325,41 +345,44 @@ class Partition:
             If the nodes lie on one line, which leaves the rotation about it undefined; if they are no nodes of the FE
             model; or if `position` is further from the nodes than the body is long.
         """
-        validate_type("fem", fem, FEModel, "fe_model()")
-        validate_choice("kind", kind, KINDS)
-        if isinstance(nodes, str):
-            validate_choice("nodes", nodes, fem.boundaries)
-            nodes = fem.facets[fem.boundaries[nodes]]
-        nodes = np.asarray(nodes)
-        if nodes.size and nodes.dtype.kind not in "iu":
-            raise InputError(
-                f"nodes: expected whole numbers of nodes or the name of a boundary, got {type(nodes.flat[0]).__name__}"
-            )
-        nodes = np.unique(nodes)
-        if not nodes.size:
-            raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
-        if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
-            raise InputError(f"nodes: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes[0]} to {nodes[-1]}")
-        spanned = fem.facets[np.isin(fem.facets, nodes).all(axis=1)]
-        if np.isin(nodes, spanned).all():
-            area = nodal_area(fem.points, spanned)[nodes]
-            weights = area / area.sum()
-            mean = middle(fem.points, spanned)
-        else:  # some nodes may span a few facets by chance, which must not carry everything
-            weights = np.full(len(nodes), 1 / len(nodes))
-            mean = weights @ fem.points[nodes]
-        sizes = np.linalg.svd(np.sqrt(weights)[:, None] * (fem.points[nodes] - mean), compute_uv=False)
-        if len(nodes) < 3 or sizes[1] <= _FLAT * sizes[0]:
-            raise InputError(
-                f"nodes: interface {name!r} has {len(nodes)} nodes that lie on one line, so that its rotation about it "
-                "is not defined; expected at least three that span a plane"
-            )
-        place = mean if position is None else _checked_place(fem, name, mean, position)
-        motions = rigid_modes(fem.points[nodes] - place)
-        weighted = motions * np.repeat(weights, 3)[:, None]
-        motion = np.linalg.solve(motions.T @ weighted, weighted.T)
-        joint = Interface(name, nodes, kind, place, weights, motion)
+        joint = interface_of(fem, name, nodes, kind, position)
         return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes, fem.fingerprint)
+
+    @classmethod
+    def load(
+        cls,
+        fem: FEModel,
+        name: str,
+        faces: Faces | None = None,
+        *,
+        line: Sequence[int] | Array | None = None,
+        direction: Vector | None = None,
+    ) -> Partition:
+        """Distributed load with its static answer: a pressure or traction on faces, curved ones too, or a line load.
+
+        `CreateDistributedLoad` gives it a size that may change with time. The basis holds the static answer to it.
+
+        Parameters
+        ----------
+        fem : FEModel
+        name : str
+        faces : str, sequence of str, (k,) int array, (nf,) bool array, or two (3,) arrays, optional
+            Where a pressure or traction acts, as in `surface`.
+        line : (k,) int array, optional
+            Instead of faces: nodes on edges of the mesh's surface, in any order, along which a line load acts.
+        direction : (3,) array, optional
+            Of a traction or line load, in the body's axes; any length. Default: a pressure, against the normals.
+
+        Raises
+        ------
+        EmptyRegionError
+            If no facet is chosen, or no edge has all its nodes in `line`.
+        InputError
+            If both or none of `faces` and `line` are given, or a line load without `direction`.
+        """
+        validate_type("fem", fem, FEModel, "fe_model()")
+        pattern = load_pattern(fem, name, faces, line, direction)
+        return cls(np.empty(0, dtype=np.int64), (), (), fem.n_nodes, fem.fingerprint, (pattern,))
 
 
 def check_one_line(partition: Partition, patch: int, argument: str) -> None:
@@ -375,15 +398,3 @@ def check_one_line(partition: Partition, patch: int, argument: str) -> None:
             f"{partition.patches[patch].name!r}, made by Partition.surface. Reduce such a body with f_cut, or judge an "
             "impact at one place with a patch of Partition.ball"
         )
-
-
-def _checked_place(fem: FEModel, name: str, mean: Array, position: Vector) -> Array:
-    """Return an interface's point that the user gave."""
-    place = validate_vector("position", position)
-    away, size = np.linalg.norm(place - mean), np.ptp(fem.points, axis=0).max()
-    if away > size:
-        raise InputError(
-            f"position: expected the point where joints attach, in the body's own coordinates, got {show(place)}, "
-            f"{away:.4g} m away from the nodes of interface {name!r} around {show(mean)}, of a body of {size:.4g} m"
-        )
-    return place

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
 
 from ..errors import EmptyRegionError, InputError
-from ..support.arrays import Array
+from ..support.arrays import Array, Vector
 from ..support.checks import (
     check_floats,
     check_indices,
@@ -16,9 +17,15 @@ from ..support.checks import (
     validate_choice,
     validate_flag,
     validate_text,
+    validate_type,
+    validate_vector,
 )
+from .faces import middle
+from .facets import nodal_area
 from .material import Material
 from .model import FEModel, rigid_modes
+from .patch_facets import Faces, chosen_facets, show
+from .quadrature import edge_lengths, edges_between, facet_forces
 from .shapes import FACET_NODES
 
 PatchAxes = Literal["normal", "xyz"]
@@ -28,6 +35,7 @@ AXES: tuple[PatchAxes, ...] = get_args(PatchAxes)
 KINDS: tuple[InterfaceKind, ...] = get_args(InterfaceKind)
 
 _UNIT = 1e-9  # allowed error of a unit vector's length
+_FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +202,121 @@ class Interface:
         return rigid_modes(fem.points[self.nodes] - self.position)
 
 
+@dataclass(frozen=True, eq=False)
+class LoadPattern:
+    """A distributed load: the nodal forces of a unit of it.
+
+    Parameters
+    ----------
+    name : str
+    nodes : (k,) int array
+        Ascending.
+    forces : (k, 3) array
+        By a pressure or traction of 1 Pa [N/Pa], or by a line load of 1 N/m [m], in the body's axes.
+    """
+
+    name: str
+    nodes: Array
+    forces: Array
+
+    def __post_init__(self) -> None:
+        validate_text("name", self.name)
+        check_indices("nodes", self.nodes, (None,))
+        check_floats("forces", self.forces, (len(self.nodes), 3))
+        read_only(self.nodes, self.forces)
+
+
+def interface_of(
+    fem: FEModel, name: str, nodes: Sequence[int] | Array | str, kind: InterfaceKind, position: Vector | None
+) -> Interface:
+    """Do the work of `Partition.interface`."""
+    validate_type("fem", fem, FEModel, "fe_model()")
+    validate_choice("kind", kind, KINDS)
+    if isinstance(nodes, str):
+        validate_choice("nodes", nodes, fem.boundaries)
+        nodes = fem.facets[fem.boundaries[nodes]]
+    nodes = np.asarray(nodes)
+    if nodes.size and nodes.dtype.kind not in "iu":
+        raise InputError(
+            f"nodes: expected whole numbers of nodes or the name of a boundary, got {type(nodes.flat[0]).__name__}"
+        )
+    nodes = np.unique(nodes)
+    if not nodes.size:
+        raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
+    if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
+        raise InputError(f"nodes: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes[0]} to {nodes[-1]}")
+    spanned = fem.facets[np.isin(fem.facets, nodes).all(axis=1)]
+    if np.isin(nodes, spanned).all():
+        area = nodal_area(fem.points, spanned)[nodes]
+        weights = area / area.sum()
+        mean = middle(fem.points, spanned)
+    else:  # some nodes may span a few facets by chance, which must not carry everything
+        weights = np.full(len(nodes), 1 / len(nodes))
+        mean = weights @ fem.points[nodes]
+    sizes = np.linalg.svd(np.sqrt(weights)[:, None] * (fem.points[nodes] - mean), compute_uv=False)
+    if len(nodes) < 3 or sizes[1] <= _FLAT * sizes[0]:
+        raise InputError(
+            f"nodes: interface {name!r} has {len(nodes)} nodes that lie on one line, so that its rotation about it "
+            "is not defined; expected at least three that span a plane"
+        )
+    place = mean if position is None else _checked_place(fem, name, mean, position)
+    motions = rigid_modes(fem.points[nodes] - place)
+    weighted = motions * np.repeat(weights, 3)[:, None]
+    motion = np.linalg.solve(motions.T @ weighted, weighted.T)
+    return Interface(name, nodes, kind, place, weights, motion)
+
+
+def _checked_place(fem: FEModel, name: str, mean: Array, position: Vector) -> Array:
+    """Return an interface's point that the user gave."""
+    place = validate_vector("position", position)
+    away, size = np.linalg.norm(place - mean), np.ptp(fem.points, axis=0).max()
+    if away > size:
+        raise InputError(
+            f"position: expected the point where joints attach, in the body's own coordinates, got {show(place)}, "
+            f"{away:.4g} m away from the nodes of interface {name!r} around {show(mean)}, of a body of {size:.4g} m"
+        )
+    return place
+
+
+def _node_numbers(name: str, value: Sequence[int] | Array | None, fem: FEModel) -> Array:
+    """Return numbers of nodes of an FE model."""
+    nodes = np.asarray(value)
+    if nodes.ndim != 1 or (nodes.size and nodes.dtype.kind not in "iu"):
+        raise InputError(f"{name}: expected numbers of nodes, (k,), got {type(value).__name__}")
+    if not nodes.size:
+        raise EmptyRegionError(f"{name}: has no nodes; expected some along edges of the mesh")
+    if nodes.min() < 0 or nodes.max() >= fem.n_nodes:
+        raise InputError(
+            f"{name}: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes.min()} to {nodes.max()}"
+        )
+    return nodes
+
+
+def load_pattern(
+    fem: FEModel, name: str, faces: Faces | None, line: Sequence[int] | Array | None, direction: Vector | None
+) -> LoadPattern:
+    """Do the work of `Partition.load`."""
+    if (faces is None) == (line is None):
+        raise InputError("faces, line: expected one of them, got " + ("none" if faces is None else "both"))
+    way = None
+    if direction is not None:
+        way = validate_vector("direction", direction)
+        if not np.linalg.norm(way):
+            raise InputError("direction: expected a vector that has a length, got zero")
+        way = way / np.linalg.norm(way)
+    forces = np.zeros((fem.n_nodes, 3))
+    if faces is not None:
+        facets = fem.facets[chosen_facets(fem, faces)]
+        np.add.at(forces, facets, facet_forces(fem.points, facets, way))
+    else:
+        if way is None:
+            raise InputError("direction: a line load needs one, in the body's axes")
+        edges = edges_between(fem.facets, _node_numbers("line", line, fem))
+        np.add.at(forces, edges, edge_lengths(fem.points, edges)[:, :, None] * way)
+    nodes = np.flatnonzero(forces.any(axis=1))
+    return LoadPattern(name, nodes, forces[nodes])
+
+
 def check_facets(facets: Array, n_nodes: int | None = None) -> None:
     """Refuse what are no facets of known kinds, or facets with nodes beyond `n_nodes`.
 
@@ -206,4 +329,4 @@ def check_facets(facets: Array, n_nodes: int | None = None) -> None:
         raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {facets.shape}")
 
 
-PARTS = (Patch, PlasticRegion, Interface)  # of a partition, as files know them
+PARTS = (Patch, PlasticRegion, Interface, LoadPattern)  # of a partition, as files know them

@@ -1,10 +1,11 @@
-"""Integration over facets: points, weights and areas."""
+"""Integration over facets and their edges: points, weights, areas, and nodal forces of uniform loads."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.optimize
 
+from ..errors import EmptyRegionError
 from ..support.arrays import Array
 from .facets import FLAT_TRIANGLES
 from .shapes import FACET_NODES, shape_functions
@@ -25,6 +26,74 @@ def facet_integration(points: Array, facets: Array) -> tuple[Array, Array]:
     shape = shape_functions(local, facets.shape[1])
     tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets])
     return shape[:, 0], weight * np.linalg.norm(np.cross(*tangents), axis=2)
+
+
+def facet_forces(points: Array, facets: Array, direction: Array | None) -> Array:
+    """Nodal forces, (nf, k, 3) [N], of 1 Pa on facets, (nf, k): along a unit vector, (3,), or against the normals.
+
+    Pressures are integrated exactly on curved facets too, so that those of a closed surface are in balance.
+    """
+    local, weight = _square_gauss() if facets.shape[1] == 4 else _triangle_gauss()
+    shape = shape_functions(local, facets.shape[1])
+    tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets])
+    normals = np.cross(*tangents)
+    if direction is None:
+        return np.asarray(-np.einsum("q,qk,fqd->fkd", weight, shape[:, 0], normals))
+    areas = np.einsum("q,qk,fq->fk", weight, shape[:, 0], np.linalg.norm(normals, axis=2))
+    return np.asarray(areas[:, :, None] * direction)
+
+
+def edges_between(facets: Array, nodes: Array) -> Array:
+    """Edges of facets, (ne, 2), (ne, 3) or (ne, 4) nodes with ends first, all of whose nodes are among `nodes`, (k,).
+
+    Raises
+    ------
+    EmptyRegionError
+        If there is none.
+    """
+    edges = facets[:, _EDGES[facets.shape[1]]].reshape(-1, len(_EDGES[facets.shape[1]][0]))
+    edges = edges[np.isin(edges, nodes).all(axis=1)]
+    _, first = np.unique(np.sort(edges[:, :2], axis=1), axis=0, return_index=True)
+    if not len(first):
+        raise EmptyRegionError(
+            "line: no edge of the surface's mesh has all its nodes among these; give nodes along edges"
+        )
+    return np.asarray(edges[first])
+
+
+def edge_lengths(points: Array, edges: Array) -> Array:
+    """Lengths, (ne, k) [m], of edges, which may be curved, as a uniform line load shares them among their nodes."""
+    x, weight = np.polynomial.legendre.leggauss(4)
+    x, weight = (x + 1) / 2, weight / 2
+    at = np.r_[0.0, 1.0, np.arange(1, edges.shape[1] - 1) / (edges.shape[1] - 1)]
+    polynomials = np.linalg.inv(np.vander(at, increasing=True))  # of each node, a column
+    powers = np.vander(x, len(at), increasing=True)
+    slopes = np.hstack([np.zeros((len(x), 1)), powers[:, :-1] * np.arange(1, len(at))])
+    tangents = np.einsum("qk,ekd->eqd", slopes @ polynomials, points[edges])
+    return np.asarray(np.einsum("q,eq,qk->ek", weight, np.linalg.norm(tangents, axis=2), powers @ polynomials))
+
+
+# Nodes of a facet's edges, by the number of its nodes: ends, then the others from the first end on.
+_EDGES = {
+    3: [[0, 1], [1, 2], [2, 0]],
+    4: [[0, 1], [1, 2], [2, 3], [3, 0]],
+    6: [[0, 1, 3], [1, 2, 4], [2, 0, 5]],
+    10: [[0, 1, 3, 4], [1, 2, 5, 6], [2, 0, 7, 8]],
+}
+
+
+def _square_gauss() -> tuple[Array, Array]:
+    """Gauss' five points each way on the unit square, exact to degree 9 in each, and their weights."""
+    x, w = np.polynomial.legendre.leggauss(5)
+    x, w = (x + 1) / 2, w / 2
+    return np.stack(np.meshgrid(x, x), axis=2).reshape(-1, 2), np.outer(w, w).ravel()
+
+
+def _triangle_gauss() -> tuple[Array, Array]:
+    """The same on the triangle, by folding the square (Duffy), exact to degree 8."""
+    square, weight = _square_gauss()
+    r, s = square.T
+    return np.column_stack([r, s * (1 - r)]), weight * (1 - r)
 
 
 def _triangle_rule() -> Rule:

@@ -28,7 +28,7 @@ from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ..support.progress import Progress
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
-from .loads import interface_loads, patch_rows, patch_slice
+from .loads import attached_loads, patch_rows, patch_slice
 
 BasisName = Literal["contact-adapted", "residual", "craig-bampton", "free"]
 
@@ -119,8 +119,8 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     pairs = modes = _modes_to(body, f_cut, progress)
     if not len(modes.omega):
         raise _no_mode_below(fem, f_cut)
-    if partition.interfaces:
-        pairs = _with_attachments(body, modes, body.static_answers().of_interfaces)
+    if partition.interfaces or partition.loads:
+        pairs = _with_attachments(body, modes, body.static_answers().of_attached)
     left_out = f"elastic modes above {f_cut:.6g} Hz"
     if not len(partition.nodes):
         return ReducedBasis(
@@ -174,8 +174,8 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     """Build the Craig-Bampton basis: modes with the boundary held, and its static constraint modes.
 
     Craig and Bampton (1968). The boundary consists of the three displacements of each patch node and the six
-    coordinates of each rigid interface. For averaged interfaces, static answers to their loads with the boundary held
-    are added. The reduced matrices are diagonalised; this changes neither the space of motions nor any result. The
+    coordinates of each rigid interface. For averaged interfaces and distributed loads, static answers with the boundary
+    held are added. The reduced matrices are diagonalised; this changes neither the space of motions nor any result. The
     patch keeps all its displacements, with their mass, and contact is by multipliers.
     """
     body = FreeBody(fem, partition)
@@ -189,7 +189,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     interior = np.delete(np.arange(model.n), boundary)
     K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
     averaged = [i for i in partition.interfaces if i.kind == "averaged"]
-    loads = interface_loads(fem, averaged) @ model.expand
+    loads = attached_loads(fem, averaged, partition.loads) @ model.expand
     answers = Factorisation(K).solve(
         np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T])
     )
@@ -232,7 +232,7 @@ def residual(fem: FEModel, partition: Partition, f_cut: float, progress: Progres
     body = FreeBody(fem, partition)
     modes = _modes_to(body, f_cut, progress)
     static = body.static_answers()
-    pairs = _with_attachments(body, modes, static.of_interfaces)
+    pairs = _with_attachments(body, modes, static.of_attached)
     left_out = f"the dynamics, but not the static answer, of elastic modes above {f_cut:.6g} Hz (f_cut raises that)"
     return _with_residual_flexibility("residual", body, pairs, len(modes.omega), static, (left_out,))
 
@@ -260,7 +260,7 @@ def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises
     `remedy` tells the user how to keep more.
     """
     found = space.pairs(f_cut)
-    pairs = _with_attachments(space, found, space.static.of_interfaces)
+    pairs = _with_attachments(space, found, space.static.of_attached)
     left_out = (
         f"modes below {f_cut:.6g} Hz that no load on a patch or interface excites (basis='residual' keeps them)",
         f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz, {DROP_ABOVE:g} f_cut "
@@ -312,7 +312,7 @@ def _waves(fem: FEModel) -> str:
 
 
 def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPairs:
-    """Ritz pairs of the span of `pairs` and of `static`, (nz, 6 i), the static answers to the interfaces' resultants.
+    """Ritz pairs of the span of `pairs` and of `static`, (nz, 6 i + l), the static answers to `attached_loads`.
 
     The part of these answers that the pairs do not contain becomes attachment modes, with their mass. Their frequencies
     are far above the others.

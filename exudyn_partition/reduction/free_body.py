@@ -26,7 +26,7 @@ from ..fe.patches import Patch
 from ..plasticity.zone_flexibility import ZoneFlexibility, zone_answers
 from ..support.arrays import Array
 from ..support.progress import Progress
-from .loads import interface_loads, patch_rows, patch_slice, resultants, unit_loads
+from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
 from .tied import tie
 
 _LOG = logging.getLogger(__name__)
@@ -48,14 +48,14 @@ class StaticAnswers:
     ----------
     at_patches : (r, r) array
         Displacements at the patches' rows by unit forces there, G F_e G' [m/N].
-    of_interfaces : (nz, 6 i) array
-        Displacements of all coordinates by the interfaces' unit resultants [m/N].
+    of_attached : (nz, 6 i + l) array
+        Displacements of all coordinates by the rows of `attached_loads` [m/N].
     zones : dict of int to ZoneFlexibility
         Flexibility of the plastic zones, by the number of their patch.
     """
 
     at_patches: Array
-    of_interfaces: Array
+    of_attached: Array
     zones: dict[int, ZoneFlexibility]
 
 
@@ -101,7 +101,7 @@ class FreeBody:
             at_patches[:, block] = rows @ answers
             for number, dofs in zones.items():
                 at_zones[number][:, block] = answers[dofs]
-        of_interfaces = interface_loads(self.fem, self.partition.interfaces) @ self.model.expand
+        attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
         flexibilities = {
             number: ZoneFlexibility(
                 zone_answers(flexibility, self.model.stiffness, dofs),
@@ -109,7 +109,7 @@ class FreeBody:
             )
             for number, dofs in zones.items()
         }
-        return StaticAnswers(at_patches, flexibility(of_interfaces.T.toarray()), flexibilities)
+        return StaticAnswers(at_patches, flexibility(attached.T.toarray()), flexibilities)
 
     def zone_dofs(self, patch: Patch) -> Array:
         """Coordinates of the nodes of a patch's plastic zone, (3 nz,) int array.
@@ -154,8 +154,10 @@ class AdaptedSpace(FreeBody):
     """
 
     def __init__(self, fem: FEModel, partition: Partition, f_shift: float, *, keep: bool = False) -> None:
-        if not partition.patches and not partition.interfaces:
-            raise InputError("partition: expected a contact patch or an interface, got neither: nothing moves the body")
+        if not partition.patches and not partition.interfaces and not partition.loads:
+            raise InputError(
+                "partition: expected a contact patch, an interface or a load, got none: nothing moves the body"
+            )
         super().__init__(fem, partition)
         self.loads = np.asarray(
             (unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition, f_shift)

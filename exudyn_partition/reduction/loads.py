@@ -1,4 +1,4 @@
-"""Loads of a scene on the FE model: on the nodes of contact patches, and resultants of interfaces."""
+"""Loads of a scene on the FE model: on the nodes of contact patches, resultants of interfaces, distributed loads."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..fe.facets import nodal_area
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
-from ..fe.patches import Interface, Patch
+from ..fe.patches import Interface, LoadPattern, Patch
 from ..support.arrays import Array
 
 _FEWEST = 8  # load patterns on a patch over which contact wanders, in each direction
@@ -65,16 +65,31 @@ def interface_loads(fem: FEModel, interfaces: Sequence[Interface]) -> sp.csr_mat
     return sp.vstack(rows, format="csr")
 
 
+def attached_loads(fem: FEModel, interfaces: Sequence[Interface], patterns: Sequence[LoadPattern]) -> sp.csr_matrix:
+    """(6 i + l, 3n) rows of loads whose static answers become shapes: of interfaces, and of distributed loads.
+
+    Distributed loads are scaled such that the sizes of their nodal forces add up to one.
+    """
+    rows = [interface_loads(fem, interfaces)]
+    for pattern in patterns:
+        values = (pattern.forces / np.linalg.norm(pattern.forces, axis=1).sum()).ravel()
+        dofs = node_dofs(pattern.nodes)
+        rows.append(sp.csr_matrix((values, dofs, [0, len(dofs)]), shape=(1, fem.n_dofs)))
+    return sp.vstack(rows, format="csr")
+
+
 def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
-    """(r + 6 i, 3n) rows of all loads of the scene: of the patches' nodes, then of the interfaces."""
-    return sp.vstack([patch_rows(fem, partition), interface_loads(fem, partition.interfaces)], format="csr")
+    """(r + 6 i + l, 3n) rows of all loads of the scene: of the patches' nodes, interfaces, and distributed loads."""
+    attached = attached_loads(fem, partition.interfaces, partition.loads)
+    return sp.vstack([patch_rows(fem, partition), attached], format="csr")
 
 
 def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> Array:
-    """(r + 6 i, p) combinations of `unit_loads` with unit resultants.
+    """(r + 6 i + l, p) combinations of `unit_loads` with unit resultants.
 
-    These are uniform tractions on each patch, and each resultant of interfaces. A patch with all axes, as friction
-    needs them, is also twisted about its direction: by tractions that grow with the distance from its middle.
+    These are uniform tractions on each patch, each resultant of interfaces, and each distributed load. A patch with all
+    axes, as friction needs them, is also twisted about its direction: by tractions that grow with the distance from its
+    middle.
 
     Over a patch of `Partition.surface` contact wanders. It is divided into cells, each with uniform tractions, so that
     the basis answers forces anywhere on it. No node is further from the middle of its cell than an eighth of the
@@ -88,7 +103,7 @@ def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> Array:
             continue
         uniform = np.kron((share / share.sum())[:, None], np.eye(patch.n_axes))
         blocks.append(uniform if patch.axes == "normal" else np.hstack([uniform, _twist(fem, patch, share)]))
-    resultants: Array = scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces)))
+    resultants: Array = scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces) + len(partition.loads)))
     return resultants
 
 

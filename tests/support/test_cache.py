@@ -93,6 +93,7 @@ PARTITIONS = {
     "interfaces": lambda part, fem: (
         ep.Partition.interface(fem, "base", np.flatnonzero(fem.points[:, 2] < 1e-9)).interfaces
     ),
+    "loads": lambda part, fem: ep.Partition.load(fem, "push", [0, 1]).loads,
 }
 
 

@@ -287,6 +287,15 @@ CALLS = {
         plastic_radius=v.positive.or_none.but(elastic=1e-3)(None),
         name=v.text("tip"),
     ),
+    "Partition.load": call(
+        fem=v.fem,
+        name=v.text,
+        faces=Kind({"number": 1.0, "unknown": "none", "empty": [], "halves": [0.5], "object": object()}, np.arange(2)),
+        line=Kind({"number": 1, "text": "x", "halves": [0.5], "beyond": [10**6]}, None),
+        direction=v.direction.or_none,
+        swaps=False,
+    ),
+    "Partition.find_load": call(of=lambda s: s.part, name=v.choice("weight"), swaps=False),
     "Partition.interface": call(
         fem=v.fem,
         name=v.text("pin"),
@@ -413,6 +422,15 @@ CALLS = {
         stiffnessProportionalDamping=v.number.but(negative=-1e-9)(0.0),
         color=Kind({"text": "red", "three": (1, 0, 0), "beyond": (0, 0, 0, 255), "nan": (0, 0, v.nan, 1)}, None),
         superElementRigidMarkersOffsets=Kind({"text": "x", "vector": (0, 0, 0), "nan": [[v.nan] * 3]}, None),
+    ),
+    "CreateDistributedLoad": call(
+        mbs=v.mbs(Made(lambda s: s.apart())),
+        body=v.item.but(**_foreign_item)(Made(lambda s: s.striker)),
+        load=v.choice("weight"),
+        magnitude=v.number,
+        bodyFixed=v.flag,
+        loadUserFunction=v.function,
+        name=v.text(""),
     ),
     "CreatePartitionContact": call(
         mbs=v.mbs(Made(lambda s: s.apart())),

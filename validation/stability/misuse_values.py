@@ -42,8 +42,10 @@ class Scene:
         self.shape = upper
         self.fem, self.other_fem = (ep.fe_model(s, ep.STEEL, maxh=8e-3) for s in (upper, lower))
         high = np.flatnonzero(self.fem.points[:, 2] > LENGTH - 1e-9)
-        self.part = ep.Partition.ball(self.fem, (0, 0, 0), 4e-3, name="tip") | ep.Partition.interface(
-            self.fem, "pin", high, kind="averaged"
+        self.part = (
+            ep.Partition.ball(self.fem, (0, 0, 0), 4e-3, name="tip")
+            | ep.Partition.interface(self.fem, "pin", high, kind="averaged")
+            | ep.Partition.load(self.fem, "weight", ((-1, -1, LENGTH - 1e-9), (1, 1, 1)))
         )
         self.other_part = ep.Partition.ball(self.other_fem, (0, 0, 0), 4e-3)
         self.body = ep.reduce(self.fem, self.part, f_cut=60e3)
