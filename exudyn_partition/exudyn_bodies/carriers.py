@@ -93,7 +93,18 @@ class Carrier:
         found = mbs.GetObject(body)
         nodes = [found["nodeNumber"]] if "nodeNumber" in found else found.get("nodeNumbers", [])
         self.nodes = [node for node in nodes if "Ground" not in mbs.GetNode(node)["nodeType"]]
-        self._motion_now = motion(mbs, body)
+        self._body, self._motion_now = body, motion(mbs, body)
+
+    def drawn_pose(self, mbs: MainSystem) -> tuple[Array, Array]:
+        """Place, (3,) [m], and axes as columns, (3, 3), where the renderer draws it."""
+        exu = require("exudyn")
+        place, axes = (
+            mbs.GetObjectOutputBody(
+                self._body, what, localPosition=[0.0, 0.0, 0.0], configuration=exu.ConfigurationType.Visualization
+            )
+            for what in (exu.OutputVariableType.Position, exu.OutputVariableType.RotationMatrix)
+        )
+        return np.asarray(place), np.asarray(axes).reshape(3, 3)
 
     def by_coordinates(self, mbs: MainSystem) -> Array:
         """Derivative of velocity and angular velocity in space by the rates of the nodes' k coordinates, (6, k)."""

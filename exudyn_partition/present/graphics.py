@@ -19,6 +19,7 @@ from ..support.checks import validate_choice, validate_integer
 from .output import BodyFields, Shown, contact_loads, shown_bodies
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
+Pose = tuple[Array, Array]  # place, (3,) [m], and axes as columns, (3, 3)
 
 ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
 UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
@@ -129,39 +130,56 @@ def colour_bar(
     ]
 
 
-def rigid_surfaces(contacts: Iterable[PartitionContact], places: Array) -> list[GraphicsData]:
-    """Rigid surfaces of contacts that are fixed in space, as far as the bodies at `places`, (n, 3) [m], extend."""
-    surfaces = {id(contact.master): contact.master for contact in contacts if contact.carrier is None}
+def rigid_surfaces(
+    contacts: Iterable[PartitionContact],
+    places: Array,
+    poses: Callable[[PartitionContact], Pose | None] = lambda _: None,
+) -> list[GraphicsData]:
+    """Rigid surfaces of contacts, as far as the bodies at `places`, (n, 3) [m], extend.
+
+    `poses` returns place and axes of the body that carries a contact's surface, or None if they are not known; such a
+    surface is not drawn.
+    """
+    drawn = []
+    for contact in {id(contact.master): contact for contact in contacts}.values():
+        pose = (np.zeros(3), np.eye(3)) if contact.carrier is None else poses(contact)
+        if pose is not None:
+            origin, axes = pose
+            grid = _grid_on(contact.master, (places - origin) @ axes)
+            if grid is not None:
+                drawn.append(_grid(origin + grid @ axes.T))
+    return drawn
+
+
+def _grid_on(surface: object, places: Array) -> Array | None:
+    """Grid of points, (m, m, 3) [m], on a rigid surface, as far as bodies at `places`, (n, 3), extend."""
     middle, half = places.mean(axis=0), _BEYOND * float(np.ptp(places, axis=0).max())
     share = np.linspace(-1.0, 1.0, _STEPS + 1)
-    drawn = []
-    for surface in surfaces.values():
-        if isinstance(surface, RigidPlane):
-            one, two = _across(surface.normal)
-            foot = middle - surface.project(middle[None])[0][0] * surface.normal
-            grid = foot + half * (share[:, None, None] * one + share[:, None] * two)
-        elif isinstance(surface, RigidSphere):
-            towards = _unit(middle - surface.center)
-            one, two = _across(towards)
-            polar = min(np.pi, 2 * half / surface.radius) * (share[:, None, None] + 1) / 2
-            around = np.pi * share[:, None]
-            side = np.cos(around) * one + np.sin(around) * two
-            grid = surface.center + surface.radius * (np.cos(polar) * towards + np.sin(polar) * side)
-        elif isinstance(surface, RigidCylinder):
-            foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
-            towards = _unit(middle - foot) if np.linalg.norm(middle - foot) else _across(surface.axis)[0]
-            around = min(np.pi, 2 * half / surface.radius) * share[:, None, None]
-            side = np.cos(around) * towards + np.sin(around) * np.cross(surface.axis, towards)
-            grid = foot + surface.radius * side + half * share[:, None] * surface.axis
-        elif isinstance(surface, RigidProfile):
-            foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
-            around = np.linspace(0, len(surface.curve), len(share)).astype(int) % len(surface.curve)
-            side = surface.curve[around] @ surface.plane.T
-            grid = foot + side[:, None] + half * share[:, None] * surface.axis
-        else:
-            continue
-        drawn.append(_grid(grid))
-    return drawn
+    if isinstance(surface, RigidPlane):
+        one, two = _across(surface.normal)
+        foot = middle - surface.project(middle[None])[0][0] * surface.normal
+        grid = foot + half * (share[:, None, None] * one + share[:, None] * two)
+    elif isinstance(surface, RigidSphere):
+        towards = _unit(middle - surface.center)
+        one, two = _across(towards)
+        polar = min(np.pi, 2 * half / surface.radius) * (share[:, None, None] + 1) / 2
+        around = np.pi * share[:, None]
+        side = np.cos(around) * one + np.sin(around) * two
+        grid = surface.center + surface.radius * (np.cos(polar) * towards + np.sin(polar) * side)
+    elif isinstance(surface, RigidCylinder):
+        foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
+        towards = _unit(middle - foot) if np.linalg.norm(middle - foot) else _across(surface.axis)[0]
+        around = min(np.pi, 2 * half / surface.radius) * share[:, None, None]
+        side = np.cos(around) * towards + np.sin(around) * np.cross(surface.axis, towards)
+        grid = foot + surface.radius * side + half * share[:, None] * surface.axis
+    elif isinstance(surface, RigidProfile):
+        foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
+        around = np.linspace(0, len(surface.curve), len(share)).astype(int) % len(surface.curve)
+        side = surface.curve[around] @ surface.plane.T
+        grid = foot + side[:, None] + half * share[:, None] * surface.axis
+    else:
+        return None
+    return np.asarray(grid)
 
 
 def _grid(points: Array) -> GraphicsData:

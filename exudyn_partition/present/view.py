@@ -3,7 +3,8 @@
 `CreatePartitionView` adds an ObjectGround to a model. It has no coordinates, so the equations of motion do not change.
 Its graphicsDataUserFunction draws triangles whenever Exudyn renders: during the run, or in `mbs.SolutionViewer()`.
 `picture` and `show` draw a finished run in a scene of their own. Rigid surfaces of contacts that are fixed in space are
-drawn in grey, as far as the bodies extend; those that a body carries are not.
+drawn in grey, as far as the bodies extend; those that a body carries are drawn during a run and in Exudyn's viewer, and
+not in pictures of a result, which does not keep where other bodies were. The picture says so.
 
 The tests check the data to be drawn, and raytraced pictures; neither needs a screen. Exudyn's OpenGL window was tried
 under a virtual display (Xvfb), but not on a real screen.
@@ -42,6 +43,7 @@ from .graphics import (
     UNITS,
     WINDOW,
     GraphicsData,
+    Pose,
     ViewField,
     colour_bar,
     drawn_fields,
@@ -55,6 +57,7 @@ from .output import BodyFields, Shown
 
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
 Contacts = Callable[[MainSystem], Sequence[PartitionContact]]
+Poses = Callable[[MainSystem, PartitionContact], Pose | None]  # of the bodies that carry rigid surfaces
 
 _LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
 _AMBIENT = 0.8  # brightness without light: shadows must not look like small values
@@ -119,7 +122,8 @@ def CreatePartitionView(
     for piece in pieces:
         if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it
             mbs.SetObjectParameter(piece.item["oFFRFreducedOrder"], "Vshow", False)
-    return _add(mbs, pieces, fields, field, scale, limits, lambda mbs: partition_items(mbs)[1])
+
+    return _add(mbs, pieces, fields, field, scale, limits, lambda mbs: partition_items(mbs)[1], _drawn_pose)
 
 
 def picture(
@@ -249,7 +253,8 @@ def _scene(
     mbs = SC.AddSystem()
     pieces = pieces_of(result.bodies, bodies, field)
     at_sample = fields_at(result, pieces, now)
-    _add(mbs, pieces, lambda mbs, piece: at_sample(piece), field, scale, limits, lambda mbs: result.contacts, turn)
+    at_samples: Fields = lambda mbs, piece: at_sample(piece)  # noqa: E731
+    _add(mbs, pieces, at_samples, field, scale, limits, lambda mbs: result.contacts, _not_kept, turn)
     mbs.Assemble()
     return SC, mbs
 
@@ -262,6 +267,7 @@ def _add(
     scale: float,
     limits: Sequence[float] | None,
     contacts: Contacts,
+    poses: Poses,
     turn: Rotation | None = None,
 ) -> ObjectIndex:
     """Add the object that draws bodies and rigid surfaces of contacts; `turn` is the rotation of the view."""
@@ -276,9 +282,17 @@ def _add(
 
     def draw(mbs: MainSystem, item: ItemIndex) -> list[GraphicsData]:
         turned = turn or Rotation.identity()
-        return _graphics(pieces, partial(fields, mbs), field, scale, given, turned, contacts(mbs))
+        return _graphics(pieces, partial(fields, mbs), field, scale, given, turned, contacts(mbs), partial(poses, mbs))
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
+
+
+def _drawn_pose(mbs: MainSystem, contact: PartitionContact) -> Pose | None:
+    return None if contact.carrier is None else contact.carrier.drawn_pose(mbs)
+
+
+def _not_kept(mbs: MainSystem, contact: PartitionContact) -> Pose | None:
+    return None  # a result does not keep where other bodies were
 
 
 def _graphics(
@@ -289,6 +303,7 @@ def _graphics(
     limits: Array | None,
     turn: Rotation,
     contacts: Sequence[PartitionContact],
+    poses: Callable[[PartitionContact], Pose | None],
 ) -> list[GraphicsData]:
     """Exudyn's graphics data of the deformed surfaces, of rigid surfaces, and of the scale of the colours."""
     places, values = drawn_fields(pieces, fields, field, scale)
@@ -301,8 +316,10 @@ def _graphics(
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
-    rigid = rigid_surfaces(contacts, np.vstack(places))
+    rigid = rigid_surfaces(contacts, np.vstack(places), poses)
     seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in rigid)])
     title = [f"{field} [{UNITS[field]}]"] + [f"deformed x {scale:g}: bodies may seem to overlap"] * (scale != 1)
+    if any(contact.carrier is not None and poses(contact) is None for contact in contacts):
+        title.append("not drawn: rigid surfaces that other bodies carry")
     ends = f"{least:.3g}", f"{largest:.3g}"
     return [*drawn, *rigid, *colour_bar(seen, turn, colours, title, ends)]

@@ -5,6 +5,7 @@ import os
 import exudyn as exu
 import numpy as np
 import pytest
+from exudyn.utilities import InertiaCuboid
 from matplotlib import colormaps
 from oracles import TOP
 from scipy.spatial import cKDTree
@@ -109,6 +110,29 @@ def test_rigid_surfaces_are_drawn_where_bodies_touch_them(round_body, surface):
     contact_point = round_body.points[round_body.points[:, 2].argmin()]
     nearest = np.linalg.norm(points[grey] - contact_point, axis=1).min()
     assert nearest < 0.05 * size
+
+
+def test_a_carried_surface_is_drawn_where_its_carrier_is(round_body):
+    SC = exu.SystemContainer()
+    mbs = SC.AddSystem()
+    item = ep.CreatePartitionBody(mbs, round_body)
+    speed = np.array([0.0, 0.0, 2.0])
+    carrier = mbs.CreateRigidBody(
+        referencePosition=[0, 0, -0.01], inertia=InertiaCuboid(7800, [0.01] * 3), initialVelocity=speed.tolist(),
+        initialAngularVelocity=[300.0, 0, 0], nodeType=exu.NodeType.RotationRotationVector,
+    )  # fmt: skip
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0.004)), masterBody=carrier)
+    ep.CreatePartitionView(mbs)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-3, step=1e-6)
+    points, colours = drawn_points(SC)
+    grey = points[np.ptp(colours[:, :3], axis=1) < 0.05]
+    turn = np.array(mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.RotationMatrix)).reshape(3, 3)
+    local = (grey - np.array(mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.Position))) @ turn
+    assert turn[2, 1] == pytest.approx(np.sin(0.3), rel=1e-3)
+    np.testing.assert_allclose(local[:, 2], 0.004, atol=1e-8)
+    assert SC.renderer.GetGraphicsData()["texts"]["text"][-1] == "deformation [m]"
+    ep.view.picture(result, size=(80, 60))  # a result does not know where it was, and says so
 
 
 def test_the_peak_is_shown_unless_a_time_is_given(impact):
