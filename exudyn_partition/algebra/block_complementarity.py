@@ -13,7 +13,6 @@ from ..support.arrays import Array
 from .complementarity import PATIENCE, Complementarity
 
 _SETTLED = 1e-13  # change of what blocks push, relative
-_OPENING = 1e-12  # of the largest entry of h: a smaller overlap of an open row is round-off
 _LOST = 1e-12  # of the norm of blocks: what shared fields may leave out
 _ROUNDING = 1e-15  # of the largest field of a sample
 _STEPS = 50  # of the iteration; then the equations are solved at once
@@ -43,6 +42,8 @@ class BlockComplementarity:
     ----------
     amplitudes : (n, m) array
         c of the last answer, of all blocks.
+    pushed : dict of int to (k,) array
+        h + W c of the blocks of the last answer.
     """
 
     def __init__(self, n: int, core: Mapping[tuple[int, int], Array]) -> None:
@@ -51,9 +52,11 @@ class BlockComplementarity:
         columns = np.array([k for _, k in pairs])
         starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
         m = blocks.shape[1]
-        self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m))
+        self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
+        self._core.eliminate_zeros()
         self._responses: dict[int, tuple[Array, Array, Array, Array]] = {}
         self.amplitudes = np.zeros((n, m))
+        self.pushed: dict[int, Array] = {}
 
     def solve(
         self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]
@@ -76,17 +79,16 @@ class BlockComplementarity:
         scale = max(abs(gap).max() for gap in h.values())
         if not np.isfinite(scale):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        rows = sum(len(gap) for gap in h.values())
+        rows, self.pushed = sum(len(gap) for gap in h.values()), {}
         fewest, patience = rows + 1, PATIENCE
         for _ in range(50 + 20 * rows):
             self._find_amplitudes(problems, h, fields)
-            lam, wrong = {}, {}
+            lam, wrong, count = {}, {}, 0
             for key, problem in problems.items():
                 problem.iterations += 1
-                pushed = h[key] + fields[key] @ self.amplitudes[key]
-                lam[key], w = problem.forces(pushed)
-                wrong[key] = np.where(problem.active, lam[key] < 0.0, w < -_OPENING * scale)
-            count = sum(map(np.count_nonzero, wrong.values()))
+                self.pushed[key] = pushed = h[key] + fields[key] @ self.amplitudes[key]
+                lam[key], wrong[key], more = problem.check(pushed, scale)
+                count += more
             if not count:
                 return lam
             if count < fewest:
@@ -119,7 +121,7 @@ class BlockComplementarity:
                 break
         else:
             some = (m * np.array(keys)[:, None] + np.arange(m)).ravel()
-            within = self._core.tocsr()[some][:, some]
+            within = self._core[some][:, some]
             system = np.eye(len(some)) + within @ sp.block_diag([*G], format="csr")
             own = np.linalg.solve(system, within @ a[keys].ravel()).reshape(-1, m)
             forces = a.copy()
@@ -129,10 +131,11 @@ class BlockComplementarity:
 
     def _response(self, key: int, problem: Complementarity, fields: Array) -> tuple[Array, Array]:
         """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of a block's active rows."""
-        known, active = self._responses.get(key), fields[problem.index]
-        if known is None or known[0] is not problem.index or not np.array_equal(known[1], active):
+        known = self._responses.get(key)
+        if known is None or known[0] is not problem.index or known[1] is not fields:
+            active = fields[problem.index]
             response = -problem.solve_active(active)
-            known = self._responses[key] = problem.index, active, response, -active.T @ response
+            known = self._responses[key] = problem.index, fields, response, -active.T @ response
         return known[2], known[3]
 
 

@@ -16,7 +16,7 @@ from ..support.arrays import Array
 from ..support.compiled import kernels
 
 _REGULARISATION = 1e-9  # of the mean diagonal
-_ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
+ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
 PATIENCE = 10  # block steps without progress before single pivots begin
 
 
@@ -112,25 +112,28 @@ class Complementarity:
         lam[index] = active
         return lam, h + self.F[:, index] @ active
 
-    def _check(self, h: Array) -> tuple[Array, Array, int]:
-        """Forces on the present active set, which rows violate their condition, (nc,) each, and how many do."""
+    def check(self, h: Array, scale: float = 0.0) -> tuple[Array, Array, int]:
+        """Forces on the present active set, which rows violate their condition, (nc,) each, and how many do.
+
+        Rounding is that of gaps of size `scale`; by default, of the largest entry of h.
+        """
         if loops := kernels("algebra"):
             rows = self.F if self.F.flags.c_contiguous else self.F.T  # the same, because F is symmetric
-            lam, wrong, count = loops.check_active(rows, self._active_factor().T, self.index, h, _ROUNDING)
+            lam, wrong, count = loops.check_active(rows, self._active_factor().T, self.index, h, ROUNDING, scale)
             return lam, wrong, count
         lam, w = self.forces(h)
-        wrong = np.where(self.active, lam < 0.0, w < -_ROUNDING * (abs(h).max() + 1e-300))
+        wrong = np.where(self.active, lam < 0.0, w < -ROUNDING * (scale or abs(h).max()))
         return lam, wrong, int(np.count_nonzero(wrong))
 
-    def solve(self, h: Array) -> Array:
-        """Return lambda, (nc,), for h, (nc,).
+    def solve(self, h: Array, smallest: float | None = None) -> Array:
+        """Return lambda, (nc,), for h, (nc,); `smallest` is the least entry of h, if it is known.
 
         Raises
         ------
         ComplementarityError
             If h is not finite.
         """
-        smallest = h.min()
+        smallest = h.min() if smallest is None else smallest
         if not math.isfinite(smallest):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if smallest >= 0.0:
@@ -140,7 +143,7 @@ class Complementarity:
         fewest, patience = len(h) + 1, PATIENCE
         for _ in range(50 + 20 * len(h)):
             self.iterations += 1
-            lam, wrong, count = self._check(h)
+            lam, wrong, count = self.check(h)
             if not count:
                 return lam
             if count < fewest:

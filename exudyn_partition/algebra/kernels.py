@@ -9,8 +9,10 @@ from ..support.compiled import compiled
 
 
 @compiled
-def check_active(F: Array, factor: Array, index: Array, h: Array, rounding: float) -> tuple[Array, Array, int]:
-    """Forces on the active rows, which rows violate their condition, and how many: see `Complementarity`.
+def check_active(
+    F: Array, factor: Array, index: Array, h: Array, rounding: float, scale: float
+) -> tuple[Array, Array, int]:
+    """Forces on the active rows, which rows violate their condition, and how many: see `Complementarity.check`.
 
     Parameters
     ----------
@@ -20,8 +22,8 @@ def check_active(F: Array, factor: Array, index: Array, h: Array, rounding: floa
     index : (na,) int array
         Active rows.
     h : (n,) array
-    rounding : float
-        Of the largest entry of h, by which an inactive row may be violated.
+    rounding, scale : float
+        By rounding times scale an inactive row may be violated. A scale of zero is the largest entry of h.
     """
     n, na = len(h), len(index)
     x = np.empty(na)
@@ -36,9 +38,9 @@ def check_active(F: Array, factor: Array, index: Array, h: Array, rounding: floa
         for j in range(i + 1, na):
             total -= factor[i, j] * x[j]
         x[i] = total / factor[i, i]
-    largest = 1e-300
-    for i in range(n):
-        largest = max(largest, abs(h[i]))
+    if scale == 0.0:
+        for i in range(n):
+            scale = max(scale, abs(h[i]))
     lam, active, wrong = np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     count = 0
     for i in range(na):
@@ -52,7 +54,7 @@ def check_active(F: Array, factor: Array, index: Array, h: Array, rounding: floa
             w = h[row]
             for i in range(na):
                 w += F[row, index[i]] * x[i]
-            wrong[row] = w < -rounding * largest
+            wrong[row] = w < -rounding * scale
             count += wrong[row]
     return lam, wrong, count
 
@@ -108,3 +110,16 @@ def congruence(rows: Array, F: Array) -> Array:
         for j in range(i):
             result[i, j] = result[j, i]
     return result
+
+
+@compiled
+def largest_change(a: Array, b: Array) -> float:
+    """See `products.largest_change`."""
+    largest = 0.0
+    for i in range(len(a)):
+        change = abs(a[i] - b[i])
+        if not change <= largest:  # NaN stays
+            largest = change
+        if largest != largest:
+            break
+    return largest

@@ -1,4 +1,4 @@
-"""Products of small matrices with many zeros."""
+"""Products of small matrices with many zeros, and differences of small arrays."""
 
 from __future__ import annotations
 
@@ -13,3 +13,10 @@ def congruence(rows: Array, F: Array) -> Array:
         return product
     value: Array = rows @ F @ rows.T
     return value
+
+
+def largest_change(a: Array, b: Array) -> float:
+    """Largest difference of the entries of two arrays of the same shape; NaN if one is."""
+    if loops := kernels("algebra"):
+        return float(loops.largest_change(a.ravel(), b.ravel()))
+    return float(abs(a - b).max())

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import congruence
+from ..algebra.products import congruence, largest_change
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
@@ -60,7 +60,7 @@ class Standing:
         """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
         if other is None or other.rows is not self.rows or other.sides is not self.sides or other.axis != self.axis:
             return False
-        return bool(abs(self.stance - other.stance).max() <= by)
+        return largest_change(self.stance, other.stance) <= by
 
 
 class Gaps:

@@ -82,3 +82,22 @@ def directed_rows(
                     result[3 * i + 1, 3 * node + axis] = carried[node] * tangents[i, 0, axis]
                     result[3 * i + 2, 3 * node + axis] = carried[node] * tangents[i, 1, axis]
     return result
+
+
+@compiled
+def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
+    """See `tangential.tangents_of`."""
+    n = len(normals)
+    tangents, cosines = np.empty((n, 2, 3)), np.empty(n)
+    a, b, c = axis[0], axis[1], axis[2]
+    for i in range(n):
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        cosines[i] = abs(x * a + y * b + z * c)
+        u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+        length = math.sqrt(u * u + v * v + w * w)
+        u, v, w = u / length, v / length, w / length
+        tangents[i, 0, 0], tangents[i, 0, 1], tangents[i, 0, 2] = u, v, w
+        tangents[i, 1, 0], tangents[i, 1, 1], tangents[i, 1, 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    return tangents, cosines

@@ -19,6 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..algebra.products import largest_change
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -132,7 +133,7 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         if not self.moving:
-            if abs(self._drift @ q - self._drift_start).max() <= _HELD * self.size:
+            if largest_change(self._drift @ q, self._drift_start) <= _HELD * self.size:
                 self._q = q
                 value: Array = self._gap + self.H @ q
                 return value
@@ -140,7 +141,7 @@ class PatchGaps(Gaps):
         self._q = q
         x_s, x_m = self.places_now()
         self._here = here = self._placed(x_s, x_m)
-        if self._searched_at is None or abs(here - self._searched_at).max() > self._reach:
+        if self._searched_at is None or largest_change(here, self._searched_at) > self._reach:
             self._search(x_s, x_m, here)
         if self._apart:
             return np.empty(0)

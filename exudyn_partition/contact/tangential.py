@@ -109,14 +109,13 @@ class TangentialRows:
         normals = self.gaps.normal
         if self._tangents_of is normals:
             return
-        normal = normals / np.sqrt(np.einsum("rd,rd->r", normals, normals))[:, None]
         self._axes = self.gaps.sides[-1].kinematics.frame(self.gaps.coordinates[-1])[1]
-        cosines = abs(normal @ self._axes).max(axis=0, initial=0.0)
-        if cosines[self._axis] > _STEEP:
-            self._axis = int(cosines.argmin())
-        first = cross(normal, self._axes[:, self._axis][None])
-        first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
-        self._tangents, self._tangents_of = np.stack([first, cross(normal, first)], axis=1), normals
+        self._tangents, cosines = tangents_of(normals, self._axes[:, self._axis])
+        if cosines.max(initial=0.0) > _STEEP:
+            others = [tangents_of(normals, axis) for axis in self._axes.T]
+            self._axis = int(np.argmin([cosines.max() for _, cosines in others]))
+            self._tangents = others[self._axis][0]
+        self._tangents_of = normals
 
     def in_space(self, along: Array) -> Array:
         """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""
@@ -316,6 +315,17 @@ class TangentialRows:
             return np.asarray(self._all_rows().T @ lam.ravel())
         parts = zip(gaps.sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
+
+
+def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
+    """Two unit tangents, (k, 2, 3), of normals, (k, 3), the first across an axis, (3,); cosines of normals and axis."""
+    if loops := kernels("contact"):
+        tangents, cosines = loops.tangents_of(normals, np.ascontiguousarray(axis))
+        return tangents, cosines
+    normal = normals / np.sqrt(np.einsum("rd,rd->r", normals, normals))[:, None]
+    first = cross(normal, axis[None])
+    first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
+    return np.stack([first, cross(normal, first)], axis=1), abs(normal @ axis)
 
 
 def _nearly_equal(rows: Array, others: Array) -> bool:

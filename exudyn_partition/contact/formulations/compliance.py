@@ -84,12 +84,12 @@ class ComplianceContact(ElasticContact):
         """
         self.h = gap
         h = gap + pushed
-        self.least_gap = h.min(initial=np.inf)
+        self.least_gap = float(h.min(initial=np.inf))
         if self.gaps.moving and self.least_gap >= 0.0:
             self.open_rows()
             return
         near = self.near(h)
-        self._take_forces(near, self.problem.solve(h if near is self._everything else h[near]))
+        self._take_forces(near, self.problem.solve(h if near is self._everything else h[near], self.least_gap))
 
     def near(self, h: Array) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.

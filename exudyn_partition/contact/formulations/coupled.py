@@ -116,6 +116,7 @@ class CoupledContacts:
         self._at: Array | None = None
         self._inverse: Array | None = None
         self._rows: dict[int, tuple[Standing, Array]] = {}
+        self._some: dict[int, tuple[Array, Array, Array]] = {}
         self._frictional = any(law.friction is not None for law in laws)
         self._jointly = all(isinstance(law, ComplianceContact) and not law.remembers for law in laws)
 
@@ -137,7 +138,7 @@ class CoupledContacts:
         self._exchange  # noqa: B018 - found once for all runs
         result = copy.copy(self)
         result.laws, result._at, result._inverse = [*laws], None, None
-        result._rows = {}
+        result._rows, result._some = {}, {}
         result._begin()
         return result
 
@@ -167,7 +168,7 @@ class CoupledContacts:
             law.gaps.carrier_pose for law in self._carried
         ]
         at = np.concatenate([state, *more]) if more else state
-        if self._at is None or not np.array_equal(at, self._at):
+        if self._at is None or not _equal(at, self._at):
             self._at, self._forces, self._inverse = at.copy(), self._find(coordinates()), None
         return self._forces
 
@@ -227,11 +228,10 @@ class CoupledContacts:
                 near[j] = laws[j].near(pushed[j])
             lam = self._joint.solve(
                 {j: laws[j].problem for j in near},
-                {j: gaps[j][rows] for j, rows in near.items()},
-                {j: self._rows_by_fields(j)[rows] for j, rows in near.items()},
+                {j: _of(gaps[j], rows) for j, rows in near.items()},
+                {j: self._fields_of(j, rows) for j, rows in near.items()},
             )
-            amplitudes = zip(gaps, self._joint.amplitudes, strict=True)
-            pushed = [gap + self._rows_by_fields(j) @ c if c.any() else gap for j, (gap, c) in enumerate(amplitudes)]
+            pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
         else:
             raise ComplementarityError(
                 f"the rows that close in {len(laws)} contacts on common bodies did not settle in {_SWEEPS} passes"
@@ -241,6 +241,20 @@ class CoupledContacts:
                 laws[j].take(gap, moved, near[j], lam[j])
             else:
                 laws[j].stay_open(gap, moved)
+
+    def _fields_of(self, j: int, rows: Array) -> Array:
+        """`_rows_by_fields` of some rows, (na, m); the same array for the same rows."""
+        fields, known = self._rows_by_fields(j), self._some.get(j)
+        if known is None or known[0] is not fields or not _equal(known[1], rows):
+            known = self._some[j] = fields, rows, _of(fields, rows)
+        return known[2]
+
+    def _pushed_gap(self, j: int, gap: Array) -> Array:
+        """Gaps of the j-th contact, (nr,) [m], where the forces of the others have moved them."""
+        known, c = self._joint.pushed.get(j), self._joint.amplitudes[j]
+        if known is not None and len(known) == len(gap):
+            return known
+        return np.asarray(gap + self._rows_by_fields(j) @ c) if c.any() else gap
 
     def _settle(self, gaps: list[Array]) -> None:
         pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
@@ -290,6 +304,16 @@ class CoupledContacts:
             kept = standing, np.sum(moved, axis=0)
             self._rows[j] = kept
         return kept[1]
+
+
+def _equal(a: Array, b: Array) -> bool:
+    """Whether two vectors are the same; np.array_equal takes several times as long for short ones."""
+    return a is b or (len(a) == len(b) and bool((a == b).all()))
+
+
+def _of(values: Array, rows: Array) -> Array:
+    """Some rows of values, (na, ...), by their numbers; the same object if these are all."""
+    return values if len(rows) == len(values) else values[rows]
 
 
 def _presses(h: Array, near: Array | None) -> bool:

@@ -41,6 +41,8 @@ class FrictionalRows(ContactLaw):
         Forces on the present rows along the normal and both tangents [N]; the first column is `lam`.
     """
 
+    _traction: Array
+
     def __init__(self, gaps: Gaps, friction: Coulomb) -> None:
         self.friction = self._law = friction
         self.tangential = TangentialRows(gaps)
@@ -61,6 +63,7 @@ class FrictionalRows(ContactLaw):
         self.tangential.release()
         self._last = np.zeros((n, 4))  # forces at the end of the last step: normal, and in the tangents' axes
         self._last_along: Array | None = None  # the tangents that `_last_on_rows` belong to
+        self._traction_of: tuple[Array, Array] | None = None  # forces and tangents that `_traction` belongs to
         self._slipped, self._speed = np.zeros(n, dtype=bool), np.zeros(n)
         self._path = np.zeros(n)
         self._dissipated = 0.0
@@ -114,7 +117,10 @@ class FrictionalRows(ContactLaw):
     @property
     def traction(self) -> Array:
         """Tangential forces on the present rows in space, (nr, 3) [N]."""
-        return self.tangential.in_space(self.forces[:, 1:])
+        tangents = self.tangential.tangents
+        if self._traction_of is None or self._traction_of[0] is not self.forces or self._traction_of[1] is not tangents:
+            self._traction, self._traction_of = self.tangential.in_space(self.forces[:, 1:]), (self.forces, tangents)
+        return self._traction
 
     def row_jacobian(self) -> Rows:
         """See `Law`; of gaps and tangential places."""
