@@ -89,24 +89,51 @@ def friction_residual(value: Array, lam: Array, mu: Array) -> tuple[Array, Array
 
 
 @compiled
-def congruence(rows: Array, F: Array) -> Array:
-    """See `products.congruence`; without products with zeros, and only half of the symmetric result."""
+def add(a: float, f: Array, x: Array) -> None:
+    """Add a f to x."""
+    for j in range(len(f)):
+        x[j] += a * f[j]
+
+
+@compiled
+def add_to_three(a: float, b: float, c: float, f: Array, x: Array, y: Array, z: Array) -> None:
+    """Add a f to x, b f to y and c f to z; f is loaded once."""
+    for j in range(len(f)):
+        x[j] += a * f[j]
+        y[j] += b * f[j]
+        z[j] += c * f[j]
+
+
+@compiled
+def sparse_product(rows: Array, F: Array, threes: bool, upper: bool) -> Array:
+    """Products of rows, (n, m), with F, (m, k), without products with zeros; of a square result the upper half alone.
+
+    With `threes`, three rows each have their zeros in the same places.
+    """
     n, m = rows.shape
-    half, result = np.zeros((n, m)), np.zeros((n, n))
-    for i in range(n):
+    result = np.zeros((n, F.shape[1]))
+    together = n - n % 3 if threes else 0
+    for i in range(0, together, 3):
+        start = i if upper else 0
+        x, y, z = result[i, start:], result[i + 1, start:], result[i + 2, start:]
         for k in range(m):
-            weight = rows[i, k]
-            if weight != 0.0:
-                for j in range(m):
-                    half[i, j] += weight * F[k, j]
-    columns = np.ascontiguousarray(half.T)
-    for i in range(n):
+            a, b, c = rows[i, k], rows[i + 1, k], rows[i + 2, k]
+            if a != 0.0 or b != 0.0 or c != 0.0:
+                add_to_three(a, b, c, F[k, start:], x, y, z)
+    for i in range(together, n):
+        start = i if upper else 0
         for k in range(m):
-            weight = rows[i, k]
-            if weight != 0.0:
-                for j in range(i, n):
-                    result[i, j] += weight * columns[k, j]
-    for i in range(n):
+            if rows[i, k] != 0.0:
+                add(rows[i, k], F[k, start:], result[i, start:])
+    return result
+
+
+@compiled
+def congruence(rows: Array, F: Array, threes: bool) -> Array:
+    """See `products.congruence`."""
+    half = sparse_product(rows, F, threes, False)
+    result = sparse_product(rows, np.ascontiguousarray(half.T), threes, True)
+    for i in range(len(rows)):
         for j in range(i):
             result[i, j] = result[j, i]
     return result

@@ -260,7 +260,12 @@ class TangentialRows:
         if known is None or not same or not _nearly_equal(known[2], rows):
             few = np.flatnonzero(rows.any(axis=0))
             dofs, some = node_dofs(used)[few], rows[:, few]
-            known = self._parts[place] = self.gaps.sides[place], used, rows, congruence(some, F[np.ix_(dofs, dofs)])
+            known = self._parts[place] = (
+                self.gaps.sides[place],
+                used,
+                rows,
+                congruence(some, F[np.ix_(dofs, dofs)], threes=True),
+            )
         return known[3]
 
     def carrier_rows(self, index: Array) -> Array:

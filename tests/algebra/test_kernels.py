@@ -48,8 +48,9 @@ def test_friction_has_the_same_answers():
         np.testing.assert_array_equal(state, as_well)
 
 
-def test_congruence_leaves_out_products_with_zeros():
+@pytest.mark.parametrize("threes", [False, True])
+def test_congruence_leaves_out_products_with_zeros(threes):
     rng, F = np.random.default_rng(4), flexibility(30, 5)
-    rows = rng.normal(size=(12, 30)) * (rng.random((12, 30)) < 0.2)
-    for product in each_way(lambda: congruence(rows, F)):
+    rows = rng.normal(size=(13, 30)) * (rng.random((13, 30)) < 0.2)
+    for product in each_way(lambda: congruence(rows, F, threes=threes)):
         np.testing.assert_allclose(product, rows @ F @ rows.T, rtol=1e-12, atol=1e-14 * F.max())
