@@ -114,7 +114,7 @@ class Carrier:
         try:
             for node in self.nodes:
                 start = mbs.GetNodeODE2Index(node)
-                for coordinate in range(len(mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))):
+                for coordinate in range(np.size(mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))):
                     q_t[:] = 0.0
                     q_t[start + coordinate] = 1.0
                     columns.append(np.concatenate(self._motion_now()))

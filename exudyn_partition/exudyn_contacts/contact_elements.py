@@ -121,7 +121,7 @@ def _closed_rows(
 def _dofs(mbs: MainSystem, nodes: list[NodeIndex]) -> list[int]:
     """Numbers of the nodes' coordinates in the model."""
     kind = require("exudyn").OutputVariableType.Coordinates
-    starts = [(mbs.GetNodeODE2Index(node), len(mbs.GetNodeOutput(node, kind))) for node in nodes]
+    starts = [(mbs.GetNodeODE2Index(node), np.size(mbs.GetNodeOutput(node, kind))) for node in nodes]
     return [dof for start, size in starts for dof in range(start, start + size)]
 
 

@@ -1,0 +1,100 @@
+"""An eccentric cam lifts a spring-loaded follower, faster and faster, until the follower leaves it.
+
+The whole rim of the cam and the whole face of the follower are contact patches (`ep.Partition.surface`), so that
+contact wanders around the cam. The shaft speeds up from rest. Up to the lift-off speed, the force is that of rigid
+bodies and a spring. Beyond it, the follower flies over the top of the cam and comes down hard. The model is
+models/cam_follower.py.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import exudyn_partition as ep
+from models import cam_follower as model
+
+MESH, QUICK_MESH = (1e-3, 1.5e-3, 4e-3, 10e-3), (3e-3, 4e-3, 5e-3, 20e-3)  # rim, face, inside of cam and follower [m]
+FASTEST = 1.2  # of the lift-off speed
+
+
+def summary(mechanism, run, lift_off):
+    """Main numbers of the run, for result.json."""
+    force, rigid = mechanism.contact.force(run), mechanism.rigid_force(run.t)
+    speed = mechanism.drive.turn(run.t)[1]
+    slow = speed < 0.5 * lift_off
+    parted = np.flatnonzero((force <= 0) & (run.t > 10 * run.step))
+    bodies = [mechanism.cam.body, mechanism.follower.body]
+    return {
+        "status": run.status,
+        "dofs": sum(body.n_dofs for body in bodies),
+        "fe_dofs": sum(body.fe_dofs for body in bodies),
+        "modes": [body.n_shapes - 6 for body in bodies],
+        "contact_nodes": mechanism.contact.n_rows,
+        "step_s": run.step,
+        "steps": run.steps,
+        "lift_off_speed_rad_s": lift_off,
+        "parts_at_rad_s": float(speed[parted[0]]) if len(parted) else None,
+        "error.force": float(np.linalg.norm((force - rigid)[slow]) / np.linalg.norm(rigid[slow])),
+        "peak_force_N": float(force.max()),
+        "left_out": [*bodies[0].left_out, *mechanism.contact.left_out],
+        "versions": ep.versions(),
+    }
+
+
+def draw(mechanism, run, lift_off):
+    """Force and speed over time, and the rim's places where the force acts."""
+    fig, (above, below) = plt.subplots(2, 1, figsize=(9, 7), sharex=True, layout="constrained")
+    turn, speed, _ = mechanism.drive.turn(run.t)
+    rigid, t = mechanism.rigid_force(run.t), 1e3 * run.t
+    above.plot(t, mechanism.contact.force(run) / 1e3, lw=0.8, label="flexible bodies in contact")
+    above.plot(t, rigid / 1e3, "k--", lw=1, label="rigid bodies that cannot part")
+    above.axhline(0, color="0.7", lw=0.8)
+    above.set(ylabel="contact force [kN]", ylim=(1.2e-3 * min(rigid.min(), 0) - 0.2, 1.8e-3 * rigid.max()))
+    above.legend(fontsize="small")
+    below.plot(t, speed / lift_off, label="speed of the shaft, by the lift-off speed")
+    below.plot(t, turn / (2 * np.pi), label="turns")
+    below.axhline(1, color="0.7", lw=0.8)
+    below.set(xlabel="time [ms]")
+    below.legend(fontsize="small")
+    return fig
+
+
+def main(argv=None):
+    """Run the example; returns what it writes to result.json."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--turns", type=float, default=4.0, help="how far the cam turns while it speeds up")
+    parser.add_argument("--step", type=float, default=2e-5, metavar="S")
+    parser.add_argument("--quick", action="store_true", help="coarse meshes, a turn and a half")
+    parser.add_argument("--out", type=Path, default=Path("out/cam_follower"), metavar="DIR")
+    options = parser.parse_args(argv)
+    rim, face, in_cam, in_follower = QUICK_MESH if options.quick else MESH
+    turns = 1.5 if options.quick else options.turns
+
+    clock = [time.perf_counter()]
+    parts = model.cam_part(rim, in_cam), model.follower_part(face, in_follower)
+    clock.append(time.perf_counter())
+    bodies = [ep.reduce(*part, f_cut=model.F_CUT) for part in parts]
+    clock.append(time.perf_counter())
+    lift_off = float(model.lift_off_speed(bodies[1].total_mass))
+    ramp = 2 * turns * 2 * np.pi / (FASTEST * lift_off)
+    mechanism = model.mechanism(*bodies, FASTEST * lift_off, ramp)
+    run = model.run(mechanism, ramp, options.step)
+
+    times = {"fem_s": clock[1] - clock[0], "reduce_s": clock[2] - clock[1], "online_s": run.time_s}
+    result = {"time": times, **summary(mechanism, run, lift_off)}
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "result.json").write_text(json.dumps(result, indent=2))
+    picture = options.out / "cam_follower.png"
+    draw(mechanism, run, lift_off).savefig(picture, dpi=120)
+    for key in ("dofs", "fe_dofs", "contact_nodes", "steps", "lift_off_speed_rad_s", "parts_at_rad_s", "error.force"):
+        print(f"{key}: {result[key]}")
+    print(picture.resolve())
+    return result
+
+
+if __name__ == "__main__":
+    main()

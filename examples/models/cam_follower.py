@@ -1,0 +1,149 @@
+"""A cam that turns against the flat face of a spring-loaded follower, in Exudyn.
+
+What to learn here: the whole rim of the cam and the whole face of the follower are contact patches
+(`Partition.surface`). Contact wanders over both, opens and closes. The cam is an eccentric disc about the z axis, held
+at its bore by a shaft that turns at constant speed; the follower moves along y in a guide.
+"""
+
+from dataclasses import dataclass
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import netgen.occ as occ
+import numpy as np
+
+import exudyn_partition as ep
+
+RADIUS, ECCENTRICITY, WIDTH, BORE = 0.020, 0.005, 0.004, 0.006  # of the cam [m]
+FACE, DEPTH, HEIGHT = 0.024, 0.024, 0.080  # of the follower, along x, z and y [m]
+STIFFNESS, PRELOAD = 2.5e4, 0.05  # of the spring [N/m], its compression at the least lift [m]
+DAMPING = 20.0  # of the spring [N s/m]
+CLEARANCE, SETTLING = 1e-7, 0.01  # at the start [m]; time in which the follower comes to rest [s]
+F_CUT = 20e3  # [Hz]
+
+
+@dataclass
+class Drive:
+    """The shaft's motion: from rest at angle `start` [rad] to `speed` [rad/s] within the time `ramp` [s]."""
+
+    speed: float
+    ramp: float
+    start: float = -np.pi / 2
+    turning: bool = False  # it stands still while the follower comes to rest
+
+    def turn(self, t):
+        """Angle since the start [rad], angular velocity [rad/s] and acceleration [rad/s2] at times t [s]."""
+        share = np.pi * np.minimum(t, self.ramp) / self.ramp
+        late = np.maximum(t - self.ramp, 0)
+        angle = self.speed * ((share - np.sin(share)) * self.ramp / (2 * np.pi) + late)
+        velocity = self.speed * (1 - np.cos(share)) / 2
+        return angle, velocity, self.speed * np.pi / (2 * self.ramp) * np.sin(share)
+
+
+@dataclass
+class Mechanism:
+    """The assembled model, its bodies, their contact and the drive."""
+
+    mbs: object
+    cam: dict
+    follower: dict
+    contact: object
+    drive: Drive
+
+    def rigid_force(self, t):
+        """Contact force [N], (n,), of rigid bodies that never part: spring, damper and inertia of the follower."""
+        turn, velocity, acceleration = self.drive.turn(t)
+        angle = self.drive.start + turn
+        rate = ECCENTRICITY * np.cos(angle) * velocity
+        inertia = ECCENTRICITY * (np.cos(angle) * acceleration - np.sin(angle) * velocity**2)
+        spring = STIFFNESS * (PRELOAD + ECCENTRICITY * (1 + np.sin(angle)))
+        return spring + DAMPING * rate + self.follower.body.total_mass * inertia
+
+
+def cam_part(rim, rest, axes="normal"):
+    """FE model and partition of the cam, with elements of size `rim` on its rim and `rest` elsewhere [m]."""
+    disc = occ.Cylinder(occ.Pnt(ECCENTRICITY, 0, -WIDTH / 2), occ.Z, r=RADIUS, h=WIDTH)
+    for face in disc.faces:
+        face.name = "rim" if abs(face.center.z) < WIDTH / 4 else "side"
+    bore = occ.Cylinder(occ.Pnt(0, 0, -WIDTH), occ.Z, r=BORE, h=2 * WIDTH)
+    bore.faces.name = "bore"
+    shape = disc - bore
+    for face in shape.faces:
+        if face.name == "rim":
+            face.maxh = rim
+    fem = ep.fe_model(shape, ep.STEEL, maxh=rest)
+    return fem, ep.Partition.surface(fem, "rim", axes=axes) | ep.Partition.interface(fem, "bore", "bore")
+
+
+def follower_part(face_size, rest, axes="normal"):
+    """FE model and partition of the follower, whose face is at y = 0."""
+    shape = occ.Box(occ.Pnt(-FACE / 2, 0, -DEPTH / 2), occ.Pnt(FACE / 2, HEIGHT, DEPTH / 2))
+    lower, upper = shape.faces.Min(occ.Y), shape.faces.Max(occ.Y)
+    lower.name, lower.maxh, upper.name = "face", face_size, "back"
+    fem = ep.fe_model(shape, ep.STEEL, maxh=rest)
+    return fem, ep.Partition.surface(fem, "face", axes=axes) | ep.Partition.interface(fem, "back", "back")
+
+
+def add_shaft(mbs, drive):
+    """Add the shaft along z and what turns it; returns the number of its body."""
+    node = mbs.AddNode(items.Node1D(referenceCoordinates=[drive.start]))
+    shaft = mbs.AddObject(items.ObjectRotationalMass1D(nodeNumber=node, inertia=1e-4))
+    nodes = mbs.AddNode(items.NodePointGround()), node
+    coordinates = [mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=number, coordinate=0)) for number in nodes]
+    mbs.AddObject(
+        items.CoordinateConstraint(
+            markerNumbers=coordinates,
+            offsetUserFunction=lambda mbs, t, *unused: float(drive.turn(t)[0]) if drive.turning else 0.0,
+            offsetUserFunction_t=lambda mbs, t, *unused: float(drive.turn(t)[1]) if drive.turning else 0.0,
+        )
+    )
+    return shaft
+
+
+def add_follower(mbs, body, least):
+    """Add the follower in its guide, with its spring; `least` is the height of its face at the least lift [m]."""
+    follower = ep.CreatePartitionBody(mbs, body, name="follower", referencePosition=[0, least + CLEARANCE, 0])
+    ground = mbs.AddObject(items.ObjectGround())
+    guide, anchor = (
+        mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground, localPosition=[0, y, 0]))
+        for y in (least + CLEARANCE + HEIGHT, least - PRELOAD + HEIGHT)
+    )
+    back = follower.CreateInterfaceMarker(mbs, "back")
+    mbs.AddObject(items.GenericJoint(markerNumbers=[guide, back], constrainedAxes=[1, 0, 1, 1, 1, 1]))
+    along_y = {"stiffness": [0, STIFFNESS, 0], "damping": [0, DAMPING, 0]}
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=[anchor, back], **along_y))
+    return follower
+
+
+def mechanism(cam_body, follower_body, speed, ramp, friction=None):
+    """The mechanism at rest, to be turned with `speed` [rad/s] after `ramp` [s], assembled."""
+    mbs, drive = exu.SystemContainer().AddSystem(), Drive(speed, ramp)
+    cos, sin = np.cos(drive.start), np.sin(drive.start)
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    cam = ep.CreatePartitionBody(mbs, cam_body, name="cam", frame="floating", referenceRotation=turn)
+    follower = add_follower(mbs, follower_body, RADIUS - ECCENTRICITY)
+    on_shaft = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=add_shaft(mbs, drive)))
+    bore = cam.CreateInterfaceMarker(mbs, "bore")
+    mbs.AddObject(items.GenericJoint(markerNumbers=[on_shaft, bore], constrainedAxes=[1] * 6))
+    contact = ep.CreatePartitionContact(mbs, cam, follower, friction=friction, name="cam and follower")
+    mbs.Assemble()
+    return Mechanism(mbs, cam, follower, contact, drive)
+
+
+def lift_off_speed(mass):
+    """Speed at which a rigid follower of a mass [kg] leaves the cam at its top [rad/s]."""
+    return np.sqrt(STIFFNESS * (PRELOAD + 2 * ECCENTRICITY) / (mass * ECCENTRICITY))
+
+
+def run(model, end_time, step, spectral_radius=0.5):
+    """Let the follower come to rest, then turn the cam, by implicit steps that damp what they do not resolve."""
+    settings = exu.SimulationSettings()
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
+    options = {"method": "implicit", "settings": settings}
+    # The follower comes to rest on the cam: long steps damp its bouncing.
+    ep.solve_dynamic(model.mbs, end_time=SETTLING, step=SETTLING / 100, spectral_radius=0.0, **options)
+    data = model.mbs.systemData
+    data.SetSystemState(data.GetSystemState(), exu.ConfigurationType.Initial)
+    model.drive.turning = True
+    return ep.solve_dynamic(model.mbs, end_time=end_time, step=step, spectral_radius=spectral_radius, **options)
