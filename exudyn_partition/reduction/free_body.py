@@ -9,6 +9,7 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import (
@@ -26,6 +27,7 @@ from ..fe.patches import Patch
 from ..plasticity.zone_flexibility import ZoneFlexibility, zone_answers
 from ..support.arrays import Array
 from ..support.progress import Progress
+from .large_patch import large_flexibility
 from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
 from .tied import tie
 
@@ -95,12 +97,16 @@ class FreeBody:
         at_patches = np.empty((rows.shape[0],) * 2)
         zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
         at_zones = {number: np.empty((len(dofs), rows.shape[0])) for number, dofs in zones.items()}
-        for first in range(0, len(at_patches), COLUMNS):
-            block = slice(first, first + COLUMNS)
+        own, of_large = self._large_patch(flexibility, rows)
+        others = np.delete(np.arange(len(at_patches)), own)
+        for first in range(0, len(others), COLUMNS):
+            block = others[first : first + COLUMNS]
             answers = flexibility(rows[block].T.toarray())
             at_patches[:, block] = rows @ answers
             for number, dofs in zones.items():
                 at_zones[number][:, block] = answers[dofs]
+        at_patches[others, own] = at_patches[own, others].T
+        at_patches[own, own] = of_large
         attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
         flexibilities = {
             number: ZoneFlexibility(
@@ -110,6 +116,23 @@ class FreeBody:
             for number, dofs in zones.items()
         }
         return StaticAnswers(at_patches, flexibility(attached.T.toarray()), flexibilities)
+
+    def _large_patch(self, flexibility: FreeBodyFlexibility, rows: sp.csr_matrix) -> tuple[slice, Array]:
+        """Rows of the largest patch that needs few solutions, and its flexibility; no rows if there is none."""
+        patches = self.partition.patches
+        wandering = [number for number, patch in enumerate(patches) if patch.wanders]
+        if not wandering:
+            return slice(0, 0), np.empty((0, 0))
+        number = max(wandering, key=lambda number: len(patches[number].nodes))
+        patch, own = patches[number], patch_slice(self.partition, number)
+
+        def answers(combinations: sp.csr_matrix) -> Array:
+            loads = combinations @ rows[own]
+            blocks = (slice(first, first + COLUMNS) for first in range(0, loads.shape[0], COLUMNS))
+            return np.hstack([rows[own] @ flexibility(loads[block].T.toarray()) for block in blocks])
+
+        found = large_flexibility(self.fem.points[patch.nodes], patch.node_normals, patch.n_axes, answers)
+        return (slice(0, 0), np.empty((0, 0))) if found is None else (own, found)
 
     def zone_dofs(self, patch: Patch) -> Array:
         """Coordinates of the nodes of a patch's plastic zone, (3 nz,) int array.

@@ -128,6 +128,13 @@ def test_crank_slider(tmp_path, capsys):
     assert result["first_contact_s"] == pytest.approx(0.2e-3, abs=4e-6)
 
 
+def test_cam_follower(tmp_path, capsys):
+    result = run_quick("cam_follower", tmp_path, capsys)
+    assert result["error.force"] < 0.1
+    assert result["parts_at_rad_s"] is None
+    assert result["lift_off_speed_rad_s"] > 500
+
+
 def test_the_tutorial_runs_from_first_to_last_cell(tmp_path, monkeypatch):
     notebook = json.loads((EXAMPLES / "tutorial.ipynb").read_text())
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]

@@ -19,6 +19,7 @@ from rich.console import Console
 
 import exudyn_partition as ep
 from examples.models import cam_follower as example
+from examples.models import cam_follower_parts as shapes
 from validation.contact import scenes
 
 LIMITS = {"force": 0.01, "ripple": 0.005, "profile_force": 0.01, "profile_ripple": 0.005, "lift_off": 0.01,
@@ -29,8 +30,8 @@ LOBES, FRICTION = 4e-3, 0.1  # lift of the profile [m]
 
 def reduced(rim, face, axes="normal"):
     """Bodies of cam and follower, with elements of these sizes on their patches [m]."""
-    parts = example.cam_part(rim, 4e-3, axes), example.follower_part(face, 10e-3, axes)
-    return [ep.reduce(*part, f_cut=example.F_CUT) for part in parts]
+    parts = shapes.cam_part(rim, 4e-3, axes), shapes.follower_part(face, 10e-3, axes)
+    return [ep.reduce(*part, f_cut=shapes.F_CUT) for part in parts]
 
 
 def errors(t, force, rigid, end):
@@ -46,7 +47,7 @@ def profile():
     """Rigid cam whose lift over a flat follower is LOBES (1 + cos 2 angle) / 2: its support function is the lift."""
 
     def curve(angle):
-        h = example.RADIUS + LOBES * (1 - np.cos(2 * angle)) / 2
+        h = shapes.RADIUS + LOBES * (1 - np.cos(2 * angle)) / 2
         slope = LOBES * np.sin(2 * angle)
         return np.column_stack([h * np.cos(angle) - slope * np.sin(angle), h * np.sin(angle) + slope * np.cos(angle)])
 
@@ -55,8 +56,8 @@ def profile():
 
 def profile_turn(follower_body, turns):
     """Times, force and force of rigid bodies of the rigid profile."""
-    mbs, drive = exu.SystemContainer().AddSystem(), example.Drive(SPEED, RAMP)
-    follower, shaft = example.add_follower(mbs, follower_body, example.RADIUS), example.add_shaft(mbs, drive)
+    mbs, drive = exu.SystemContainer().AddSystem(), shapes.Drive(SPEED, RAMP)
+    follower, shaft = example.add_follower(mbs, follower_body, shapes.RADIUS), example.add_shaft(mbs, drive)
     contact = ep.CreatePartitionContact(mbs, follower, profile(), masterBody=shaft)
     mbs.Assemble()
     run = example.run(example.Mechanism(mbs, None, follower, contact, drive), turns / (SPEED / 2 / np.pi), STEP)
