@@ -280,8 +280,9 @@ class Partition:
         """Contact patch of whole faces, over which contact may wander: the rim of a cam, a gear's flanks, a guide.
 
         Contact rows act along the local normals, so that a patch may curve by any angle, even around the body. The
-        static answer to a force on each node is computed and kept: `axes="normal"` with 5000 nodes are 200 MB, and
-        `axes="xyz"` nine times that. Load patterns over the whole patch lead the basis, see `loads.resultants`.
+        flexibility between all nodes is kept: `axes="normal"` with 5000 nodes are 200 MB, and `axes="xyz"` nine times
+        that; see `large_patch.large_flexibility`. Load patterns over the whole patch lead the basis, see
+        `loads.resultants`.
 
         Parameters
         ----------

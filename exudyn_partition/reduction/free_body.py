@@ -27,7 +27,7 @@ from ..fe.patches import Patch
 from ..plasticity.zone_flexibility import ZoneFlexibility, zone_answers
 from ..support.arrays import Array
 from ..support.progress import Progress
-from .large_patch import large_flexibility
+from ..surfaces.large_patch import large_flexibility
 from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
 from .tied import tie
 

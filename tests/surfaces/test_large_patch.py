@@ -5,7 +5,7 @@ import pytest
 from oracles import relative
 
 import exudyn_partition as ep
-from exudyn_partition.reduction import large_patch
+from exudyn_partition.surfaces import large_patch
 
 
 def grid(n, m, spacing):
