@@ -233,7 +233,8 @@ class Search:
 
         def by_rule(tolerance: float) -> list[Sizes]:
             return [
-                sizes_by_rule(fem, own, first.frequency, near, tolerance) for fem, own in zip(fems, sides, strict=True)
+                sizes_by_rule(fem, own, first.frequency, near, tolerance, slave=i == 0)
+                for i, (fem, own) in enumerate(zip(fems, sides, strict=True))
             ]
 
         allowed = scene.tolerance

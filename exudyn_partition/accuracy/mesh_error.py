@@ -17,8 +17,8 @@ The impact of the scene runs with and without these corrections. Its difference 
 
 Rows have an error of their own. The pressure ends like a square root at the edge of the contact, where rows of spacing
 s miss it by s^(1/2). The strain energy of that error is p^2 s^3 in each of 2 pi a / s places, so that it is of order
-s^3. A run with the rows of the facets' corners alone, at k times the spacing, is off by k^3 - 1 times as much. Both
-errors are taken as independent.
+s^3. So a run with the rows of a coarser grid of the same facets, of k times the spacing, differs by k^3 - 1 times the
+error. Rows and functions of one order more are taken as independent.
 
 It is no bound. Below two elements in a contact radius it is too small.
 """
@@ -229,7 +229,7 @@ def estimate_of(
     def of_each(far: bool, local: bool) -> list[tuple[float, float]]:
         return [change([(far, local) if i == j else (False, False) for j in range(n)]) for i in range(n)]
 
-    by_surplus, by_rows, finer = change(whole), [0.0, 0.0], sides[0].fem.order ** _ROW_RATE - 1
+    by_surplus, by_rows, finer = change(whole), [0.0, 0.0], sides[0].spacing ** _ROW_RATE - 1
     if finer:
         _, coarse, coarse_velocity = impact.with_means(sides[0].coarse).run(duration, step)
         by_rows = [x / finer for x in off(coarse, coarse_velocity)]

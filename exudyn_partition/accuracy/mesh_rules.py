@@ -3,7 +3,8 @@
 Far: a wave takes four elements. The frequency is the one below which 99 % of the force's energy lies. The wave is a
 bending wave in walls that are thinner than half of it and that few elements span, and a shear wave elsewhere. Elements
 of such walls are cubic: one or two layers of quadratic ones cannot hold the parabolic shear of a plate that bends.
-Near: quadratic elements of 0.6 contact radii, cubic ones of 0.9, within 1.5 radii; then elements grow.
+Near: quadratic elements of 0.6 contact radii, cubic ones of 0.9, within 1.5 radii; then elements grow. Those of the
+slave are smaller by 0.85, for its facets also carry the rows, which have an error of their own.
 
 These sizes make an error of a few percent at most. The tolerance changes them by the rates below; the estimate decides.
 """
@@ -30,6 +31,7 @@ REACH = (1.5, 2.0)  # radii of the patches of the first and of the second body, 
 
 _OF_A_WAVE = 4  # elements
 _LOCAL = {2: 0.6, 3: 0.9}  # elements at the contact, by order and smaller semi-axis
+_SLAVE = 0.85  # of these at the slave
 _FIRST_LOOK = 12  # elements in the longest side of a body, on its first mesh
 _LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadratic ones are enough
 _FEWEST = 3  # elements in the shortest side of a stocky body
@@ -87,7 +89,9 @@ def first_sizes(sides: Array, near: float) -> Sizes:
     return Sizes(2, far, near, "a first look")
 
 
-def sizes_by_rule(fem: FEModel, sides: Array, frequency: float, near: float, tolerance: float) -> Sizes:
+def sizes_by_rule(
+    fem: FEModel, sides: Array, frequency: float, near: float, tolerance: float, *, slave: bool = False
+) -> Sizes:
     """Order and sizes for an impact, by the walls that a first mesh shows; see the module.
 
     Parameters
@@ -102,6 +106,8 @@ def sizes_by_rule(fem: FEModel, sides: Array, frequency: float, near: float, tol
         Smaller semi-axis of the contact [m].
     tolerance : float
         For the whole error.
+    slave : bool
+        Whether the body carries the rows of the contact.
     """
     wall, material = fem.weakest_wall, fem.material
     shear = material.shear_wave_speed / frequency
@@ -113,7 +119,7 @@ def sizes_by_rule(fem: FEModel, sides: Array, frequency: float, near: float, tol
     else:
         far, order = min(shear / _OF_A_WAVE * far_factor, float(sides.min()) / _FEWEST), 2
         why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or a third of the shortest side"
-    local = _LOCAL[order] * near * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER
+    local = _LOCAL[order] * near * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER * (_SLAVE if slave else 1.0)
     return Sizes(order, min(far, float(sides.max()) / _FEWEST), local, why)
 
 

@@ -17,7 +17,7 @@ from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
 from ..reduction.loads import patch_slice
 from ..support.arrays import Array
-from ..surfaces.points import ContactPoints, contact_points, corner_hats
+from ..surfaces.points import ContactPoints, coarser_hats, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE, directed_matrix, pair_surfaces, point_matrix
 from ..surfaces.surface import Surface
 
@@ -42,7 +42,9 @@ class Side:
     mean : (nr, p) csr matrix
         Weights of the points in each row.
     coarse : (nc, nr) array
-        Rows of the corners of the slave's facets, as means of its rows.
+        Rows on a coarser grid of the slave's facets, as means of the rows.
+    spacing : float
+        Of that grid, by that of the rows; 1 if there is none.
     """
 
     fem: FEModel
@@ -55,6 +57,7 @@ class Side:
     normals: Array
     mean: sp.csr_matrix
     coarse: Array
+    spacing: float
 
     @property
     def gaps(self) -> Array:
@@ -111,7 +114,7 @@ def impact_of(
         for (fem, body), i in zip(pairs, numbers, strict=True)
     ]
     rows = _between(*surfaces) if rigid is None else _to_rigid(surfaces[0], rigid)
-    coarse = _of_corners(surfaces[0], rows.points)
+    coarser = _coarser(surfaces[0], rows.points)
     sides = []
     for (fem, body), i, on_patch, weight, (nodes, local, normals) in zip(
         pairs, numbers, rows.directed, rows.plain, rows.places, strict=True
@@ -121,7 +124,8 @@ def impact_of(
         assert body.basis.flexibility is not None
         residual = to_rows @ body.basis.flexibility[own, own] @ to_rows.T
         corners = patch.nodes[nodes[:, :3]]
-        sides.append(Side(fem, body, on_patch, patch, residual, corners, local, normals, rows.points.mean, coarse))
+        mean = rows.points.mean
+        sides.append(Side(fem, body, on_patch, patch, residual, corners, local, normals, mean, *coarser))
     first = pairs[0][1]
     velocity = np.zeros(sum(body.n_dofs for _, body in pairs))
     velocity[: first.n_dofs] = first.rigid @ np.r_[speed * rows.approach, np.zeros(3)]
@@ -136,12 +140,12 @@ def impact_of(
     return sides, impact
 
 
-def _of_corners(slave: Surface, points: ContactPoints) -> Array:
-    """Rows of the corners of facets as means of the rows, (nc, nr)."""
-    hats: Array = corner_hats(slave)[:, points.row_nodes].toarray() * points.area
+def _coarser(slave: Surface, points: ContactPoints) -> tuple[Array, float]:
+    """Rows on a coarser grid as means of the rows, (nc, nr), and its spacing; see `coarser_hats`."""
+    grid, spacing = coarser_hats(slave)
+    hats: Array = grid[:, points.row_nodes].toarray() * points.area
     hats = hats[hats.any(axis=1)]
-    means: Array = hats / hats.sum(axis=1)[:, None]
-    return means
+    return hats / hats.sum(axis=1)[:, None], spacing
 
 
 def _between(slave: Surface, master: Surface) -> _Rows:

@@ -9,7 +9,7 @@ from oracles import box
 import exudyn_partition as ep
 from exudyn_partition.errors import MeshError
 from exudyn_partition.fe.facets import nodal_area
-from exudyn_partition.surfaces.points import ROWS, contact_points
+from exudyn_partition.surfaces.points import ROWS, coarser_hats, contact_points
 from exudyn_partition.surfaces.surface import Surface
 
 
@@ -57,6 +57,22 @@ def test_integrated_rows_of_cubic_facets_make_the_exact_forces_of_a_uniform_pres
     np.testing.assert_allclose(nodal.area, on_nodes, atol=1e-12 * on_nodes.max())
     inner = np.setdiff1d(surface.facets[:, :3], surface.rim)
     np.testing.assert_allclose((nodal.pressures @ nodal.area)[inner], 1.0, rtol=0.15)
+
+
+@pytest.mark.parametrize(("order", "spacing"), [(2, 2.0), (3, 1.5)])
+def test_a_coarser_grid_holds_linear_functions_with_fewer_hats(order, spacing):
+    """As many as the square of its spacing says, but for the rim."""
+    fem = ep.fe_model(box(0.01, 0.01, 0.005), ep.STEEL, order=order, maxh=2.5e-3)
+    surface = Surface.of(fem.points, ep.Partition.ball(fem, (0, 0, 0.005), 0.005).patches[0], np.zeros(3))
+    hats, found = coarser_hats(surface)
+    dense = hats[np.flatnonzero(hats.sum(axis=1) > 0)].toarray()
+    assert found == spacing
+    assert dense.min() >= 0
+    np.testing.assert_allclose(dense.sum(axis=0), 1.0, atol=1e-12)
+    plane = surface.points[:, :2]
+    values = np.linalg.lstsq(dense.T, plane, rcond=None)[0]
+    np.testing.assert_allclose(dense.T @ values, plane, atol=1e-12)
+    assert dense.shape[1] / dense.shape[0] == pytest.approx(spacing**2, rel=0.25)
 
 
 @pytest.mark.parametrize("kind", ROWS)

@@ -97,12 +97,12 @@ def box(x, y, z):
     return occ.Box(occ.Pnt(x[0], y[0], -z), occ.Pnt(x[1], y[1], 0))
 
 
-def head(length, sign):
-    """Cylinder with a spherical head of 10 mm radius; the face at its back has a name."""
-    radius = 10e-3
-    shape = occ.Cylinder(occ.Pnt(0, 0, radius if sign > 0 else -length), occ.Z, r=radius, h=length - radius)
-    shape += occ.Sphere(occ.Pnt(0, 0, sign * radius), radius)
-    (shape.faces.Max(occ.Z) if sign > 0 else shape.faces.Min(occ.Z)).name = "back"
+def head(length, *, up):
+    """Cylinder of 10 mm radius with a round head of 12 mm; the face at its back has a name."""
+    shape = rod(10e-3, 12e-3, length)
+    if not up:
+        shape = shape.Rotate(occ.Axis(occ.Pnt(0, 0, 0), occ.X), 180)
+    (shape.faces.Max(occ.Z) if up else shape.faces.Min(occ.Z)).name = "back"
     return shape
 
 
@@ -127,15 +127,15 @@ def plate():
 
 
 def blocks():
-    """Two cylinders with spherical heads."""
-    bodies = (head(71e-3, 1), STEEL, 6e-3), (head(58e-3, -1), STEEL, 6e-3)
-    return Scene(bodies, 5e-3, mass_of(bodies[0][0]) / 2, 0.3, 150e-6, 100e3)
+    """Two cylinders with round heads."""
+    bodies = (head(71e-3, up=True), STEEL, 4e-3), (head(58e-3, up=False), STEEL, 4e-3)
+    return Scene(bodies, 6e-3, mass_of(bodies[0][0]) / 2, 0.3, 150e-6, 100e3, fine=(3, 0.55, 1.0))
 
 
 def crank_slider():
     """The same with interfaces at their backs, as the blocks of the crank slider have."""
-    bodies = (head(71e-3, 1), STEEL, 6e-3), (head(58e-3, -1), STEEL, 6e-3)
-    return Scene(bodies, 5e-3, mass_of(bodies[0][0]) / 2, 0.3, 150e-6, 60e3, back=True)
+    bodies = (head(71e-3, up=True), STEEL, 4e-3), (head(58e-3, up=False), STEEL, 4e-3)
+    return Scene(bodies, 6e-3, mass_of(bodies[0][0]) / 2, 0.3, 150e-6, 60e3, fine=(3, 0.55, 1.0), back=True)
 
 
 def edge():
@@ -147,7 +147,7 @@ def edge():
 def tilted():
     """A rod that leans by 20 degrees, on a plate of 10 mm, beside its centre."""
     leaning = SLIM.Rotate(occ.Axis(occ.Pnt(0, 0, 8e-3), occ.Y), 20)
-    bodies = (leaning, STEEL, 4e-3), (box((-30e-3, 20e-3), (-25e-3, 15e-3), 10e-3), STEEL, 5e-3)
+    bodies = (leaning, STEEL, 3e-3), (box((-30e-3, 20e-3), (-25e-3, 15e-3), 10e-3), STEEL, 5e-3)
     return Scene(bodies, 8e-3, mass_of(SLIM) / 2, 0.3, 100e-6, 100e3)
 
 
