@@ -239,7 +239,7 @@ def main():
     judged = [run["effectivity"] for one in found.values() for run in one["runs"] if run["judged"]]
     result = {
         "limits": LIMITS, "scenes": {name: found[name] for name in SCENES if name in found}, "least": min(judged),
-        "largest": max(judged), "inside": sum(WANTED[0] <= x <= WANTED[1] for x in judged), "judged": len(judged),
+        "largest": max(judged), "inside": sum(bool(WANTED[0] <= x <= WANTED[1]) for x in judged), "judged": len(judged),
     }  # fmt: skip
     failed = [
         f"{name} {run['order']}, {run['size']}"
