@@ -19,6 +19,7 @@ _FEWEST = 8  # points of a curve
 _SAMPLED = 720  # points of a curve that is given as a function
 _STARTS = 8  # places between two points, from the nearest of which the closest point is found
 _STEPS = 8  # of Newton's method
+_CLOSE = 1e-7  # of the curve's length: last step, whose square is the error of the place, and that one's of the gap
 _CONVEX = 0.1  # of the squared tangent: below it Newton's method takes the curve as straight
 
 
@@ -114,17 +115,25 @@ class RigidProfile:
         starts, tree = self._starts
         s = starts[tree.query(at)[1]]
         for _ in range(_STEPS):
-            tangent = self._spline(s, 1)
-            squared, miss = np.einsum("kd,kd->k", tangent, tangent), at - self._spline(s)
-            bent = squared - np.einsum("kd,kd->k", miss, self._spline(s, 2))
+            place, tangent, bend = self._along(s)
+            squared, miss = np.einsum("kd,kd->k", tangent, tangent), at - place
+            bent = squared - np.einsum("kd,kd->k", miss, bend)
             step = np.einsum("kd,kd->k", tangent, miss) / np.where(bent > _CONVEX * squared, bent, squared)
             s = s + step
-            if abs(step).max(initial=0.0) <= 1e-12 * self._spline.x[-1]:
+            if abs(step).max(initial=0.0) <= _CLOSE * self._spline.x[-1]:
                 break
-        tangent = self._spline(s, 1)
+        place, tangent, _ = self._along(s)
         normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        return np.einsum("kd,kd->k", at - self._spline(s), normal), normal @ self.plane.T
+        normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
+        return np.einsum("kd,kd->k", at - place, normal), normal @ self.plane.T
+
+    def _along(self, s: Array) -> tuple[Array, Array, Array]:
+        """Places on the curve, (k, 2), and their first and second derivatives; the spline itself takes longer."""
+        knots, c = self._spline.x, self._spline.c
+        s = s % knots[-1]
+        span = np.minimum(np.searchsorted(knots, s, side="right"), len(knots) - 1) - 1
+        h, (c3, c2, c1, c0) = (s - knots[span])[:, None], c[:, span]
+        return ((c3 * h + c2) * h + c1) * h + c0, (3 * c3 * h + 2 * c2) * h + c1, 6 * c3 * h + 2 * c2
 
 
 def _axes(axis: Vector, first: Vector | None) -> tuple[Array, Array]:

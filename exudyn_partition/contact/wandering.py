@@ -20,7 +20,7 @@ from .patch_gaps import PatchGaps, spread
 from .rigid import RigidGaps
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
-_SOON = 0.25  # of a facet's size: gaps to rigid surfaces that may close, and motion after which rows are chosen again
+_SOON = 0.15  # of a facet's size: gaps to rigid surfaces that may close, and motion after which rows are chosen again
 
 
 class WanderingGaps(PatchGaps):
@@ -113,7 +113,7 @@ class WanderingGaps(PatchGaps):
 class WanderingRigidGaps(RigidGaps):
     """Gaps of a patch over which contact wanders to a rigid surface; see `RigidGaps`.
 
-    Only rows that may close soon are present. They are chosen again when the patch has moved by a quarter of a facet.
+    Only rows that may close soon are present. They are chosen again when the patch has moved by a part of a facet.
     """
 
     def _at_start(self) -> ContactPoints:

@@ -23,7 +23,7 @@ from validation.contact import scenes
 from validation.tables import write_between
 
 LIMITS = {"memory_GB": 4.0, "file_MB": 200.0, "ratio": 3.0}  # of the largest patch; ratio to the small one
-RIM = 0.7e-3  # elements on the rim [m]
+RIM = 0.675e-3  # elements on the rim [m]
 PAGE = Path(__file__).parents[2] / "examples" / "site" / "contact.md"
 
 
