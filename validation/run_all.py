@@ -262,6 +262,8 @@ CASES = {
     "friction_oblique": Case("friction/oblique.py", limits(
         ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step", "free_flight")),
         figures=("friction_oblique.png",)),
+    "friction_front": Case("friction/front.py", limits(("tolerance 0.1", "tolerance 0.01", "full_fe_quicker")),
+                           figures=("friction_front.png",)),
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),
     "rotation": Case("joints/rotation.py",
