@@ -31,7 +31,7 @@ from ..support.foreign import (
     UserFunction,
 )
 from ..support.optional import require
-from .model import BodyItem, validate_model
+from .model import BodyItem, registered
 
 _ASIDE = 1e-6  # distance of an interface's point from the mean of its face, by the body's size, that is round-off
 
@@ -112,11 +112,10 @@ def CreateDistributedLoad(
     InputError
         If an argument is wrong, there is no such load, or the body is not in this model.
     """
-    validate_model(mbs)
     if not isinstance(body, LoadedBody):
         raise InputError(f"body: expected what CreatePartitionBody returns, got {type(body).__name__}")
-    if not body.is_in(mbs):
-        raise InputError(f"body: {body.name!r} is not in this model; create it there before its loads")
+    if not any(body is held for held in registered(mbs).bodies.values()):
+        raise InputError(f"body: {body.name!r} belongs to another model, or to this one before a Reset")
     pattern, size = body.body.partition.find_load(load), validate_number("magnitude", magnitude)
     validate_flag("bodyFixed", bodyFixed)
     if loadUserFunction is not None:

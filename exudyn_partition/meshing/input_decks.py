@@ -266,6 +266,6 @@ def refuse_regions(source: object, kind: str, names: list[str]) -> None:
     listed = ", ".join(repr(name) for name in names[:8]) + (", ..." if len(names) > 8 else "")
     raise MeshError(
         f"{source}: expected a body of one material, got {len(names)} regions by {kind}: {listed}. All would be "
-        "made of the one material that is given. Export only the body that you need, or, if all is of one material, "
-        "give it one region or name"
+        "made of the one material that is given. Give one for each, {name: Material}; if all is of one material, give "
+        "all regions one name, solid.mat('steel') of an OCC shape; or export only the body that you need"
     )

@@ -15,7 +15,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
-from ..support.checks import validate_choice, validate_integer
+from ..support.checks import validate_choice, validate_integer, validate_positive
 from .output import BodyFields, Shown, contact_loads, shown_bodies
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
@@ -25,6 +25,7 @@ ViewField = Literal["displacement", "deformation", "velocity", "von_mises"]
 UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocity": "m/s", "von_mises": "Pa"}
 COLOURS = "viridis"
 WINDOW = (1024, 768)
+_LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
 _MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
 
 _STEPS = 32  # of the colour bar, and of a surface along each side
@@ -73,6 +74,13 @@ def drawn_fields(
         colour = data[field]
         values.append(colour if colour.ndim == 1 else np.linalg.norm(colour, axis=1))
     return places, values
+
+
+def validate_scale(scale: float) -> float:
+    """Check the factor on the drawn deformation."""
+    if validate_positive("scale", scale) > _LARGEST_SCALE:
+        raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
+    return float(scale)
 
 
 def validate_pixels(size: tuple[int, int]) -> list[int]:

@@ -29,6 +29,7 @@ from .graphics import (
     pieces_of,
     rigid_surfaces,
     validate_pixels,
+    validate_scale,
 )
 from .output import Shown
 
@@ -81,7 +82,7 @@ def plotter(
         If PyVista is not installed.
     """
     validate_result(result)
-    pixels, scale = validate_pixels(size), validate_positive("scale", scale)
+    pixels, scale = validate_pixels(size), validate_scale(scale)
     ends = None if limits is None else validate_array("limits", limits, (2,)).tolist()
     frame = result.at([peak_time(result) if time is None else validate_number("time", time, "a time in s")])
     pieces = pieces_of(result.bodies, bodies, field)

@@ -52,6 +52,7 @@ from .graphics import (
     pieces_of,
     rigid_surfaces,
     validate_pixels,
+    validate_scale,
 )
 from .output import BodyFields, Shown
 
@@ -59,7 +60,6 @@ Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the pre
 Contacts = Callable[[MainSystem], Sequence[PartitionContact]]
 Poses = Callable[[MainSystem, PartitionContact], Pose | None]  # of the bodies that carry rigid surfaces
 
-_LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
 _AMBIENT = 0.8  # brightness without light: shadows must not look like small values
 _MARGIN = 0.6  # half of a picture's height, relative to the diagonal of the bodies
 
@@ -271,9 +271,7 @@ def _add(
     turn: Rotation | None = None,
 ) -> ObjectIndex:
     """Add the object that draws bodies and rigid surfaces of contacts; `turn` is the rotation of the view."""
-    items, scale = require("exudyn.itemInterface"), validate_positive("scale", scale)
-    if scale > _LARGEST_SCALE:
-        raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
+    items, scale = require("exudyn.itemInterface"), validate_scale(scale)
     given = None if limits is None else validate_array("limits", limits, (2,))
     if given is not None and given[0] >= given[1]:
         raise InputError(

@@ -1,5 +1,6 @@
 """Pressures on curved faces, tractions and line loads: against Lamé, the FE mesh, and balances of forces."""
 
+import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -182,5 +183,7 @@ def test_what_is_refused(mbs, beam):
     body = reduced(beam, one)
     with pytest.raises(InputError, match="expected one of 'x', got 'y'"):
         ep.CreateDistributedLoad(mbs, ep.CreatePartitionBody(mbs, body), "y", 1.0)
+    with pytest.raises(InputError, match="belongs to another model"):
+        ep.CreateDistributedLoad(mbs, ep.CreatePartitionBody(exu.SystemContainer().AddSystem(), body), "x", 1.0)
     with pytest.raises(InputError, match="expected what CreatePartitionBody returns, got ReducedBody"):
         ep.CreateDistributedLoad(mbs, body, "x", 1.0)

@@ -51,6 +51,8 @@ def test_what_is_refused(run, tmp_path, monkeypatch):
     _, _, result = run
     with pytest.raises(InputError, match="lower and the upper end"):
         ep.pyvista_view.plotter(result, limits=(2, 1))
+    with pytest.raises(InputError, match="scale: expected at most"):
+        ep.pyvista_view.plotter(result, scale=1e300)
     with pytest.raises(InputError, match="frames: expected"):
         ep.pyvista_view.turntable(tmp_path / "turn.gif", result, frames=1)
     monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
