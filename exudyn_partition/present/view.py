@@ -253,8 +253,11 @@ def _scene(
     mbs = SC.AddSystem()
     pieces = pieces_of(result.bodies, bodies, field)
     at_sample = fields_at(result, pieces, now)
-    at_samples: Fields = lambda mbs, piece: at_sample(piece)  # noqa: E731
-    _add(mbs, pieces, at_samples, field, scale, limits, lambda mbs: result.contacts, _not_kept, turn)
+
+    def fields(mbs: MainSystem, piece: BodyFields) -> dict[str, Array]:
+        return at_sample(piece)
+
+    _add(mbs, pieces, fields, field, scale, limits, lambda mbs: result.contacts, _not_kept, turn)
     mbs.Assemble()
     return SC, mbs
 
