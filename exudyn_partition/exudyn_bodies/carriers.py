@@ -51,18 +51,23 @@ def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:
 def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
     """Return the present pose of an Exudyn body; before the model is assembled, its reference pose."""
     exu = require("exudyn")
-    variable, configuration, model = exu.OutputVariableType, exu.ConfigurationType, weakly(mbs)
+    configuration, model = exu.ConfigurationType, weakly(mbs)
 
     def pose_now() -> tuple[Array, Array]:
         mbs = model()
-        now = configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference
-        place, axes = (
-            mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=now)
-            for what in (variable.Position, variable.RotationMatrix)
-        )
-        return np.asarray(place), np.asarray(axes).reshape(3, 3)
+        return _pose_in(mbs, body, configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference)
 
     return pose_now
+
+
+def _pose_in(mbs: MainSystem, body: ObjectIndex, configuration: object) -> tuple[Array, Array]:
+    """Pose of an Exudyn body in one of its configurations."""
+    variable = require("exudyn").OutputVariableType
+    place, axes = (
+        mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=configuration)
+        for what in (variable.Position, variable.RotationMatrix)
+    )
+    return np.asarray(place), np.asarray(axes).reshape(3, 3)
 
 
 def motion(mbs: MainSystem, body: ObjectIndex) -> Motion:
@@ -97,14 +102,7 @@ class Carrier:
 
     def drawn_pose(self, mbs: MainSystem) -> tuple[Array, Array]:
         """Place, (3,) [m], and axes as columns, (3, 3), where the renderer draws it."""
-        exu = require("exudyn")
-        place, axes = (
-            mbs.GetObjectOutputBody(
-                self._body, what, localPosition=[0.0, 0.0, 0.0], configuration=exu.ConfigurationType.Visualization
-            )
-            for what in (exu.OutputVariableType.Position, exu.OutputVariableType.RotationMatrix)
-        )
-        return np.asarray(place), np.asarray(axes).reshape(3, 3)
+        return _pose_in(mbs, self._body, require("exudyn").ConfigurationType.Visualization)
 
     def by_coordinates(self, mbs: MainSystem) -> Array:
         """Derivative of velocity and angular velocity in space by the rates of the nodes' k coordinates, (6, k)."""

@@ -1,7 +1,7 @@
 """Inner loops that numba compiles, if it is installed; without it the same is done by NumPy.
 
-The modules named `kernels` hold these loops. They are imported only where `compiles` is true, because numba takes half
-a second to load. Compiled code is kept on disk, beside the modules or in the user's folder for caches, so that only the
+The modules named `kernels` hold these loops. They are imported only where `compiles` is true, because numba takes long
+to load. Compiled code is kept on disk, beside the modules or in the user's folder for caches, so that only the
 first process waits for the compiler. NUMBA_CACHE_DIR names another folder, NUMBA_DISABLE_JIT=1 switches compiling off.
 """
 
