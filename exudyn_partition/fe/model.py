@@ -264,6 +264,18 @@ class FEModel:
         return centre
 
     @cached_property
+    def inertia_tensor(self) -> Array:
+        """(3, 3) array: moments of inertia about the centre of mass [kg m2], in the axes of the mesh.
+
+        Off the diagonal are the negative products of inertia, as in Exudyn's `ObjectRigidBody`. About another point p
+        it is `J + m (|r|^2 I - r r')` with r = p - centre_of_mass (Steiner).
+        """
+        turning = self.rigid_modes[:, 3:]
+        tensor: Array = turning.T @ (self.mass @ turning)
+        read_only(tensor)
+        return tensor
+
+    @cached_property
     def rigid_modes(self) -> Array:
         """(3n, 6) array: unit translations [m] and unit rotations [rad] about the centre of mass."""
         modes = rigid_modes(self.points - self.centre_of_mass)

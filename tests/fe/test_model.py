@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import netgen.occ as occ
+import ngsolve
 import numpy as np
 import pytest
 from oracles import box
@@ -30,6 +31,32 @@ def test_mass_centre_and_inertia_of_a_block(block):
     inertia = block.rigid_modes.T @ (block.mass @ block.rigid_modes)
     expected = [m] * 3 + [m / 12 * s for s in (0.02**2 + 0.03**2, 0.01**2 + 0.03**2, 0.01**2 + 0.02**2)]
     np.testing.assert_allclose(inertia, np.diag(expected), atol=1e-10)
+    np.testing.assert_allclose(block.inertia_tensor, np.diag(expected[3:]), rtol=1e-12, atol=1e-12 * expected[3])
+
+
+def test_inertia_of_a_skew_body_of_two_materials_is_what_ngsolve_integrates():
+    """A bar beside a ball, far from the origin, on the axes of neither."""
+    bar = occ.Box((0, 0, 0), (0.06, 0.02, 0.01)).Rotate(occ.Axis((0, 0, 0), occ.gp_Vec(1, 2, 3)), 40)
+    ball = occ.Sphere(occ.gp_Pnt(0, 0, 0), 0.015)
+    shape = occ.Glue([ball.mat("ball"), (bar - ball).mat("bar")]).Move((0.3, -0.2, 0.1))
+    materials = {"ball": ep.STEEL, "bar": ep.ALUMINIUM}
+    mesh = ep.generate_mesh(shape, maxh=0.02)
+    fem = ep.fe_model(mesh, materials)
+
+    density = mesh.MaterialCF({name: material.rho for name, material in materials.items()})
+    place = ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))
+
+    def integral(f):
+        return np.array(ngsolve.Integrate(density * f, mesh, order=8))
+
+    mass = integral(ngsolve.CF(1.0))
+    centre = integral(place) / mass
+    second = integral(ngsolve.OuterProduct(place, place)).reshape(3, 3) - mass * np.outer(centre, centre)
+    expected = np.trace(second) * np.eye(3) - second
+    assert fem.total_mass == pytest.approx(mass, rel=1e-10)
+    np.testing.assert_allclose(fem.centre_of_mass, centre, rtol=1e-10)
+    np.testing.assert_allclose(fem.inertia_tensor, expected, atol=1e-9 * np.trace(expected))
+    assert abs(expected[0, 1]) > 0.01 * np.trace(expected)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
