@@ -47,6 +47,7 @@ _HOMES = {
     "exudyn_bodies.create_body": ("CreatePartitionBody",),
     "exudyn_bodies.partition_body": ("PartitionBody",),
     "exudyn_bodies.surface_loads": ("CreateDistributedLoad",),
+    "exudyn_bodies.item_work": ("CreateWorkSensor", "WorkSensor"),
     "contact.profile": ("RigidProfile",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "exudyn_contacts.create_contact": ("CreatePartitionContact",),

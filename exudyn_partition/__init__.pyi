@@ -10,6 +10,7 @@ from .algebra.coulomb import Coulomb
 from .contact.profile import RigidProfile
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
 from .exudyn_bodies.create_body import CreatePartitionBody
+from .exudyn_bodies.item_work import CreateWorkSensor, WorkSensor
 from .exudyn_bodies.partition_body import PartitionBody
 from .exudyn_bodies.surface_loads import CreateDistributedLoad
 from .exudyn_contacts.create_contact import CreatePartitionContact
@@ -52,6 +53,7 @@ __all__ = [
     "CreatePartitionBody",
     "CreatePartitionContact",
     "CreatePartitionView",
+    "CreateWorkSensor",
     "Estimate",
     "FEModel",
     "History",
@@ -70,6 +72,7 @@ __all__ = [
     "RigidProfile",
     "RigidSphere",
     "StrainGauge",
+    "WorkSensor",
     "amplitude_spectrum",
     "collect",
     "compare",

@@ -16,6 +16,7 @@ from ..support.foreign import Exudyn, ItemIndex, MainSolver, MainSystem, NodeInd
 from ..support.optional import require
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
+WORK = "work of items"  # name of the sensor of `CreateWorkSensor`
 
 
 class BodyItem(Protocol):
@@ -78,10 +79,11 @@ class Samples(Protocol):
 
 @dataclass
 class Registry:
-    """Items of this library in a model: bodies by object number, contacts by sensor number."""
+    """Items of this library in a model: bodies by object number, contacts by sensor number, the sensor of work."""
 
     bodies: dict[int, Any] = field(default_factory=dict)
     contacts: dict[int, Any] = field(default_factory=dict)
+    work: Any = None
 
 
 def validate_model(mbs: MainSystem) -> None:
@@ -116,6 +118,8 @@ def registered(mbs: MainSystem) -> Registry:
         both_there = all(any(item is body for body in held.bodies.values()) for item, _ in contact.sides)
         if number >= sensors or not both_there:
             del held.contacts[number]
+    if held.work is not None and (int(held.work.number) >= sensors or mbs.GetSensor(held.work.number)["name"] != WORK):
+        held.work = None
     return held
 
 

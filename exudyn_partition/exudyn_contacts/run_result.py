@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import History
 from ..support.arrays import Array
@@ -56,6 +57,10 @@ class RunResult(Protocol):
     @property
     def contacts(self) -> tuple[PartitionContact, ...]:
         """Contacts of the model."""
+
+    @property
+    def item_work(self) -> WorkSensor | None:
+        """Sensor of the work of joints, springs and loads, if the model has one."""
 
     def history(self, contact: PartitionContact) -> History:
         """Force of a contact over time."""

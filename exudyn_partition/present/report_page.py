@@ -194,7 +194,10 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
         given = np.sum([total, *taken_of.values()], axis=0)
         if taken_of:
             sums.append((f"with contacts' and what {' and '.join(taken_of)} took [J]", given))
-        sums.append(("given by joints, springs and loads; else the steps' error [J]", given - given[0]))
+        works = _item_works(result)
+        sums += [(f"given by {name} [J]", work) for name, work in works.items()]
+        rest, givers = given - given[0] - sum(works.values()), "other items" if works else "joints, springs and loads"
+        sums.append((f"given by {givers}; else the steps' error [J]", rest))
     scale = max(abs(values).max() for _, values in sums) or 1.0
     for name, values in sums:
         rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / scale:.2e}"))
@@ -205,6 +208,13 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
         rows.append((f"momentum {name} [N s]", f"{p[0]:.6g}", f"{p[-1]:.6g}", f"{(p[-1] - p[0]) / largest:.2e}"))
     note += "Loads, joints and other items of the model may change them; contact between the bodies does not."
     return rows, note
+
+
+def _item_works(result: Result) -> dict[str, Array]:
+    """Work of each joint, spring and load, (n,) [J], if the model has a sensor of it; there is none in statics."""
+    if result.item_work is None or result.method == "static":
+        return {}
+    return result.item_work.work(result)
 
 
 def _left_out(result: Result) -> list[tuple[str, list[str]]]:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, RunError
+from ..exudyn_bodies.item_work import WorkSensor
+from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_results import ContactResults
 from ..exudyn_contacts.contact_run import ContactRun
@@ -57,6 +59,8 @@ class Result:
         Sensors that Exudyn read less often than the result has times.
     warnings : tuple of str, optional
         Texts of the warnings after the run. Default: not known, as of a result that was read from a file.
+    item_work : WorkSensor, optional
+        The model's, if it has one.
     """
 
     t: Array
@@ -73,6 +77,7 @@ class Result:
     work: Work = field(default_factory=Work, repr=False)
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
     warnings: tuple[str, ...] | None = field(default=None, repr=False)
+    item_work: WorkSensor | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
@@ -106,12 +111,12 @@ class Result:
         InputError
             If the item was not in the model that was run.
         """
-        if not isinstance(item, PartitionBody | ContactResults):
+        if not isinstance(item, PartitionBody | ContactResults | WorkSensor):
             raise InputError(
                 "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
                 f"{type(item).__name__}"
             )
-        if not any(item is known for known in (*self.bodies, *self.contacts)):
+        if not any(item is known for known in (*self.bodies, *self.contacts, self.item_work)):
             raise InputError(
                 f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
@@ -229,6 +234,7 @@ class Result:
             bodies=tuple(bodies),
             contacts=tuple(contacts),
             seldom=frozenset(map(int, stored.seldom)),
+            item_work=registered(mbs).work,
         )
 
     def report(self, path: str | Path, *, title: str = "") -> Path:
@@ -322,6 +328,7 @@ def samples(mbs: MainSystem) -> Result:
         contacts=tuple(contacts),
         work=Work.of(Solver.last(mbs), run),
         runs=() if run is None else tuple(run.of(contact) for contact in contacts),
+        item_work=registered(mbs).work,
     )
     times = np.empty(0) if run is None else run.record.times
     return result if run is None or not len(times) else _joined(result, times, run.record.sensors(mbs))
@@ -347,7 +354,9 @@ def cut(result: Result, count: int) -> Result:
     return replace(result, t=result.t[:count], sensors=sensors)
 
 
-def called(item: PartitionBody | ContactResults) -> str:
-    """Return what messages call a body or contact."""
+def called(item: PartitionBody | ContactResults | WorkSensor) -> str:
+    """Return what messages call a body, a contact or the sensor of work."""
+    if isinstance(item, WorkSensor):
+        return "this sensor of work"
     kind = "body" if isinstance(item, PartitionBody) else "contact"
     return f"{kind} {item.name!r}" if item.name else f"the {kind}"

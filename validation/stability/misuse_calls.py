@@ -432,6 +432,8 @@ CALLS = {
         loadUserFunction=v.function,
         name=v.text(""),
     ),
+    "CreateWorkSensor": call(mbs=v.mbs(Made(lambda s: s.falling()))),
+    "WorkSensor.work": call(of=lambda s: s.working[0], result=v.result(Made(lambda s: s.working[1]))),
     "CreatePartitionContact": call(
         mbs=v.mbs(Made(lambda s: s.apart())),
         slave=v.item.but(**_foreign_item)(Made(lambda s: s.striker)),
@@ -778,6 +780,7 @@ NOT_CALLED = {
     "ReducedBody": _MADE_BY_US,
     "PartitionBody": _MADE_BY_US,
     "PartitionContact": _MADE_BY_US,
+    "WorkSensor": _MADE_BY_US,
     "Result": _MADE_BY_US,
     "hertz.HertzImpact": _MADE_BY_US,
     "PartitionBody.is_in": _EVERY_STEP,

@@ -97,6 +97,20 @@ class Scene:
         mbs.Assemble()
         return contact, ep.solve_dynamic(mbs, end_time=20 * STEP, step=STEP)
 
+    def falling(self):
+        """Model of the upper block under gravity."""
+        mbs = self.empty()
+        ep.CreatePartitionBody(mbs, self.body, gravity=[0, 0, -9.81])
+        return mbs
+
+    @cached_property
+    def working(self):
+        """Sensor of the work of gravity, and the result of its run."""
+        mbs = self.falling()
+        sensor = ep.CreateWorkSensor(mbs)
+        mbs.Assemble()
+        return sensor, ep.solve_dynamic(mbs, end_time=4 * STEP, step=STEP)
+
     def apart(self):
         """Model of both bodies without a contact; `striker` and `struck` are those of the last one."""
         mbs = exu.SystemContainer().AddSystem()

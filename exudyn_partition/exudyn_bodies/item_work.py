@@ -1,0 +1,221 @@
+"""Work of each joint, spring, damper and load on the partition bodies of a model."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from itertools import chain
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.checks import validate_result
+from ..support.foreign import ItemEntry, ItemIndex, MainSystem, SensorIndex
+from ..support.optional import require
+from .model import WORK, BodyItem, Registry, Samples, coordinate_slices, registered
+
+Power = Callable[[MainSystem, Array, Array], float]  # of the model, its velocities, and which of these are of bodies
+
+_BODY_KEYS = ("oGenericODE2", "oFFRFreducedOrder")
+
+
+class WorkSensor:
+    """Work of the items of a model on its partition bodies; `CreateWorkSensor` returns it.
+
+    Parameters
+    ----------
+    number : exudyn.SensorIndex
+        Of the sensor that stores the power of each item [W].
+    names : tuple of str
+        Of the items.
+    """
+
+    def __init__(self, number: SensorIndex, names: tuple[str, ...]) -> None:
+        self.number, self.names = number, names
+
+    def work(self, result: Samples) -> dict[str, Array]:
+        """Work on the partition bodies since the start of the run, (n,) [J], by the name of the item that did it.
+
+        It is the power at the samples, integrated by the trapezoidal rule. So the samples must resolve the motion, as
+        those of `solve_dynamic` do by default. A spring that is loaded by bodies has done negative work.
+
+        Parameters
+        ----------
+        result : Result
+            Of the model that has this sensor.
+
+        Raises
+        ------
+        InputError
+            If the result is of another model, or of statics, where nothing has a velocity.
+        """
+        validate_result(result)
+        if result.method == "static":
+            raise InputError("result: expected one of dynamics; a static answer has no velocities, and so no power")
+        power = result.sensor_of(self, self.number)
+        work = cumulative_trapezoid(power, result.t, axis=0, initial=0.0)
+        return dict(zip(self.names, work.T, strict=True))
+
+
+def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
+    """Sensor of the work that each joint, spring, damper and load does on the partition bodies of a model.
+
+    Call it after all items, and before `mbs.Assemble()`. `result.report` then has a line for each item. Contacts,
+    damping and plastic flow have lines of their own there. The sensor asks Exudyn for the forces of each item at each
+    sample, which takes time; so it is not there by default. A distributed load and gravity= of `CreatePartitionBody`
+    count as items.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+
+    Returns
+    -------
+    WorkSensor
+
+    Raises
+    ------
+    InputError
+        If the model has no partition body, nothing acts on its bodies, or it has such a sensor already.
+    """
+    held = registered(mbs)
+    if held.work is not None:
+        raise InputError("mbs: the model has a work sensor already, which knows the items that were there then")
+    if not held.bodies:
+        raise InputError("mbs: expected a model with partition bodies; call CreatePartitionBody first")
+    terms = [*_weights(mbs, held), *_objects(mbs, held), *_loads(mbs, held)]
+    if not terms:
+        raise InputError("mbs: expected joints, springs or loads on partition bodies; add them before this sensor")
+    bodies, powers = list(held.bodies.values()), [power for _, power in terms]
+
+    def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
+        q_t = mbs.systemData.GetODE2Coordinates_t(copy=False)
+        own = np.zeros(len(q_t), dtype=bool)
+        for place in chain.from_iterable(coordinate_slices(mbs, item) for item in bodies):
+            own[place] = True
+        return [power(mbs, q_t, own) for power in powers]
+
+    items = require("exudyn.itemInterface")
+    number = mbs.AddSensor(items.SensorUserFunction(name=WORK, sensorUserFunction=sample, storeInternal=True))
+    held.work = sensor = WorkSensor(number, _unlike([name for name, _ in terms]))
+    return sensor
+
+
+def _unlike(names: list[str]) -> tuple[str, ...]:
+    """Names of which each is there once: numbers follow those that are there more often."""
+    count, seen, found = Counter(names), Counter[str](), []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name} ({seen[name]})" if count[name] > 1 else name)
+    return tuple(found)
+
+
+def _weights(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
+    """Constant forces of the bodies' own objects: gravity."""
+
+    def weight(item: BodyItem, force: Array) -> Power:
+        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+            return float(force @ np.concatenate([q_t[place] for place in coordinate_slices(mbs, item)]))
+
+        return power
+
+    found = []
+    for number, item in held.bodies.items():
+        force = np.asarray(mbs.GetObject(item["oGenericODE2"])["forceVector"], dtype=float)
+        if force.any():
+            found.append((f"gravity on {item.name or f'body {number}'}", weight(item, force)))
+    return found
+
+
+def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
+    """Joints and connectors on the bodies, and objects with a force of their own, such as distributed loads."""
+    exu = require("exudyn")
+    kind = exu.ComputeItemType
+
+    def of_object(number: ItemIndex) -> Power:
+        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+            data = mbs.systemData
+            what = kind.ReactionForces if len(data.GetObjectLTGAE(number)) else kind.ODE2LHS
+            columns = np.asarray(data.GetObjectLTGODE2(number), dtype=int)
+            on_bodies = own[columns]
+            return -float(np.asarray(mbs.ComputeItem(number, what))[on_bodies] @ q_t[columns[on_bodies]])
+
+        return power
+
+    objects, nodes = _numbers(held)
+    ours = objects | {int(contact["oContact"]) for contact in held.contacts.values()}
+    found = []
+    for index in range(mbs.systemData.NumberOfObjects()):
+        entry = mbs.GetObject(index)
+        if index in ours:
+            continue
+        if "markerNumbers" in entry:
+            touches = any(_is_on(mbs.GetMarker(marker), objects, nodes) for marker in entry["markerNumbers"])
+        else:  # without a function it is the stiffness between two contacts, which has no force
+            touches = bool(entry.get("forceUserFunction")) and not nodes.isdisjoint(map(int, entry["nodeNumbers"]))
+        if touches:
+            found.append((f"{entry['name']} ({entry['objectType']})", of_object(exu.ObjectIndex(index))))
+    return found
+
+
+def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
+    """Exudyn's loads on markers of the bodies."""
+    kind = require("exudyn").ComputeItemType
+
+    def of_vector(load: int, marker: ItemIndex, torque: bool, fixed: bool) -> Power:
+        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+            motion, value = mbs.ComputeItem(marker, kind.Kinematics), np.asarray(mbs.GetLoadValues(load))
+            if torque:  # the angular velocity is in the marker's axes
+                local = value if fixed else motion["rotationMatrix"].T @ value
+                return float(local @ motion["angularVelocityLocal"])
+            return float((motion["rotationMatrix"] @ value if fixed else value) @ motion["velocity"])
+
+        return power
+
+    def of_mass(load: int, body: ItemIndex) -> Power:
+        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+            columns = np.asarray(mbs.systemData.GetObjectLTGODE2(body), dtype=int)
+            momentum = np.asarray(mbs.ComputeItem(body, kind.MassWeightedPositionJacobian)) @ q_t[columns]
+            return float(np.asarray(mbs.GetLoadValues(load)) @ momentum)
+
+        return power
+
+    def of_coordinate(load: int, node: ItemIndex, coordinate: int) -> Power:
+        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+            return float(mbs.GetLoadValues(load)) * float(q_t[mbs.GetNodeODE2Index(node) + coordinate])
+
+        return power
+
+    objects, nodes = _numbers(held)
+    found = []
+    for load in range(mbs.systemData.NumberOfLoads()):
+        entry = mbs.GetLoad(load)
+        number, marker = entry["markerNumber"], mbs.GetMarker(entry["markerNumber"])
+        if not _is_on(marker, objects, nodes):
+            continue
+        match entry["loadType"]:
+            case "MassProportional":
+                power = of_mass(load, marker["bodyNumber"])
+            case "Coordinate" if "coordinate" in marker:
+                power = of_coordinate(load, marker["nodeNumber"], marker["coordinate"])
+            case "ForceVector" | "TorqueVector" as name:
+                power = of_vector(load, number, name == "TorqueVector", bool(entry["bodyFixed"]))
+            case _:
+                continue
+        found.append((f"{entry['name']} ({entry['loadType']})", power))
+    return found
+
+
+def _numbers(held: Registry) -> tuple[set[int], set[int]]:
+    """Objects and nodes of the bodies."""
+    items = held.bodies.values()
+    objects = {int(item[key]) for item in items for key in _BODY_KEYS if key in item}
+    return objects, {int(node) for item in items for node in item.nodes}
+
+
+def _is_on(marker: ItemEntry, objects: set[int], nodes: set[int]) -> bool:
+    """Whether a marker is on a partition body."""
+    numbers = {int(marker[key]) for key in ("bodyNumber", "objectNumber") if key in marker}
+    return not objects.isdisjoint(numbers) or int(marker.get("nodeNumber", -1)) in nodes
