@@ -29,7 +29,7 @@ def bar():
 
 
 def swinging(bar, frame, **options):
-    """A model of the bar, which turns about a hinge at its left end; the bar, and markers of ground and its right end."""
+    """A model of the bar, which turns about a hinge at its left; the bar, and markers of ground and its right end."""
     mbs = exu.SystemContainer().AddSystem()
     turning = np.array([0, SPEED, 0])
     item = ep.CreatePartitionBody(
