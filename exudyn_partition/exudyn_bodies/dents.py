@@ -40,7 +40,7 @@ def set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[int
                 "material, and reduce it with basis 'contact-adapted' or 'residual'"
             )
         item.plastic_states[patch] = validate_state("plasticStates", state, len(motion.zone))
-        forces.append(motion.kinematics.rows.T @ motion.zone.pseudo_forces(state))
+        forces.append(motion.kinematics.rows.T @ motion.zone.pseudo_forces(state.strain))
     if not forces:
         return
     force = np.sum(forces, axis=0)

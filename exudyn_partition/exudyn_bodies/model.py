@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from ..contact.formulations.formulation import Method
 from ..errors import InputError
+from ..plasticity.strain_history import StrainHistory
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_text
@@ -56,6 +57,12 @@ class ContactItem(Protocol):
 
     def nodal_forces(self, result: Any) -> list[Array]:
         """Forces on the nodes of each side's patch, in axes of space, (n, np, 3) [N]."""
+
+    def plastic_work(self, result: Any) -> Array:
+        """Plastic work since the start of the run, (n,) [J]."""
+
+    def strain_histories(self, result: Any) -> list[StrainHistory | None]:
+        """Plastic strain in the run beneath the patch of each side; None where none can yield."""
 
 
 class Samples(Protocol):

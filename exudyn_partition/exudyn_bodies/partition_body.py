@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
-import scipy.sparse as sp
-from scipy.integrate import cumulative_trapezoid
 
 from ..errors import InputError
 from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
-from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import Frame
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_result, validate_text, validate_vector
-from ..support.foreign import ItemIndex, LoadIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex, UserFunction
+from ..support.checks import validate_text, validate_vector
+from ..support.foreign import ItemIndex, LoadIndex, MainSystem, MarkerIndex, ObjectIndex, UserFunction
 from .attachments import add_guard, check_attachments
+from .body_results import BodyResults, Kinematics
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
-from .model import Samples, registered
-from .static_part import Static, static_motion, static_part, warn_near_contact
+from .model import registered
 from .surface_loads import loaded_area, surface_load
-from .user_functions import RIGID
-
-Kinematics = InertialKinematics | FloatingKinematics
-
-_BLOCK = 1000  # number of samples whose patches are recovered at a time
 
 
-class PartitionBody(dict[str, ItemIndex]):
+class PartitionBody(BodyResults):
     """Exudyn indices of a body by name, and its results; `CreatePartitionBody` returns it.
 
     Keys in an inertial frame: `nModal` if the basis has shapes, `nNodal` if it has nodal columns. Keys in a floating
@@ -79,25 +69,6 @@ class PartitionBody(dict[str, ItemIndex]):
         undamped = ("damping of the kept modes (damping= of CreatePartitionBody)",)
         said = self.body.left_out + self._frame_left_out
         return said + undamped * (self.damping is None) + dents * bool(self.point_markers)
-
-    @property
-    def nodes(self) -> list[NodeIndex]:
-        """Exudyn nodes of the body, in the order of its coordinates."""
-        return [self[key] for key in ("nRigid", "nModal", "nNodal") if key in self]
-
-    @property
-    def node_sizes(self) -> list[int]:
-        """Number of coordinates of each node."""
-        first = RIGID if "nRigid" in self else self.body.n_shapes
-        return [size for size in (first, self.body.n_dofs - first) if size]
-
-    def is_in(self, mbs: MainSystem) -> bool:
-        """Whether the model still holds this body's object, with the same nodes and size."""
-        nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
-        if [*map(int, nodes)] != [*map(int, self.nodes)]:
-            return False
-        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", RIGID) for node in nodes]
-        return bool(sum(held) == self.body.n_dofs)
 
     def CreateInterfaceMarker(self, mbs: MainSystem, interface: str) -> MarkerIndex:
         """Marker with the position and rotation of an interface, for any joint, spring-damper, load or sensor.
@@ -238,154 +209,6 @@ class PartitionBody(dict[str, ItemIndex]):
     def _check_model(self, mbs: MainSystem) -> None:
         if not any(item is self for item in registered(mbs).bodies.values()):
             raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
-
-    def coordinates(self, result: Samples) -> Array:
-        """Coordinates q, (n, n_dofs), at the times of `result`.
-
-        Raises
-        ------
-        InputError
-            If the result is none, or of another model.
-        """
-        validate_result(result)
-        return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates"]])
-
-    def coordinates_t(self, result: Samples) -> Array:
-        """Velocities of the coordinates, (n, n_dofs), at the times of `result`.
-
-        Raises
-        ------
-        InputError
-            If the result is none, or of another model.
-        """
-        validate_result(result)
-        return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
-
-    def displacement(self, result: Samples, point: Vector, *, fem: Static | None = None) -> Array:
-        """Displacement of the node nearest to `point`, (n, 3) [m].
-
-        Parameters
-        ----------
-        result : Result
-        point : (3,) array
-            In the body's own coordinates [m].
-        fem : FEModel or recovery.StaticAnswer, optional
-            Adds the part of the static answer to contact forces that the kept shapes do not have (mode acceleration).
-            It matters near a contact. For many points, a StaticAnswer is factorised only once.
-
-        Raises
-        ------
-        InputError
-            If the point is far from the body, or the FE model is of another one.
-
-        Warns
-        -----
-        ModelLimitWarning
-            If `fem` is not given, and the missing part is estimated as more than 2 % of the history.
-        """
-        q = self.coordinates(result)
-        kept = self._node(point).displacements(q)[:, 0]
-        if fem is not None:
-            return kept + static_motion(self, result, point, fem)
-        warn_near_contact(self, result, point, kept, "displacement", lambda force: force)
-        return kept
-
-    def velocity(self, result: Samples, point: Vector, *, fem: Static | None = None) -> Array:
-        """Velocity of the node nearest to `point`, (n, 3) [m/s]; see `displacement`.
-
-        The part that `fem` adds is the rate of change of the static answer from sample to sample.
-        """
-        q, q_t = self.coordinates(result), self.coordinates_t(result)
-        kept = self._node(point).velocities(q, q_t)[:, 0]
-        if len(result.t) < 2:
-            return kept
-        rate = partial(np.gradient, axis=0)
-        if fem is not None:
-            value: Array = kept + rate(static_motion(self, result, point, fem), result.t)
-            return value
-        warn_near_contact(self, result, point, kept, "velocity", lambda force: rate(force, result.t))
-        return kept
-
-    def recover(self, result: Samples, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
-        """History of `rows` times the nodal displacements, (n, k): strains or stresses, see module `recovery`.
-
-        `fem` adds what the kept shapes do not have. Displacements are relative to the frame, in its axes.
-
-        Parameters
-        ----------
-        result : Result
-        rows : (k, 3 nodes) csr matrix
-        fem : FEModel or recovery.StaticAnswer, optional
-        """
-        kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
-        return kept if fem is None else kept + static_part(self, result, rows, fem)
-
-    def momentum(self, result: Samples) -> Array:
-        """Linear momentum of the body, (n, 3) [N s]."""
-        return self.kinematics.momentum(self.coordinates_t(result))
-
-    def angular_momentum(self, result: Samples, point: Vector = (0.0, 0.0, 0.0)) -> Array:
-        """Angular momentum of the body about `point`, (3,) in space [m], (n, 3) [N m s].
-
-        Raises
-        ------
-        InputError
-            If the point is not a vector of three numbers.
-        """
-        q, q_t = self.coordinates(result), self.coordinates_t(result)
-        return self.kinematics.angular_momentum(q, q_t, validate_vector("point", point))
-
-    def energy(self, result: Samples) -> Array:
-        """Kinetic and strain energy, (n,) [J]."""
-        q = self.coordinates(result)
-        elastic = self.kinematics.elastic(q)
-        strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
-        value: Array = self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
-        return value
-
-    def dissipated_energy(self, result: Samples) -> Array:
-        """Energy that damping has taken from the body since the start of the result, (n,) [J].
-
-        It is integrated by the trapezoidal rule; the samples must resolve the vibration.
-        """
-        q_t = self.coordinates_t(result)
-        if self.damping is None:
-            return np.zeros(len(result.t))
-        value: Array = cumulative_trapezoid(np.sum(q_t * self.damping.force(q_t), axis=1), result.t, initial=0.0)
-        return value
-
-    def rigid_motion(self, q: Array) -> Array:
-        """Rigid motion at coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body.
-
-        Raises
-        ------
-        InputError
-            If q has another shape.
-        """
-        return self.kinematics.rigid_motion(self._coordinates(q))
-
-    def deformation(self, q: Array) -> Array:
-        """Largest elastic displacement on the contact patches at coordinates q, (n, n_dofs): (n,) [m].
-
-        Raises
-        ------
-        InputError
-            If q has another shape.
-        """
-        q = self._coordinates(q)
-        patches = self.kinematics.at(self.body.partition.patch_nodes)
-        blocks = np.array_split(q, len(q) // _BLOCK + 1)  # not all at once: a long run would need too much memory
-        return np.concatenate([abs(patches.deformation(block)).max(axis=(1, 2), initial=0.0) for block in blocks])
-
-    def _coordinates(self, q: Array) -> Array:
-        """Check coordinates q, (n, n_dofs); infinite values pass, as an unstable run may have them."""
-        if not isinstance(q, np.ndarray) or q.dtype.kind != "f" or q.ndim != 2 or q.shape[1] != self.body.n_dofs:
-            got = f"one of {q.dtype} {q.shape}" if isinstance(q, np.ndarray) else type(q).__name__
-            raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
-        return q
-
-    def _node(self, point: Vector) -> Kinematics:
-        return self.kinematics.at(np.array([self.body.nearest_node(point)]))
 
 
 def check_model(mbs: MainSystem) -> None:

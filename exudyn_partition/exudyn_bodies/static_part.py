@@ -1,21 +1,25 @@
-"""Static answer to contact forces in results of a body: what the kept shapes lack, and a warning where it matters."""
+"""Static answer to contact forces and plastic strain in results of a body: what the kept shapes lack, and warnings."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import ModelLimitWarning
+from ..errors import ModelLimitWarning, YieldWarning
 from ..fe.facets import nodal_area
 from ..fe.model import FEModel, node_dofs
 from ..frames.kinematics import Kinematics
+from ..plasticity.strain_history import StrainHistory
+from ..plasticity.zone_stress import ZoneStress
+from ..reduction.body import ReducedBody
+from ..reduction.recovery import locate, stress_rows
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_type
+from ..support.checks import validate_array, validate_type
 from .model import BodyItem, Samples
 
 Static = FEModel | StaticAnswer
@@ -75,7 +79,10 @@ def warn_near_contact(
 
 
 def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: Static) -> Array:
-    """Rows, (k, 3 nodes), times the static answer to contact forces that the kept shapes do not have, (n, k)."""
+    """Rows, (k, 3 nodes), times the static answer that the kept shapes do not have, (n, k).
+
+    It is that to contact forces, and to the pseudo-forces of plastic strain.
+    """
     if not isinstance(fem, StaticAnswer):
         validate_type("fem", fem, FEModel, "fe_model()")
     total = np.zeros((len(result.t), rows.shape[0]))
@@ -85,12 +92,72 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
     answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, item.body)
     answer.check(item.body)
     # The flexibility is symmetric: the rows act as loads, and their answers are taken at the loaded nodes.
-    loaded = item.body.partition.patch_nodes
+    patches, histories = item.body.partition.patches, [*zone_histories(item, result)]
+    loaded = np.unique(np.concatenate([item.body.partition.patch_nodes, *(h.zone.nodes for _, h in histories)]))
     fields = np.array([answer(row.toarray().reshape(-1, 3), loaded) for row in rows])
     axes = item.kinematics.frame(item.coordinates(result))[1]
     for contact in own:
         for (other, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
             if other is item:
-                at_patch = fields[:, np.searchsorted(loaded, item.body.partition.patches[patch].nodes)]
+                at_patch = fields[:, np.searchsorted(loaded, patches[patch].nodes)]
                 total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
+    for _, history in histories:
+        at_zone = fields[:, np.searchsorted(loaded, history.zone.nodes)].reshape(len(fields), -1)
+        numbers, of_sample = np.unique(history.numbers(result.t), return_inverse=True)
+        by_strain = [at_zone @ history.zone.pseudo_forces(history.strain(number)) for number in numbers]
+        total += np.array(by_strain)[of_sample]
     return total
+
+
+def zone_histories(item: RecoveredBody, result: Samples) -> Iterator[tuple[int, StrainHistory]]:
+    """Plastic strain of the body's zones in the run, with the numbers of their patches."""
+    for contact in result.contacts:
+        if any(other is item for other, _ in contact.sides):
+            for (other, patch), history in zip(contact.sides, contact.strain_histories(result), strict=False):
+                if other is item and history is not None:
+                    yield patch, history
+
+
+def zone_stresses(body: ReducedBody, fem: FEModel) -> dict[int, ZoneStress]:
+    """Stress in the plastic zones of a body, by the numbers of their patches."""
+    found = {}
+    for number, patch in enumerate(body.partition.patches):
+        if patch.plastic is not None:
+            found[number] = ZoneStress(fem, patch.plastic, patch.material or fem.material)
+    return found
+
+
+def stress_parts(item: RecoveredBody, result: Samples, points: Array, fem: FEModel) -> tuple[sp.csr_matrix, Array]:
+    """Rows of the stress of the strain at points, (6k, 3 nodes), and what plastic strain takes from it, (n, k, 6) [Pa].
+
+    The rows know the elements of the zones, see `plasticity.zone_stress`.
+    """
+    points = validate_array("points", points, (None, 3))
+    rows, at, zones = stress_rows(fem, points), locate(fem, points), zone_stresses(item.body, fem)
+    taken = np.zeros((len(result.t), len(points), 6))
+    for zone in zones.values():
+        rows = sp.csr_matrix(rows + zone.rows(*at))
+    for patch, history in zone_histories(item, result):
+        numbers, of_sample = np.unique(history.numbers(result.t), return_inverse=True)
+        taken += np.array([zones[patch].taken(*at, history.strain(number)) for number in numbers])[of_sample]
+    return rows, taken
+
+
+def warn_within_zones(item: RecoveredBody, result: Samples, rows: sp.csr_matrix) -> None:
+    """Warn if rows, (k, 3 nodes), lie within a plastic zone that has flowed: those of stress lack plastic strain."""
+    used = abs(sp.csr_matrix(rows)).astype(bool).astype(int)
+    for contact in result.contacts:
+        for other, number in contact.sides:
+            region = item.body.partition.patches[number].plastic if other is item else None
+            if region is not None and contact.plastic_work(result).any():
+                inside = np.zeros(item.body.fe_dofs, dtype=int)
+                inside[node_dofs(region.nodes)] = 1
+                within = np.flatnonzero((used @ inside == used.sum(axis=1).A1) & (used @ inside > 0))
+                if within.size:
+                    warnings.warn(
+                        f"body {item.name!r}: rows {within[0]} to {within[-1]} lie where the material has yielded. "
+                        "Strains are right, stresses lack what plastic strain takes from them: take "
+                        "stress(result, points, fem) of the body",
+                        YieldWarning,
+                        stacklevel=3,
+                    )

@@ -314,15 +314,16 @@ class ContactResults(PlasticResults):
     def nodal_forces(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
 
-        The contact is evaluated again at the stored coordinates, in their order.
+        The contact is evaluated again at the stored coordinates, in their order; with friction or plastic zones the
+        forces are those that the run kept.
 
         Raises
         ------
         InputError
             If the forces are multipliers, or a body of another kind carries the rigid surface.
         """
-        if self.friction is not None:
-            return self._friction_on_nodes(result)
+        if self.friction is not None or self.yielding is not None:
+            return self._kept_on_nodes(result)
         if not self.elastic:
             raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
         forces = [laws[self._place_in_group].nodal_forces() for laws in self._again(result)]

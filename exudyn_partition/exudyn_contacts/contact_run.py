@@ -10,6 +10,7 @@ from ..algebra.friction import SLIP, STICK
 from ..contact.formulations.formulation import Law, Together
 from ..errors import RunError
 from ..exudyn_bodies.model import latest_solver, start_of_step
+from ..plasticity.strain_history import StrainHistory
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, MainSystem
 
@@ -38,6 +39,8 @@ class ContactRun:
         Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N].
     tangential : dict of float to ((na, 3) array, (na,) int8 array)
         With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
+    plastic_strains : dict of int to StrainHistory
+        Plastic strain of each zone, by the number of its side.
     areas : (np,) array
         Area of the row of each of the slave's patch nodes [m2].
     edge : (float, (3,) array) or None
@@ -61,6 +64,7 @@ class ContactRun:
         self._remembering: list[ContactRun] = []
         self.samples: list[tuple[float, Array, Array]] = []
         self.tangential: dict[float, tuple[Array, Array]] = {}
+        self.plastic_strains = {} if law.yielding is None else {i: StrainHistory(z.zone) for i, z in law.yielding.zones}
         self.edge: tuple[float, Array] | None = None
         self._impulse, self._along = np.zeros(4), np.zeros(3)
         self._stepped_to = t
@@ -126,6 +130,9 @@ class ContactRun:
         """Values of the sensor `sForce` at t, with the model's coordinates q there."""
         law = self.law
         closed = law.index
+        if law.yielding is not None:
+            for side, zone in law.yielding.zones:
+                self.plastic_strains[side].keep(t, zone.present.strain)
         if law.ahead:
             self._check_step(t)
             law.check(self.of(q))

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..algebra.coulomb import Coulomb
-from ..algebra.friction import OPEN
+from ..algebra.friction import OPEN, SLIP
 from ..contact.formulations.formulation import Law
 from ..errors import InputError
 from ..exudyn_bodies.model import Samples
@@ -146,11 +146,16 @@ class FrictionResults(dict[str, Any]):
     def _kept_samples(self, result: RunSamples) -> list[tuple[int, Array, Array, Array, Array]]:
         """Of each sample with closed rows: its number, nodes of the rows, normal and tangential forces, and states."""
         run, place = result.kept(self), {t: i for i, t in enumerate(result.t)}
-        return [(place[t], nodes, lam, *run.tangential[t]) for t, nodes, lam in run.samples if t in place]
+        found = []
+        for t, nodes, lam in run.samples:
+            if t in place:
+                none = np.zeros((len(nodes), 3)), np.full(len(nodes), SLIP, dtype=np.int8)
+                found.append((place[t], nodes, lam, *run.tangential.get(t, none)))
+        return found
 
-    def _friction_on_nodes(self, result: RunSamples) -> list[Array]:
+    def _kept_on_nodes(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], from those that the run kept."""
-        self._friction_samples(result)
+        validate_result(result)
         law = self.law.for_run("explicit")
         q = np.hstack([item.coordinates(result) for item, _ in self.sides])
         forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in law.gaps.sides]

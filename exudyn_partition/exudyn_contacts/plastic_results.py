@@ -7,6 +7,7 @@ import numpy as np
 from ..contact.plasticity.yielding_patches import YieldingPatches
 from ..errors import InputError
 from ..plasticity.flow import PlasticState
+from ..plasticity.strain_history import StrainHistory
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from .friction_results import FrictionResults, RunSamples
@@ -55,6 +56,20 @@ class PlasticResults(FrictionResults):
         yielding = result.kept(self).law.yielding
         assert yielding is not None
         return {SIDES[side]: zone.present for side, zone in yielding.zones}
+
+    def strain_histories(self, result: RunSamples) -> list[StrainHistory | None]:
+        """Plastic strain in the run beneath the patch of each side, in the order of `sides`; None where none can yield.
+
+        Raises
+        ------
+        InputError
+            If the result is none, of another model, or was read from a file, which does not hold this.
+        """
+        validate_result(result)
+        if self.yielding is None:
+            return [None] * len(self.sides)
+        kept = result.kept(self).plastic_strains
+        return [kept.get(side) for side in range(len(self.sides))]
 
     def dents(self, result: RunSamples) -> dict[str, float]:
         """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".

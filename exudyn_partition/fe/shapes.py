@@ -224,14 +224,19 @@ def integration_gradients(n_nodes: int) -> Array:
         factors = (1 + sign * sign[:, None] / np.sqrt(3)) / 2  # at each Gauss point, of each node, along each axis
         others = factors[..., [1, 0, 0]] * factors[..., [2, 2, 1]]
         return np.asarray(sign / 2 * others)
+    return tetrahedron_functions(integration_points(n_nodes), n_nodes)[1]
+
+
+def integration_points(n_nodes: int) -> Array:
+    """(q, 3) array: points of `integration_gradients` of tetrahedra, in local coordinates."""
     if n_nodes == 4:
-        return _CORNER_GRADIENT[None]
+        return np.full((1, 3), 0.25)
     if n_nodes == 20:
         x = (np.polynomial.legendre.leggauss(3)[0] + 1) / 2
         r, s, t = (grid.ravel() for grid in np.meshgrid(x, x, x))
-        return tetrahedron_functions(np.column_stack([r, s * (1 - r), t * (1 - r) * (1 - s)]), 20)[1]
+        return np.column_stack([r, s * (1 - r), t * (1 - r) * (1 - s)])
     at = np.full((4, 4), (5 - np.sqrt(5)) / 20) + np.eye(4) / np.sqrt(5)  # four-point rule, barycentric
-    return tetrahedron_functions(at[:, 1:], 10)[1]
+    return np.asarray(at[:, 1:])
 
 
 def integration_weights(n_nodes: int) -> Array:

@@ -24,7 +24,7 @@ from ..fe.shapes import integration_gradients, integration_weights
 from ..support.arrays import Array
 
 _LOCKING = (8, 10)  # nodes of the elements with several integration points that lock
-_LEFT = 0.1  # share of the stiffness that stays; from 0.02 to 0.5 the forces settle
+LEFT = 0.1  # share of the stiffness that stays; from 0.02 to 0.5 the forces settle
 
 
 def with_free_zones(fem: FEModel, partition: Partition) -> FEModel:
@@ -38,22 +38,42 @@ def with_free_zones(fem: FEModel, partition: Partition) -> FEModel:
     return fem
 
 
+def locks(nodes: int) -> bool:
+    """Whether elements of a number of nodes lock in plastic flow.
+
+    Cubic tetrahedra do not, and linear ones have one integration point.
+    """
+    return nodes in _LOCKING
+
+
+def mean_dilatation(points: Array, cells: Array) -> tuple[Array, Array, Array]:
+    """Volumes of the integration points of c elements, their dilatations by nodal displacements, and the mean of these.
+
+    Returns
+    -------
+    (c, q), (c, q, 3k) and (c, 3k) arrays
+        [m3, 1/m, 1/m]
+    """
+    k = cells.shape[1]
+    derivatives = integration_gradients(k)
+    jacobian = np.einsum("cka,qkj->cqaj", points[cells], derivatives)
+    dilatation = (derivatives @ np.linalg.inv(jacobian)).reshape(len(cells), -1, 3 * k)
+    volume = integration_weights(k) * np.linalg.det(jacobian)
+    return volume, dilatation, np.einsum("cq,cqi->ci", volume, dilatation) / volume.sum(axis=1)[:, None]
+
+
 def with_mean_dilatation(fem: FEModel, cells: Array, material: Material) -> FEModel:
     """Return the model with nearly one dilatation in each of some elements, (c, k) nodes, of a material.
 
-    Cubic tetrahedra do not lock, and linear ones have one integration point: they stay as they are.
+    Elements that do not lock stay as they are.
     """
     k = cells.shape[1]
-    if k not in _LOCKING:
+    if not locks(k):
         return fem
-    derivatives = integration_gradients(k)
-    jacobian = np.einsum("cka,qkj->cqaj", fem.points[cells], derivatives)
-    dilatation = (derivatives @ np.linalg.inv(jacobian)).reshape(len(cells), -1, 3 * k)
-    volume = integration_weights(k) * np.linalg.det(jacobian)
-    mean = np.einsum("cq,cqi->ci", volume, dilatation) / volume.sum(axis=1)[:, None]
+    volume, dilatation, mean = mean_dilatation(fem.points, cells)
     apart = dilatation - mean[:, None]
     bulk = material.lame + 2 / 3 * material.shear_modulus
-    change = (_LEFT - 1) * bulk * np.einsum("cq,cqi,cqj->cij", volume, apart, apart, optimize=True)
+    change = (LEFT - 1) * bulk * np.einsum("cq,cqi,cqj->cij", volume, apart, apart, optimize=True)
     dofs = node_dofs(cells.ravel()).reshape(len(cells), 3 * k)
     places = np.repeat(dofs, 3 * k, axis=1).ravel(), np.tile(dofs, (1, 3 * k)).ravel()
     stiffness = fem.stiffness + sp.csr_matrix((change.ravel(), places), shape=fem.stiffness.shape)

@@ -76,9 +76,9 @@ class PlasticZone:
         """Deviatoric stresses, (g, 6) [Pa] in Mandel's notation, by displacements of the nodes, (3 nz,) [m]."""
         return self.flow.stress(self.strains(displacement), state)
 
-    def pseudo_forces(self, state: PlasticState) -> Array:
-        """Forces p on the nodes, (3 nz,) [N], by which plastic strain acts on the elastic body."""
-        return np.asarray(self._force @ self.stress_volumes(state.strain).ravel())
+    def pseudo_forces(self, strain: Array) -> Array:
+        """Forces p on the nodes, (3 nz,) [N], by which plastic strain, (g, 6), acts on the elastic body."""
+        return np.asarray(self._force @ self.stress_volumes(strain).ravel())
 
     def stress_volumes(self, strain: Array, at: Array | slice = slice(None)) -> Array:
         """Stresses 2 G e of plastic strains at all or some points, (k, 6), times the points' volume [N m]."""

@@ -16,7 +16,7 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_positive
-from .output import BodyFields, Shown, contact_loads, shown_bodies
+from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
 Pose = tuple[Array, Array]  # place, (3,) [m], and axes as columns, (3, 3)
@@ -58,7 +58,7 @@ def fields_at(
     def fields(piece: BodyFields) -> dict[str, Array]:
         i = now()
         q, q_t = histories[id(piece)]
-        return piece.fields(q[i], q_t[i], piece.forces(loads, i))
+        return piece.fields(q[i], q_t[i], piece.acting(loads, i, result.t[i], q[i]))
 
     return fields
 

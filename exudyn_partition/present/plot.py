@@ -23,7 +23,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_integer, validate_positive, validate_type
 from ..support.foreign import Axes, Figure
 from ..support.optional import require
-from .output import validate_contacts
+from .body_fields import validate_contacts
 from .patch_plot import pressure, stick
 from .plot_input import (
     axes_of,

@@ -18,6 +18,7 @@ from ..support.checks import validate_array, validate_integer, validate_number, 
 from ..support.files import replacing, writable
 from ..support.foreign import Plotter, PolyData
 from ..support.optional import require
+from .body_fields import Shown
 from .graphics import (
     COLOURS,
     UNITS,
@@ -31,7 +32,6 @@ from .graphics import (
     validate_pixels,
     validate_scale,
 )
-from .output import Shown
 
 _GREY = "#9a9aa0"
 _AMBIENT = 0.5  # brightness without light: shadows must not look like small values

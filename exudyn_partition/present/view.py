@@ -38,6 +38,7 @@ from ..support.checks import (
 )
 from ..support.foreign import ItemIndex, MainSystem, ObjectIndex, SystemContainer
 from ..support.optional import require
+from .body_fields import BodyFields, Shown
 from .graphics import (
     COLOURS,
     UNITS,
@@ -54,7 +55,6 @@ from .graphics import (
     validate_pixels,
     validate_scale,
 )
-from .output import BodyFields, Shown
 
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
 Contacts = Callable[[MainSystem], Sequence[PartitionContact]]

@@ -144,7 +144,7 @@ def gauge_rows(fem: FEModel, gauges: Sequence[StrainGauge]) -> sp.csr_matrix:
     ends = np.array([gauge.ends for gauge in gauges]).reshape(-1, 3)
     weights = np.array([np.outer([-1, 1], gauge.direction / gauge.length) for gauge in gauges])
     difference = sp.csr_matrix((weights.ravel(), np.arange(6 * k), 6 * np.arange(k + 1)), shape=(k, 6 * k))
-    return difference @ _interpolation(fem, *_locate(fem, ends, lambda i: f"gauges[{i // 2}] {gauges[i // 2].name!r}"))
+    return difference @ _interpolation(fem, *locate(fem, ends, lambda i: f"gauges[{i // 2}] {gauges[i // 2].name!r}"))
 
 
 def displacement_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
@@ -166,7 +166,7 @@ def displacement_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
     InputError, MeshError
         See `gauge_rows`.
     """
-    return _interpolation(fem, *_locate(fem, validate_array("points", points, (None, 3))))
+    return _interpolation(fem, *locate(fem, validate_array("points", points, (None, 3))))
 
 
 def strain_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
@@ -297,7 +297,7 @@ def von_mises(stress: Array) -> Array:
 
 def _strain_rows(fem: FEModel, points: Array) -> tuple[Array, Array]:
     """Cell of each of m points, and its strain by displacements of the cell's k nodes, (m, 6, k, 3)."""
-    cell, local = _locate(fem, validate_array("points", points, (None, 3)))
+    cell, local = locate(fem, validate_array("points", points, (None, 3)))
     gradient = _gradients(fem.points[fem.cells[cell]], local)
     return cell, np.einsum("vab,mkb->mvka", _VOIGT, gradient)
 
@@ -340,7 +340,7 @@ def _validate_tetrahedra(fem: FEModel) -> None:
         raise MeshError(f"cells: recovery expects tetrahedra with 4, 10 or 20 nodes, got {fem.cells.shape[1]} nodes")
 
 
-def _locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]".format) -> tuple[Array, Array]:
+def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]".format) -> tuple[Array, Array]:
     """Cell of each point and its local coordinates there, (m,) and (m, 3).
 
     A point slightly outside has coordinates outside the cell, so that linear fields are extrapolated exactly.

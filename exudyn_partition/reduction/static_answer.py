@@ -11,6 +11,7 @@ from ..algebra.factorisation import one_blas_thread
 from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
 from ..errors import InputError
 from ..fe.model import FEModel
+from ..plasticity.dilatation import with_free_zones
 from ..support.arrays import Array
 from ..support.checks import validate_type
 from .body import ReducedBody
@@ -81,7 +82,7 @@ class StaticAnswer:
         body.partition.check_mesh(fem, "fem: expected the body's own mesh")
         self._body = body
         with one_blas_thread():
-            self._model = tie(fem, body.partition)
+            self._model = tie(with_free_zones(fem, body.partition), body.partition)
             rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
             self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
 

@@ -55,7 +55,7 @@ class PlasticBody:
         self._new_strain = self.zone.strains(displacement[self._dofs])
         self._new = self.zone.flow.answer(self._new_strain, self.state)
         force = np.zeros(len(displacement))
-        force[self._dofs] = self.zone.pseudo_forces(self._new)
+        force[self._dofs] = self.zone.pseudo_forces(self._new.strain)
         return force
 
     def finish(self, force: Array) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, YieldWarning
+from exudyn_partition.fe.shapes import integration_points, tetrahedron_functions
 
 MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
 STEEL = replace(ep.STEEL, yield_stress=None)
@@ -85,6 +86,22 @@ def test_energy_is_kept_and_momentum_too(run):
     np.testing.assert_allclose(
         momentum, np.broadcast_to(momentum[0], momentum.shape), atol=1e-9 * abs(momentum[0]).max()
     )
+
+
+def test_stress_is_on_the_yield_surface_where_the_plate_has_yielded(models, run):
+    """At the integration points with the largest strain, which flow until the force is largest."""
+    (_, plate), contact, result = run
+    (fem, part), (state,) = models[1], contact.plastic_states(result).values()
+    most = np.argsort(state.equivalent)[-6:]
+    region = part.patches[0].plastic
+    shares = tetrahedron_functions(integration_points(10), 10)[0]
+    points = np.einsum("qk,cka->cqa", shares, fem.points[region.cells]).reshape(-1, 3)[most]
+    stress = ep.recovery.von_mises(plate.stress(result, points, fem))
+    flow = MATERIAL.yield_stress + MATERIAL.hardening * state.equivalent[most]
+    np.testing.assert_allclose(stress.max(axis=0), flow, rtol=1e-3)
+    top = stress[contact.force(result).argmax()]
+    np.testing.assert_allclose(top, flow, rtol=5e-2)
+    assert (stress[-1] < 0.9 * flow).all()
 
 
 def test_floating_frames_agree(bodies, run):

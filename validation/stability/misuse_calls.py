@@ -491,6 +491,7 @@ CALLS = {
     },
     "PartitionBody.angular_momentum": call(of=_item, result=v.result, point=v.vector),
     "PartitionBody.recover": call(of=_item, result=v.result, rows=_rows, fem=_fem),
+    "PartitionBody.stress": call(of=_item, result=v.result, **_fems),
     "PartitionBody.rigid_motion": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
     "PartitionBody.deformation": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
     **{

@@ -202,7 +202,7 @@ class Law(Protocol):
         nodes : (na,) int array
             Nodes of the slave's patch that the rows belong to.
         lam, traction : (na,), (na, 3) arrays
-            Normal forces on them, and tangential forces in space [N].
+            Normal forces on them, and tangential forces in space [N]; these are zero without friction.
         """
 
     def edge_reached(self) -> Array | None:

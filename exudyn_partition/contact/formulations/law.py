@@ -195,7 +195,10 @@ class ContactLaw:
 
     def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
         """See `Law`."""
-        raise NotImplementedError(f"{type(self).__name__} has no friction")
+        self.gaps.at(q)
+        forces = np.zeros(len(self._closed_nodes))
+        forces[nodes] = lam
+        return self.gaps.nodal_forces(forces[self.gaps.row_nodes])
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""

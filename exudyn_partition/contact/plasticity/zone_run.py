@@ -61,7 +61,7 @@ class ZoneMotion:
 
     def at_rest(self, state: PlasticState) -> Array:
         """Displacements of the zone's nodes in the body's axes by plastic strain alone, at rest, (nz, 3) [m]."""
-        p, rows = self.zone.pseudo_forces(state), self.kinematics.rows
+        p, rows = self.zone.pseudo_forces(state.strain), self.kinematics.rows
         omega = self.kinematics.body.basis.omega[-rows.shape[1] :]
         elastic = omega > 0
         by_shapes = rows[:, elastic] @ ((rows[:, elastic].T @ p) / omega[elastic] ** 2)

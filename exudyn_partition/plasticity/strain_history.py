@@ -1,0 +1,61 @@
+"""Plastic strain of a zone at the samples of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+from ..support.arrays import Array
+from .zone import PlasticZone
+
+MOST = 1 << 26  # numbers that are kept of a run: a quarter of a gigabyte in single precision
+
+
+class StrainHistory:
+    """Plastic strain of a zone in a run, kept in single precision where it has changed.
+
+    Parameters
+    ----------
+    zone : PlasticZone
+    """
+
+    def __init__(self, zone: PlasticZone) -> None:
+        self.zone = zone
+        self._times: list[float] = []
+        self._kept: list[tuple[Array, Array]] = []
+        self._last: Array | None = None
+        self._count = 0
+
+    def keep(self, t: float, strain: Array) -> None:
+        """Keep plastic strains, (g, 6), at a time [s]; nothing if it is the array of the last call."""
+        if strain is self._last or self._count > MOST:
+            return
+        while self._times and self._times[-1] >= t:  # asked for again
+            self._times.pop()
+            self._kept.pop()
+        flowed = np.flatnonzero(strain.any(axis=1))
+        self._times.append(t)
+        self._kept.append((flowed, strain[flowed].astype(np.float32)))
+        self._last, self._count = strain, self._count + 7 * len(flowed)
+
+    def numbers(self, t: Array) -> Array:
+        """Numbers of the states at some times, (n,) int, for `strain`.
+
+        Raises
+        ------
+        InputError
+            If there were too many states for the memory.
+        """
+        if self._count > MOST:
+            raise InputError(
+                "result: plastic flow changed in too many samples of this run to keep all of its strains. Give "
+                "solve_dynamic a longer sample_period, or a shorter time"
+            )
+        return np.maximum(np.searchsorted(self._times, t, side="right") - 1, 0)
+
+    def strain(self, number: int) -> Array:
+        """Plastic strains of a state, (g, 6), in Mandel's notation."""
+        strain = np.zeros((len(self.zone), 6))
+        flowed, kept = self._kept[number]
+        strain[flowed] = kept
+        return strain

@@ -1,0 +1,233 @@
+"""Fields of a body in a run, for files and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_bodies.static_part import zone_stresses
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_result import RunResult as Result
+from ..fe.model import FEModel
+from ..fe.shapes import linear_shares
+from ..plasticity.strain_history import StrainHistory
+from ..plasticity.zone_stress import ZoneStress
+from ..reduction.recovery import nodal_stress, von_mises
+from ..reduction.static_answer import StaticAnswer
+from ..support.arrays import Array
+from ..support.checks import validate_items, validate_result
+
+Shown = PartitionBody | tuple[PartitionBody, FEModel]
+_OF_STRESS = {"stress", "von_mises"}
+_FACETS = {3: "triangle", 6: "triangle6", 10: "VTK_LAGRANGE_TRIANGLE", 4: "quad"}
+CELLS = {4: "tetra", 10: "tetra10", 20: "VTK_LAGRANGE_TETRAHEDRON", 8: "hexahedron"}  # names in meshio
+# A contact, its forces on the nodes of each side's patch, (n, np, 3), and the plastic strain of each side.
+Load = tuple[PartitionContact, list[Array], list[StrainHistory | None]]
+
+
+def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) -> list[Shown]:
+    """Return the `bodies` to write or draw, by default all that are `held`, or raise `InputError`."""
+    expected = "bodies: expected a list of what CreatePartitionBody returns, or of pairs (body, fem) with its FE model"
+    if bodies is None:
+        bodies = held
+    if isinstance(bodies, str | Mapping) or not isinstance(bodies, Iterable):
+        raise InputError(f"{expected}, got {type(bodies).__name__}")
+    found = list(bodies)
+    if not found:
+        raise InputError("bodies: there is no partition body to show; call CreatePartitionBody before")
+    return found
+
+
+def validate_contacts(contacts: Iterable[PartitionContact]) -> list[PartitionContact]:
+    """Return contacts as a list, or raise `InputError`."""
+    return validate_items("contacts", contacts, PartitionContact, "CreatePartitionContact()")
+
+
+class Acting(NamedTuple):
+    """What contacts do to a body at a sample.
+
+    Attributes
+    ----------
+    forces : (n, 3) array
+        Forces on all nodes in the body's axes [N], with the pseudo-forces of plastic strain.
+    strains : dict of int to (g, 6) array
+        Plastic strain of its zones, by the numbers of their patches.
+    """
+
+    forces: Array
+    strains: dict[int, Array]
+
+
+class BodyFields:
+    """What is written or drawn of a body: points, cells and fields.
+
+    Parameters
+    ----------
+    entry : PartitionBody or (PartitionBody, FEModel)
+    names : sequence of str
+        Some of `output.FIELDS`.
+    surface : bool
+        Whether to leave out the elements inside.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Places of its nodes at the start, in space [m].
+    cells : (nc, k) int array
+        Facets or elements, as rows of `points`.
+    kind : str
+        Name of the cells in meshio.
+
+    Raises
+    ------
+    InputError
+        If `entry` has a wrong type, a needed FE model is missing or belongs to another body, or the body was saved
+        without the inside that is needed.
+    """
+
+    def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
+        self.item: PartitionBody
+        self.fem: FEModel | None
+        pair = entry if isinstance(entry, tuple) else (entry, None)
+        if len(pair) != 2 or not isinstance(pair[0], PartitionBody) or not isinstance(pair[1], FEModel | None):
+            got = " and ".join(type(x).__name__ for x in (entry if isinstance(entry, tuple) else (entry,)))
+            raise InputError(
+                f"bodies: expected what CreatePartitionBody returns, or pairs (body, fem) with its FE model, got {got}"
+            )
+        self.item, self.fem = pair
+        self.names, self.body = names, self.item.body
+        self._static: StaticAnswer | None = None
+        self._zones: dict[int, ZoneStress] = {}
+        if self.fem is None and (_OF_STRESS & {*names} or not surface):
+            what = "stress" if surface else "the inside"
+            raise InputError(
+                f"bodies: {what} of {self.item.name or 'a body'!r} needs its FE model, give pairs (body, fem)"
+            )
+        if self.fem is not None and not self.body.partition.is_of(self.fem):
+            raise InputError(
+                f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, of "
+                f"the same mesh, got {self.fem!r}"
+            )
+        self._stressed = self.fem is not None and bool(_OF_STRESS & {*names})
+        if self._stressed or not surface:
+            self.body.check_inside(f"{'stress' if surface else 'the inside'} of {self.item.name or 'a body'!r}")
+        cells = self.body.facets if surface or self.fem is None else self.fem.cells
+        self.kind = (_FACETS if surface else CELLS)[cells.shape[1]]
+        self.nodes, numbers = np.unique(cells, return_inverse=True)
+        self.cells: Array = numbers.reshape(cells.shape)
+        self.kinematics = self.item.kinematics.at(self.nodes)
+        self.points = self.kinematics.place(np.zeros(self.body.n_dofs))
+
+    def frames(
+        self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
+    ) -> Iterator[dict[str, Array]]:
+        """Yield fields, (n,) or (n, k), at each time of `result`, with those of `contacts`, answers to `loads`."""
+        pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
+        tangential = _tangential_fields(self.item, contacts, result, {*self.names})
+        for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
+            data = self.fields(q, q_t, self.acting(loads, i, result.t[i], q))
+            if pressures:
+                field = np.zeros(len(self.body.points))
+                for facets, nodes, values in pressures:
+                    field[nodes] = values[i].toarray()[0]
+                    if facets.shape[1] > 4:  # pressures are linear between corners
+                        field[facets[:, 3:]] = field[facets[:, :3]] @ linear_shares(facets.shape[1])[3:].T
+                data["contact_pressure"] = field[self.nodes]
+            for name, nodes, values in tangential:
+                field = np.zeros((len(self.body.points), *values.shape[2:]))
+                field[nodes] = values[i]
+                data[name] = data.get(name, 0.0) + field[self.nodes]
+            yield data
+
+    def acting(self, loads: Iterable[Load], i: int, t: float, q: Array) -> Acting:
+        """What contacts, `loads`, do to the body at sample i, at time t and coordinates q, (n_dofs,)."""
+        forces, strains = np.zeros((len(self.body.points), 3)), {}
+        for contact, on_sides, _ in loads:
+            for (item, patch), on_side in zip(contact.sides, on_sides, strict=True):
+                if item is self.item:
+                    forces[self.body.partition.patches[patch].nodes] += on_side[i]
+        forces = self.kinematics.in_frame(q, forces)
+        for contact, _, histories in loads:
+            for (item, patch), history in zip(contact.sides, histories, strict=True):
+                if item is self.item and history is not None:
+                    strains[patch] = history.strain(int(history.numbers(np.array([t]))[0]))
+                    forces[history.zone.nodes] += history.zone.pseudo_forces(strains[patch]).reshape(-1, 3)
+        return Acting(forces, strains)
+
+    def fields(self, q: Array, q_t: Array, acting: Acting | None = None) -> dict[str, Array]:
+        """Fields at coordinates q and velocities q_t, (n_dofs,), with the static answer to what contacts do."""
+        kinematics, axes, answer = self.kinematics, self.kinematics.frame(q)[1], None
+        displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
+        moved = acting is not None and acting.forces.any()
+        if self.fem is not None and self.body.basis.flexibility is not None and acting is not None and moved:
+            self._static = self._static or StaticAnswer(self.fem, self.body)
+            answer = self._static(acting.forces, None if self._stressed else self.nodes)
+            shown = answer[self.nodes] if self._stressed else answer
+            deformation = deformation + shown
+            displacement = displacement + shown @ axes.T
+        data = {"displacement": displacement, "deformation": deformation @ axes.T}
+        if "velocity" in self.names:
+            data["velocity"] = kinematics.velocities(q, q_t)
+        if self.fem is not None and self._stressed:
+            within = self.body.displacement(kinematics.elastic(q))
+            whole = within if answer is None else within + answer
+            stress = nodal_stress(self.fem, whole)
+            if acting is not None:
+                self._zones = self._zones or zone_stresses(self.body, self.fem)
+                for patch, strain in acting.strains.items():
+                    stress += self._zones[patch].at_nodes(whole, strain)
+            stress = stress[self.nodes]
+            data |= {"stress": stress, "von_mises": von_mises(stress)}
+        return {name: data[name] for name in self.names if name in data}
+
+
+def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:
+    """Forces of contacts on the nodes of their patches at the times of `result`, and plastic strain; no multipliers.
+
+    Raises
+    ------
+    InputError
+        If the result does not have them, as where another body carries the rigid surface, or it was read from a file.
+    """
+    contacts = validate_contacts(contacts)
+    validate_result(result)
+    try:
+        return [(c, c.nodal_forces(result), c.strain_histories(result)) for c in contacts if c.compliant]
+    except InputError as error:
+        raise InputError(f"{error}; they are not needed without FE models, or with static_answer=False") from error
+
+
+def _pressures(
+    item: PartitionBody, contacts: Iterable[PartitionContact], result: Result
+) -> list[tuple[Array, Array, Array]]:
+    """Facets and nodes of a body's patches that have rows, and the pressures at these nodes, (n, np) [Pa]."""
+    found = []
+    for contact in contacts:
+        pressure, start = contact.pressure(result), 0
+        for side, patch in contact.sides:
+            own = side.body.partition.patches[patch]
+            if start < pressure.shape[1]:  # the slave has rows; with two passes, so has the master
+                if side is item:
+                    found.append((own.facets, own.nodes, pressure[:, start : start + len(own.nodes)]))
+                start += len(own.nodes)
+    return found
+
+
+def _tangential_fields(
+    item: PartitionBody, contacts: Iterable[PartitionContact], result: Result, names: set[str]
+) -> list[tuple[str, Array, Array]]:
+    """Fields of contacts with friction whose slave is the body: names, nodes, and values at these, (n, np, ...)."""
+    found = []
+    for contact in contacts:
+        (slave, patch), *_ = contact.sides
+        if slave is item and contact.friction is not None:
+            nodes = item.body.partition.patches[patch].nodes
+            if "contact_traction" in names:
+                found.append(("contact_traction", nodes, contact.traction(result)))
+            if "contact_state" in names:
+                found.append(("contact_state", nodes, contact.row_states(result).astype(float)))
+    return found

@@ -1,0 +1,43 @@
+"""Plastic strain in a run: what is kept, and when."""
+
+import numpy as np
+import pytest
+
+from exudyn_partition.errors import InputError
+from exudyn_partition.plasticity import strain_history
+from exudyn_partition.plasticity.strain_history import StrainHistory
+
+FIVE = range(5)  # stands for a zone of five points; only their number matters
+
+
+def strains(amount):
+    value = np.zeros((len(FIVE), 6))
+    value[1:3] = amount
+    return value
+
+
+def test_each_time_has_the_last_strain_before_it():
+    history, first, second = StrainHistory(FIVE), strains(0.0), strains(0.25)
+    for t, strain in ((0.0, first), (1.0, first), (2.0, second), (3.0, second), (4.0, strains(0.5))):
+        history.keep(t, strain)
+    numbers = history.numbers(np.array([0.0, 1.5, 2.0, 3.5, 4.0, 9.0]))
+    found = [history.strain(number)[1, 0] for number in numbers]
+    np.testing.assert_array_equal(found, [0, 0, 0.25, 0.25, 0.5, 0.5])
+    np.testing.assert_array_equal(history.strain(numbers[2]), second)
+
+
+def test_a_sample_that_is_asked_for_again_replaces_the_first():
+    history = StrainHistory(FIVE)
+    for t, amount in ((0.0, 0.0), (1.0, 0.25), (1.0, 0.5)):
+        history.keep(t, strains(amount))
+    assert history.strain(history.numbers(np.array([1.0]))[0])[2, 3] == 0.5
+    assert history.strain(history.numbers(np.array([0.5]))[0])[2, 3] == 0.0
+
+
+def test_too_many_strains_are_not_kept(monkeypatch):
+    monkeypatch.setattr(strain_history, "MOST", 20)
+    history = StrainHistory(FIVE)
+    for t in range(4):
+        history.keep(float(t), strains(1.0 + t))
+    with pytest.raises(InputError, match="longer sample_period"):
+        history.numbers(np.array([0.0]))
