@@ -146,8 +146,8 @@ class BodyResults(dict[str, ItemIndex]):
         YieldWarning
             If rows lie within a plastic zone that has flowed, where those of stress lack plastic strain; see `stress`.
         """
-        warn_within_zones(self, result, rows)
         kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
+        warn_within_zones(self, result, rows)
         return kept if fem is None else kept + static_part(self, result, rows, fem)
 
     def stress(self, result: Samples, points: Array, fem: FEModel) -> Array:
@@ -171,6 +171,7 @@ class BodyResults(dict[str, ItemIndex]):
         MeshError
             If the elements are no tetrahedra.
         """
+        validate_result(result)
         validate_type("fem", fem, FEModel, "fe_model()")
         self.body.partition.check_mesh(fem, "fem: expected the body's own mesh")
         rows, taken = stress_parts(self, result, points, fem)

@@ -36,8 +36,8 @@ def pressed():
     place[2, 3] = -LENGTH
     ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround(), localHT=place))
     joint = items.GenericJoint(markerNumbers=[ground, item.CreateInterfaceMarker(mbs, "base")])
-    travel = 2 * LENGTH * YIELD_STRESS / E
-    joint.offsetUserFunction = lambda mbs, t, i, offset: [0, 0, travel * np.interp(t, [0, 0.6, 1], [0, 1, 0.8]), 0, 0, 0]
+    travel = [0, 2 * LENGTH * YIELD_STRESS / E, 1.6 * LENGTH * YIELD_STRESS / E]
+    joint.offsetUserFunction = lambda mbs, t, i, offset: [0, 0, np.interp(t, [0, 0.6, 1], travel), 0, 0, 0]
     mbs.AddObject(joint)
     mbs.Assemble()
     return fem, item, contact, ep.solve_static(mbs, load_steps=10)

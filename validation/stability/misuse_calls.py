@@ -529,7 +529,7 @@ CALLS = {
     },
     **{
         f"PartitionContact.{name}": call(of=lambda s: s.yielding[0], result=v.result(Made(lambda s: s.yielding[1])))
-        for name in ("plastic_work", "plastic_strain", "plastic_states", "dents", "flow_at_border")
+        for name in ("plastic_work", "plastic_strain", "plastic_states", "strain_histories", "dents", "flow_at_border")
     },
     "output.write_plastic_zones": call(
         folder=v.folder(Made(lambda s: s.folder / "zones")),
@@ -702,11 +702,6 @@ CALLS = {
         static_answer=v.flag,
         progress=v.function,
     ),
-    "output.contact_loads": call(contacts=_contacts(Made(lambda s: [s.contact])), result=v.result),
-    "output.shown_bodies": call(
-        held=Kind({}, ()), bodies=Kind({"text": "x", "number": 1, "dict": {1: 2}}, [1]), swaps=False
-    ),
-    "output.validate_contacts": call(contacts=_contacts.but("foreign")(Made(lambda s: [s.contact]))),
     "plot.force": call(
         axes=_axes, run=v.run(_result and Made(_result)), reference=v.history.or_none, contact=_plain_contact
     ),
@@ -795,10 +790,6 @@ NOT_CALLED = {
     "ReducedBody.check_inside": _INSIDE,
     "ReducedBody.check_nodes": _INSIDE,
     "ReducedBody.shape_rows": _INSIDE,
-    "output.BodyFields": _INSIDE,
-    "output.BodyFields.frames": _INSIDE,
-    "output.BodyFields.forces": _INSIDE,
-    "output.BodyFields.fields": _INSIDE,
 }
 NOT_EVERYWHERE = {"view.show": "it needs a screen"}  # right calls that may fail
 
