@@ -10,11 +10,11 @@ import scipy.sparse as sp
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .complementarity import PATIENCE, Complementarity
 
 _SETTLED = 1e-13  # change of what blocks push, relative
-_LOST = 1e-12  # of the norm of blocks: what shared fields may leave out
-_ROUNDING = 1e-15  # of the largest field of a sample
+_LOST = 1e-10  # of the norm of blocks: what shared fields may leave out
 _STEPS = 50  # of the iteration; then the equations are solved at once
 
 
@@ -106,28 +106,37 @@ class BlockComplementarity:
         self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]
     ) -> None:
         """Solve c = S (a - G c) for the active rows."""
-        keys, (n, m) = [*problems], self.amplitudes.shape
-        a, G = np.zeros((n, m)), np.zeros((len(keys), m, m))
-        for i, (key, problem) in enumerate(problems.items()):
-            if problem.index.size:
-                response, G[i] = self._response(key, problem, fields[key])
-                a[key] = h[key][problem.index] @ response
-        c = self.amplitudes
-        for _ in range(_STEPS):
-            forces = a.copy()
-            forces[keys] -= (G @ c[keys, :, None])[:, :, 0]
-            before, c = c, (self._core @ forces.ravel()).reshape(n, m)
-            if abs(c - before).max() <= _SETTLED * abs(c).max():
-                break
-        else:
-            some = (m * np.array(keys)[:, None] + np.arange(m)).ravel()
+        pressed = [key for key, problem in problems.items() if problem.index.size]
+        n, m = self.amplitudes.shape
+        a, G = np.zeros((n, m)), np.zeros((len(pressed), m, m))
+        for i, key in enumerate(pressed):
+            response, G[i] = self._response(key, problems[key], fields[key])
+            a[key] = h[key][problems[key].index] @ response
+        c = self._iterated(a, G, np.array(pressed, dtype=np.int64))
+        if c is None:
+            some = (m * np.array(pressed)[:, None] + np.arange(m)).ravel()
             within = self._core[some][:, some]
             system = np.eye(len(some)) + within @ sp.block_diag([*G], format="csr")
-            own = np.linalg.solve(system, within @ a[keys].ravel()).reshape(-1, m)
+            own = np.linalg.solve(system, within @ a[pressed].ravel()).reshape(-1, m)
             forces = a.copy()
-            forces[keys] -= (G @ own[:, :, None])[:, :, 0]
+            forces[pressed] -= (G @ own[:, :, None])[:, :, 0]
             c = (self._core @ forces.ravel()).reshape(n, m)
         self.amplitudes = c
+
+    def _iterated(self, a: Array, G: Array, pressed: Array) -> Array | None:
+        """Return c = S (a - G c) by iteration from the last amplitudes; None if it does not settle."""
+        core, c = self._core, self.amplitudes
+        if loops := kernels("algebra"):
+            result = c.copy()
+            settled = loops.iterate(core.indptr, core.indices, core.data, a, G, pressed, result, _SETTLED, _STEPS)
+            return result if settled else None
+        for _ in range(_STEPS):
+            forces = a.copy()
+            forces[pressed] -= (G @ c[pressed, :, None])[:, :, 0]
+            before, c = c, np.asarray(core @ forces.ravel()).reshape(c.shape)
+            if abs(c - before).max() <= _SETTLED * abs(c).max():
+                return c
+        return None
 
     def _response(self, key: int, problem: Complementarity, fields: Array) -> tuple[Array, Array]:
         """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of a block's active rows."""
@@ -159,13 +168,14 @@ def shared_fields(blocks: Sequence[Array]) -> Array:
     N. Halko, P.G. Martinsson, J.A. Tropp, Finding structure with randomness, SIAM Review 53 (2011) 217, section 4.
     """
     together = np.hstack(blocks)
-    n, k = together.shape
+    (n, k), size = together.shape, np.linalg.norm(together)
     columns, random = 16, np.random.default_rng(0)
     while True:
         sample = together @ random.normal(size=(k, columns))
-        fields, triangle, _ = scipy.linalg.qr(sample, mode="economic", pivoting=True)
-        missed = together - fields @ (fields.T @ together)
-        if columns >= n or np.linalg.norm(missed) <= _LOST * np.linalg.norm(together):
-            sizes = abs(triangle.diagonal())
-            return np.asarray(fields[:, sizes > _ROUNDING * sizes[0]])
+        fields = scipy.linalg.qr(sample, mode="economic")[0]
+        amplitudes = fields.T @ together
+        if columns >= n or np.linalg.norm(together - fields @ amplitudes) <= _LOST * size:
+            axes, sizes, _ = scipy.linalg.svd(amplitudes, full_matrices=False)
+            left = np.sqrt(np.cumsum(sizes[::-1] ** 2))[::-1]  # what this field and those after it hold
+            return np.asarray(fields @ axes[:, left > _LOST * size])
         columns *= 2

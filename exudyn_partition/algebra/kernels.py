@@ -60,6 +60,65 @@ def check_active(
 
 
 @compiled
+def iterate(
+    starts: Array, columns: Array, core: Array, a: Array, G: Array, pressed: Array, c: Array, settled: float, steps: int
+) -> bool:
+    """Iterate c = S (a - G c), see `BlockComplementarity`; each block takes the newest amplitudes of the others.
+
+    Parameters
+    ----------
+    starts, columns, core : arrays
+        S as a csr matrix, (n m, n m).
+    a : (n, m) array
+    G : (k, m, m) array
+        Of the blocks that have forces.
+    pressed : (k,) int array
+        Numbers of these blocks.
+    c : (n, m) array
+        A guess; becomes the last iterate.
+    settled : float
+        Relative change at which c is settled.
+    steps : int
+        Most passes over all blocks.
+
+    Returns
+    -------
+    Whether c has settled.
+    """
+    n, m = c.shape
+    forces, place = a.copy(), np.full(n, -1)
+    for i in range(len(pressed)):
+        place[pressed[i]] = i
+    for j in range(n):
+        push(forces[j], a[j], G, place[j], c[j])
+    flat = forces.ravel()
+    for _ in range(steps):
+        change = size = 0.0
+        for j in range(n):
+            for r in range(m):
+                total, row = 0.0, m * j + r
+                for p in range(starts[row], starts[row + 1]):
+                    total += core[p] * flat[columns[p]]
+                change, size = max(change, abs(total - c[j, r])), max(size, abs(total))
+                c[j, r] = total
+            push(forces[j], a[j], G, place[j], c[j])
+        if change <= settled * size:
+            return True
+    return False
+
+
+@compiled
+def push(forces: Array, a: Array, G: Array, place: int, c: Array) -> None:
+    """Set forces, (m,), to a - G c of one block; a block with place -1 has none of G."""
+    for i in range(len(a)):
+        total = a[i]
+        if place >= 0:
+            for j in range(len(c)):
+                total -= G[place, i, j] * c[j]
+        forces[i] = total
+
+
+@compiled
 def friction_residual(value: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, float]:
     """Forces that the law of friction leaves unbalanced, see `friction._ClosedRows.residual`.
 

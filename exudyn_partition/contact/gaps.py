@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.products import congruence, largest_change
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
@@ -314,6 +315,16 @@ class Gaps:
             self._flexible_index = index
             self._flexible_some = self._flexibility.take(index, axis=0).take(index, axis=1)
         return self._flexible_some
+
+    def problem(self) -> Complementarity:
+        """Return the problem of the forces on all present rows, regularised: rows on few points may be redundant.
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If the flexibility of the rows is not positive definite.
+        """
+        return Complementarity(regularised(self.flexibility(np.arange(len(self.row_nodes)))))
 
     def standing(self) -> Standing:
         """Where the rows stand at the last coordinates."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..algebra.complementarity import Complementarity
 from ..errors import EmptyRegionError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
@@ -20,6 +21,28 @@ _ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places 
 
 # Pairings hold arrays alone. One that held a body would keep it, and so itself, for ever.
 KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = weakref.WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class LinearGaps:
+    """Gaps of pairs that are frozen, as long as the patches hardly slide.
+
+    Parameters
+    ----------
+    H : (nr, n) array
+        Gaps by the coordinates.
+    start : (nr,) array
+        Gaps at zero coordinates [m].
+    drift : (6, n) array
+        Sliding of three pairs along two tangents, by the coordinates.
+    drift_start : (6,) array
+        That where the pairs were found [m].
+    """
+
+    H: Array
+    start: Array
+    drift: Array
+    drift_start: Array
 
 
 @dataclass(eq=False)
@@ -38,6 +61,10 @@ class Pairing:
         The nodes of both patches, as seen from the first of the master [m].
     flexibility : (nr, nr) array or None
         Residual flexibility of the rows [m/N], once it is known.
+    frozen : LinearGaps or None
+        Gaps of the rows in frames that do not turn, once they are known.
+    problem : Complementarity or None
+        Problem of all rows, once it is known.
     """
 
     points: ContactPoints
@@ -45,6 +72,8 @@ class Pairing:
     pose: Array
     places: Array
     flexibility: Array | None = None
+    frozen: LinearGaps | None = None
+    problem: Complementarity | None = None
 
     @classmethod
     def of(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:

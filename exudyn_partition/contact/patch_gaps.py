@@ -19,6 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..algebra.complementarity import Complementarity
 from ..algebra.products import largest_change
 from ..errors import ComplementarityError
 from ..support.arrays import Array
@@ -28,7 +29,7 @@ from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
 from ..surfaces.surface import Projection, closest_points
 from .gaps import BULGE, Gaps, dense
-from .pairings import Pairing
+from .pairings import LinearGaps, Pairing
 from .side import Side
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
@@ -89,18 +90,35 @@ class PatchGaps(Gaps):
         self.unpaired = rows.unpaired
         self.moving, self.held, self._q = True, rows, q
         if self._linear:
-            self.H = self.jacobian(np.arange(len(rows)))
-            self._gap = rows.gap - self.H @ q
-            self._drift = self._drift_rows(rows)
-            self._drift_start = self._drift @ q
-            self.moving = False
+            at_start = rows is self._start
+            self._frozen = (self._pairing.frozen if at_start else None) or self._linearised(rows)
+            if at_start:
+                self._pairing.frozen = self._frozen
+            self.H, self.moving = self._frozen.H, False
+
+    def _linearised(self, rows: ContactRows) -> LinearGaps:
+        H, drift = self.jacobian(np.arange(len(rows))), self._drift_rows(rows)
+        return LinearGaps(H, rows.gap - H @ self._q, drift, drift @ self._q)
 
     def stance(self) -> Array:
         """See `Gaps.stance`."""
         return self._here / self.size
 
+    def problem(self) -> Complementarity:
+        """See `Gaps.problem`. Contacts with the same pairs share its matrix."""
+        if not self._at_start:
+            return super().problem()
+        if self._pairing.problem is None:
+            self._pairing.problem = super().problem()
+        return self._pairing.problem.fresh()
+
+    @property
+    def _at_start(self) -> bool:
+        """Whether the rows stand as they were paired, on sides that have not yielded since."""
+        return self._q is self._start_q and self.sides is self._paired
+
     def _all_flexibility(self) -> Array:
-        if self._q is not self._start_q or self.sides is not self._paired:
+        if not self._at_start:
             return super()._all_flexibility()
         if self._pairing.flexibility is None:
             self._pairing.flexibility = super()._all_flexibility()
@@ -133,9 +151,10 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         if not self.moving:
-            if largest_change(self._drift @ q, self._drift_start) <= _HELD * self.size:
+            frozen = self._frozen
+            if largest_change(frozen.drift @ q, frozen.drift_start) <= _HELD * self.size:
                 self._q = q
-                value: Array = self._gap + self.H @ q
+                value: Array = frozen.start + frozen.H @ q
                 return value
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
@@ -161,7 +180,7 @@ class PatchGaps(Gaps):
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         if not self.moving:
-            value: Array = self._gap + self.H @ q
+            value: Array = self._frozen.start + self.H @ q
             return value
         if self._searched_at is None or not self._narrowed:
             return self.at(q)

@@ -22,7 +22,7 @@ from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
 from .dents import set_plastic_states
 from .markers import EXUDYN_COLOUR
-from .model import registered, validate_model, validate_new_name
+from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
 from .user_functions import RIGID, Functions, coupling_functions, inertia_functions
 
@@ -179,7 +179,7 @@ def CreatePartitionBody(
             mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True))
             for n in item.nodes
         ]
-    registered(mbs).bodies[int(item["oGenericODE2"])] = item
+    registry(mbs).bodies[int(item["oGenericODE2"])] = item
     if superElement:
         item._super_element(mbs, color, offsets)
         for interface in body.partition.interfaces:

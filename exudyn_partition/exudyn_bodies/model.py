@@ -116,17 +116,23 @@ def validate_new_name(mbs: MainSystem, name: object, kinds: Collection[str]) -> 
 def registered(mbs: MainSystem) -> Registry:
     """Return bodies and contacts of a model; those from before an `mbs.Reset()` are removed."""
     validate_model(mbs)
-    held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
+    held = registry(mbs)
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
     for number, item in list(held.bodies.items()):
         if number >= objects or not item.is_in(mbs):
             del held.bodies[number]
+    there = set(map(id, held.bodies.values()))
     for number, contact in list(held.contacts.items()):
-        both_there = all(any(item is body for body in held.bodies.values()) for item, _ in contact.sides)
-        if number >= sensors or not both_there:
+        if number >= sensors or not all(id(item) in there for item, _ in contact.sides):
             del held.contacts[number]
     if held.work is not None and (int(held.work.number) >= sensors or mbs.GetSensor(held.work.number)["name"] != WORK):
         held.work = None
+    return held
+
+
+def registry(mbs: MainSystem) -> Registry:
+    """Return where new bodies and contacts of a model are entered; `registered` is to be read."""
+    held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
     return held
 
 

@@ -61,6 +61,7 @@ class ContactRun:
         self.time_s = 0.0
         self.areas = law.node_areas
         self._members: list[ContactRun] = [self]
+        self._place = 0  # among the members
         self._remembering: list[ContactRun] = []
         self.samples: list[tuple[float, Array, Array]] = []
         self.tangential: dict[float, tuple[Array, Array]] = {}
@@ -77,7 +78,7 @@ class ContactRun:
 
     def join(self, together: Together, members: list[ContactRun]) -> None:
         """Find the forces together with those of other contacts; `members` are all, this one included."""
-        self.together, self._members = together, members
+        self.together, self._members, self._place = together, members, members.index(self)
         self._remembering = [member for member in members if member.law.remembers]
 
     def evaluate(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> Array:
@@ -90,7 +91,7 @@ class ContactRun:
                 member.follow(start_of_step(mbs), t)
             data = mbs.systemData.GetODE2Coordinates(copy=False)
             forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
-            return forces[self._members.index(self)]
+            return forces[self._place]
         law = self.law
         if law.elastic:
             few = q is not None and len(q) <= _FEW

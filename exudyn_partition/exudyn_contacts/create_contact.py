@@ -19,7 +19,7 @@ from ..contact.side import Side
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
-from ..exudyn_bodies.model import registered, validate_new_name
+from ..exudyn_bodies.model import registry, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_choice
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
@@ -186,7 +186,7 @@ def CreatePartitionContact(
         contact["sFriction"] = _add_sensor(mbs, runs, lambda run: run.of(contact).friction_values())
     if law.yielding is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, lambda run: run.of(contact).plastic_values())
-    registered(mbs).contacts[int(contact["sForce"])] = contact
+    registry(mbs).contacts[int(contact["sForce"])] = contact
     return contact
 
 

@@ -55,13 +55,13 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
             items = [item for item, _ in contact.sides]
             to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
             dofs = np.concatenate([place[id(item)] for item in items])
-            closed.append((dofs, to_coordinates, stiffness))
+            closed.append((dofs, to_coordinates.T @ stiffness @ to_coordinates))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
         y = K @ x
-        for dofs, to_coordinates, stiffness in closed:
-            y[dofs] += to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
+        for dofs, stiffness in closed:
+            y[dofs] += stiffness @ x[dofs]
         value: Array = scale * y
         return value
 

@@ -62,8 +62,8 @@ def test_shared_fields_hold_all_columns():
     x = np.linspace(0, 1, 80)
     blocks = [1 / (distance + x[:, None] + x) for distance in (2, 3, 5)]
     fields = shared_fields(blocks)
-    assert fields.shape[1] < 20
+    assert fields.shape[1] < 12  # a smooth kernel has no more beyond the accuracy that is asked for
     np.testing.assert_allclose(fields.T @ fields, np.eye(fields.shape[1]), atol=1e-13)
     for block in blocks:
-        np.testing.assert_allclose(fields @ (fields.T @ block), block, atol=1e-12)
+        np.testing.assert_allclose(fields @ (fields.T @ block), block, atol=1e-9)
     assert shared_fields([np.random.default_rng(2).normal(size=(20, 50))]).shape == (20, 20)

@@ -44,15 +44,19 @@ def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_bo
 
 
 def test_pairs_elsewhere_in_space_are_the_same(round_body, flat_body, monkeypatch):
-    """A row of equal bodies is paired once; places differ by round-off."""
-    slave, force = copy_of(round_body), []
+    """A row of equal bodies is paired once, and shares its arrays; places differ by round-off."""
+    slave, force, laws = copy_of(round_body), [], []
     for place in np.array([[0, 0, 0], [0.1, 0.3, -0.7], [2.0, -1.1, 0.9]]):
         gaps = PatchGaps(inertial(slave, place), inertial(flat_body, place))
         monkeypatch.setattr(pairings, "pair_surfaces", None)
         law = ComplianceContact(gaps)
         law.force(np.r_[-4e-6 * slave.rigid[:, 2], np.zeros(flat_body.n_dofs)])
         force.append(law.lam.sum())
+        laws.append(law)
     np.testing.assert_allclose(force, force[0], rtol=1e-9)
+    assert len({id(law.problem.F) for law in laws}) == len({id(law.gaps.H) for law in laws}) == 1
+    laws[0].problem.solve(np.ones(len(laws[0].lam)))
+    assert laws[1].problem.index.size  # active rows are each contact's own
 
 
 def test_kept_pairs_are_few_and_keep_no_body(round_body, flat_body):

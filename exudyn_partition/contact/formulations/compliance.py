@@ -68,10 +68,10 @@ class ComplianceContact(ElasticContact):
             self.problem = self.problem.fresh()  # with the same F
             return
         self._held, self._everything = self.gaps.held, np.arange(len(self.gaps.row_nodes))
-        self.problem = Complementarity(self._flexibility(self._everything))
+        self.problem = self.gaps.problem()
 
     def _flexibility(self, index: Array) -> Array:
-        """Flexibility of some present rows, (na, na) [m/N], regularised: rows on few points may be redundant."""
+        """Flexibility of some present rows, (na, na) [m/N], regularised as in `Gaps.problem`."""
         F = self.gaps.flexibility(index)
         if F is not self._regularised_of:
             self._regularised_of, self._regularised = F, regularised(F)
@@ -171,9 +171,8 @@ class ComplianceContact(ElasticContact):
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n): the largest that the element can have."""
-        everything = np.arange(len(self.gaps.row_nodes))
-        H = self.gaps.jacobian(everything)
-        value: Array = H.T @ np.linalg.solve(self._flexibility(everything), H)
+        H = self.gaps.jacobian(np.arange(len(self.gaps.row_nodes)))
+        value: Array = H.T @ np.linalg.solve(self.gaps.problem().F, H)
         return value
 
 

@@ -319,5 +319,7 @@ def _of(values: Array, rows: Array) -> Array:
 def _presses(h: Array, near: Array | None) -> bool:
     """Whether rows that are not `near` have negative gaps, or gaps that are not finite."""
     if near is not None:
-        h = np.delete(h, near) if len(near) < len(h) else h[:0]
+        if len(near) == len(h):
+            return False
+        h = np.delete(h, near)
     return not h.min(initial=np.inf) >= 0.0
