@@ -66,7 +66,7 @@ def inertia_functions(
         result = np.zeros(RIGID + len(z))
         if stiffness is not None:
             result[RIGID:] = -forces.elastic(z)
-        if v.any():  # zero in a static solution
+        if np.count_nonzero(v):  # none in a static solution
             if damping is not None:
                 result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
@@ -85,10 +85,18 @@ def inertia_functions(
         if stiffness is not None:
             result[RIGID:, RIGID:] += fODE2 * stiffness()
         if damping is not None:
-            result += fODE2_t * damping.matrix()
-        return exu.MatrixContainer(sp.csr_matrix(result))
+            result += (fODE2_t * damping.matrix()).toarray()
+        return _sparse(exu, result)
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
+
+
+def _sparse(exu: Exudyn, matrix: Array) -> MatrixContainer:
+    """Exudyn's sparse form of a matrix, (n, n); by way of SciPy it would take much longer than its terms."""
+    where = np.nonzero(matrix)
+    container = exu.MatrixContainer()
+    container.SetWithSparseMatrix(np.column_stack([*where, matrix[where]]), *matrix.shape)
+    return container
 
 
 def coupling_functions(exu: Exudyn, item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None) -> Functions:

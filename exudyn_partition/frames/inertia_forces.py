@@ -26,8 +26,9 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from ..reduction.inertia import PLACE
+from ..reduction.inertia import PLACE, InertiaIntegrals
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .rotations import skew
 
 InertiaTerm = Literal["gyroscopic", "coriolis", "centrifugal", "coupling"]
@@ -102,6 +103,7 @@ class InertiaForces:
         self.tensor, self._inertia = inertia.tensor, inertia
         self.elastic = elastic
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
+        self._all = set(TERMS) <= set(terms)
 
     def coriolis_force(self, omega: Array, z_t: Array) -> Array:
         """Coriolis forces on the elastic coordinates, (n,)."""
@@ -117,6 +119,10 @@ class InertiaForces:
         z, z_t : (n,) array
             Elastic coordinates and their velocities.
         """
+        if self._all and isinstance(self._inertia, InertiaIntegrals) and (loops := kernels("frames")):
+            integrals = self._inertia.inertia, self._inertia.cross
+            compiled: Array = loops.inertia_force(*integrals, self.tensor, self.elastic(z), omega, z, z_t)
+            return compiled
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         torque, force, turn = np.zeros(3), np.zeros(len(z)), skew(omega)
         if self.gyroscopic:
@@ -138,6 +144,11 @@ class InertiaForces:
         The derivatives of the coupling are left out. They are of second order in the deformation, and only Newton's
         method uses the result.
         """
+        if self._all and isinstance(self._inertia, InertiaIntegrals) and (loops := kernels("frames")):
+            compiled: tuple[Array, Array] = loops.inertia_derivatives(
+                self._inertia.inertia, self._inertia.cross, omega, z, z_t
+            )
+            return compiled
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         n = len(z)
         by_z, by_velocity = np.zeros((3 + n, n)), np.zeros((3 + n, 3 + n))

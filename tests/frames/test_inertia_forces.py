@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import SPIN, box, in_frame
+from oracles import SPIN, box, each_way, in_frame
 
 import exudyn_partition as ep
 from exudyn_partition.fe.model import rigid_modes
@@ -111,3 +111,15 @@ def test_derivatives_by_finite_differences(body, terms):
     expected = np.array([(at(x + d) - at(x - d)) / (2 * d.sum()) for d in np.diag(steps)]).T
     for block in (slice(0, 3), slice(3, None)):
         np.testing.assert_allclose(got[block], expected[block], atol=1e-6 * abs(expected[block]).max())
+
+
+def test_compiled_forces_are_those_of_numpy(plank):
+    fem, part = plank
+    kinematics = in_frame(ep.reduce(fem, part, f_cut=20e3))
+    omega, z, z_t = state(kinematics.body)
+    forces = InertiaForces(kinematics.inertia, kinematics.elastic_force)
+    compiled, plain = each_way(lambda: forces.force(omega, z, z_t))
+    np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12 * abs(plain).max())
+    assert not np.array_equal(compiled, plain)  # sums in another order: both ways ran
+    for one, other in zip(*each_way(lambda: forces.derivatives(omega, z, z_t)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12 * abs(other).max())
