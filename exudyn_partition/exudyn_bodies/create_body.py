@@ -8,19 +8,19 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
+from ..contact.plasticity.zone_run import ZoneMotion
 from ..errors import InputError
 from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of
 from ..frames.floating import FloatingKinematics
 from ..frames.inertia_forces import TERMS, InertiaForces, InertiaTerm
 from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import FRAMES, FrameChoice
-from ..plasticity.flow import PlasticState
+from ..plasticity.flow import PlasticState, validate_state
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_choice, validate_flag, validate_number, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
-from .dents import set_plastic_states
 from .markers import EXUDYN_COLOUR
 from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
@@ -167,7 +167,7 @@ def CreatePartitionBody(
         item = _add_floating(mbs, floating, name, velocity, angular_velocity, inertiaTerms, loss)
     item.damping = loss
     if plasticStates is not None:
-        set_plastic_states(mbs, item, plasticStates)
+        _set_plastic_states(mbs, item, plasticStates)
     if acceleration.any():
         mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
     exu, items = require("exudyn"), require("exudyn.itemInterface")
@@ -325,3 +325,42 @@ def _add_object(
             **functions,
         )
     )
+
+
+def _set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[int | str, PlasticState]) -> None:
+    """Let the plastic zones of a body begin with these states, and the body with the shape that they give it at rest.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    item : PartitionBody
+    states : dict of int or str to PlasticState
+        By the number or name of the patch.
+
+    Raises
+    ------
+    InputError
+        If a patch has no plastic zone, or the state is of another one.
+    """
+    if not isinstance(states, Mapping):
+        raise InputError(f"plasticStates: expected a dict of patch: PlasticState, got {type(states).__name__}")
+    forces = []
+    for key, state in states.items():
+        patch = item.body.partition.patch(key)
+        motion = ZoneMotion.of(item.kinematics, patch)
+        if motion is None:
+            raise InputError(
+                f"plasticStates: patch {patch} of the body has no plastic zone. Give hardening= to its "
+                "material, and reduce it with basis 'contact-adapted' or 'residual'"
+            )
+        item.plastic_states[patch] = validate_state("plasticStates", state, len(motion.zone))
+        forces.append(motion.kinematics.rows.T @ motion.zone.pseudo_forces(state.strain))
+    if not forces:
+        return
+    force = np.sum(forces, axis=0)
+    omega = item.body.basis.omega[item.body.n_shapes - len(force) :]
+    elastic = omega > 0
+    if elastic.any():
+        shape = np.zeros(len(force))
+        shape[elastic] = force[elastic] / omega[elastic] ** 2
+        mbs.SetNodeParameter(item["nModal"], "initialCoordinates", shape)
