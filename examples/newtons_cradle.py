@@ -7,7 +7,6 @@ because it leaves before the others have come to rest.
 
 import argparse
 import json
-from itertools import pairwise
 from pathlib import Path
 
 import exudyn as exu
@@ -59,15 +58,13 @@ def main(argv=None):
 
     # The same reduced body is placed several times. Each patch has a name.
     mbs = exu.SystemContainer().AddSystem()
-    balls, contacts = [], []
+    balls = []
     for i in range(options.balls):
         place, velocity = [0, 0, 2 * R * i], [0, 0, 0 if i else SPEED]
         balls.append(
             ep.CreatePartitionBody(mbs, body, name=f"ball {i + 1}", referencePosition=place, initialVelocity=velocity)
         )
-    for pair in pairwise(balls):
-        name = " on ".join(ball.name for ball in pair)
-        contacts.append(ep.CreatePartitionContact(mbs, *pair, slavePatch="front", masterPatch="back", name=name))
+    contacts = ep.CreatePartitionContact(mbs, balls, name="contact")  # between all patches that face each other nearby
     mbs.Assemble()
     alone = ep.hertz.impact(body.total_mass / 2, SPEED, R, R, ep.STEEL, ep.STEEL)
     run = ep.solve_dynamic(mbs, end_time=alone.duration * options.balls)

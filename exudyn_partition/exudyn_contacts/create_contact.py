@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from typing import Literal, get_args
+from collections.abc import Callable, Sequence
+from typing import Literal, get_args, overload
 
 import numpy as np
 
@@ -17,13 +17,14 @@ from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..contact.side import Side
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
-from ..errors import InputError
+from ..errors import EmptyRegionError, InputError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registry, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..support.checks import validate_choice
+from ..support.checks import validate_choice, validate_items, validate_positive, validate_text
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
+from ..surfaces.near import near_patches
 from ..surfaces.points import ROWS, RowKind
 from .contact_elements import add_element, add_links
 from .coupling import solve_together
@@ -39,10 +40,39 @@ _DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gap
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
 
 
+@overload
 def CreatePartitionContact(
     mbs: MainSystem,
     slave: PartitionBody,
     master: PartitionBody | RigidSurface,
+    *,
+    formulation: FormulationName | Formulation = ...,
+    rows: RowKind | None = ...,
+    passes: Passes = ...,
+    slavePatch: int | str | None = ...,
+    masterPatch: int | str | None = ...,
+    masterBody: ObjectIndex | None = ...,
+    stiffness: float | None = ...,
+    friction: float | Coulomb | None = ...,
+    name: str = ...,
+) -> PartitionContact: ...
+@overload
+def CreatePartitionContact(
+    mbs: MainSystem,
+    slave: Sequence[PartitionBody],
+    *,
+    within: float | None = ...,
+    formulation: FormulationName | Formulation = ...,
+    rows: RowKind | None = ...,
+    passes: Passes = ...,
+    stiffness: float | None = ...,
+    friction: float | Coulomb | None = ...,
+    name: str = ...,
+) -> list[PartitionContact]: ...
+def CreatePartitionContact(
+    mbs: MainSystem,
+    slave: PartitionBody | Sequence[PartitionBody],
+    master: PartitionBody | RigidSurface | None = None,
     *,
     formulation: FormulationName | Formulation = "compliance",
     rows: RowKind | None = None,
@@ -52,19 +82,23 @@ def CreatePartitionContact(
     masterBody: ObjectIndex | None = None,
     stiffness: float | None = None,
     friction: float | Coulomb | None = None,
+    within: float | None = None,
     name: str = "",
-) -> PartitionContact:
-    """Add contact between the patches of two partition bodies, or of one and a rigid surface.
+) -> PartitionContact | list[PartitionContact]:
+    """Add contact between the patches of two partition bodies, of one and a rigid surface, or of many bodies.
 
     The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
     contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
 
+    Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Each two of their patches that face
+    each other nearby at the start get a contact.
+
     Parameters
     ----------
     mbs : exudyn.MainSystem
-    slave : PartitionBody
+    slave : PartitionBody, or sequence of them
     master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder or RigidProfile
-        Rigid surfaces are fixed in space, or to `masterBody`.
+        Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
         paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
@@ -89,16 +123,35 @@ def CreatePartitionContact(
         Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Residual flexibilities must be those of patches
         with axes="xyz". How rows stick: `frictional_compliance`, `penalty`, `lagrange` and `stabilised` in
         `contact.formulations`. Default: frictionless.
+    within : float, optional
+        Of a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
+        one, from its centre to its farthest node.
     name : str
+        Of a sequence of bodies, the contacts are numbered from one behind it.
 
     Returns
     -------
     PartitionContact
+        Of a sequence of bodies, a list of them.
 
     Raises
     ------
     EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
     """
+    if master is None and not isinstance(slave, PartitionBody):
+        if any(choice is not None for choice in (slavePatch, masterPatch, masterBody)):
+            raise InputError("slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at")
+        found = _facing_each_other(mbs, slave, within)
+        validate_text("name", name)
+        return [
+            CreatePartitionContact(
+                mbs, body, other, formulation=formulation, rows=rows, passes=passes, slavePatch=patch,
+                masterPatch=other_patch, stiffness=stiffness, friction=friction, name=name and f"{name} {i}",
+            )
+            for i, ((body, patch), (other, other_patch)) in enumerate(found, 1)
+        ]  # fmt: skip
+    if within is not None:
+        raise InputError("within: only for a sequence of bodies, whose pairs are looked for")
     bodies, contacts = partition_items(mbs)
     other = master if isinstance(master, PartitionBody) else None
     rigid = None if isinstance(master, PartitionBody) else master
@@ -188,6 +241,27 @@ def CreatePartitionContact(
         contact["sPlastic"] = _add_sensor(mbs, runs, lambda run: run.of(contact).plastic_values())
     registry(mbs).contacts[int(contact["sForce"])] = contact
     return contact
+
+
+def _facing_each_other(
+    mbs: MainSystem, bodies: Sequence[PartitionBody], within: float | None
+) -> list[tuple[tuple[PartitionBody, int], tuple[PartitionBody, int]]]:
+    """Bodies and patches that get a contact."""
+    bodies = validate_items("slave", bodies, PartitionBody, "CreatePartitionBody returns")
+    if len(bodies) < 2 or len(set(map(id, bodies))) < len(bodies):
+        raise InputError(f"slave: expected at least two bodies, each of them once, got {len(bodies)}")
+    if within is not None:
+        within = validate_positive("within", within, "m")
+    sides = [(item, patch) for item in bodies for patch in range(len(item.body.partition.patches))]
+    surfaces = [Side.of(item.kinematics, patch).surface for item, patch in sides]
+    owners = [place for place, item in enumerate(bodies) for _ in item.body.partition.patches]
+    pairs = near_patches(surfaces, owners, within)
+    if not pairs:
+        raise EmptyRegionError(
+            f"slave: no two patches of these {len(bodies)} bodies face each other nearby. Give a larger distance by "
+            "within=, or name the pairs in a call each"
+        )
+    return [(sides[i], sides[j]) for i, j in pairs]
 
 
 def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:

@@ -6,6 +6,7 @@ that may touch soon; only these are projected.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,40 @@ _FROM_NODE = 0.6  # of a facet's longest edge: no point of it is further from th
 _START = 2.0  # facets around the nearest nodes that are projected at the start
 _APPROACHES = 10  # most projections until patches touch
 LIMIT = 0.75  # of a facet's size: rows with larger gaps are no pairs
+
+
+def near_patches(
+    surfaces: Sequence[Surface], owners: Sequence[int], within: float | None = None
+) -> list[tuple[int, int]]:
+    """Numbers of patches that face each other across a small distance, and belong to different bodies.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+    owners : sequence of int
+        Number of each patch's body.
+    within : float, optional
+        Distance [m]. Default: the radius of the smaller patch, from its centre to its farthest node.
+    """
+    centres = np.array([surface.points.mean(axis=0) for surface in surfaces])
+    radii = [float(np.linalg.norm(s.points - c, axis=1).max()) for s, c in zip(surfaces, centres, strict=True)]
+    far = 2 * max(radii) + (max(radii) if within is None else within)
+    found = []
+    for i, j in sorted(cKDTree(centres).query_pairs(far)):
+        one, other = surfaces[i], surfaces[j]
+        reach = min(radii[i], radii[j]) if within is None else within
+        apart = float(np.linalg.norm(centres[i] - centres[j])) - radii[i] - radii[j]
+        if owners[i] == owners[j] or apart > reach:
+            continue
+        distance, nearest = cKDTree(other.points).query(one.points)
+        k = int(distance.argmin())
+        if distance[k] <= reach + _FROM_NODE * max(_longest(one), _longest(other)):
+            normal, facing = (s.normals_at(np.array([[node]]), np.ones((1, 1)))[0] for s, node in (
+                (one, k), (other, nearest[k]),
+            ))  # fmt: skip
+            if normal @ facing < -_FACING:
+                found.append((i, j))
+    return found
 
 
 @dataclass(frozen=True, eq=False)

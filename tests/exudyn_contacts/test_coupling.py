@@ -6,10 +6,11 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from oracles import MARBLE_RADIUS as R
 from oracles import box, relative
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import EmptyRegionError, InputError
 
 
 def three_bars(basis, speeds):
@@ -59,6 +60,66 @@ def test_a_cradle_of_bars_whose_shapes_move_both_patches():
         impulses.append([result.history(contact).impulse for contact in contacts])
         assert momentum[2][-1] > 0.9 * momentum[0][0]
     np.testing.assert_allclose(*impulses, rtol=0.05)
+
+
+def row_of(mbs, marble, places):
+    """Marbles in some places along z."""
+    return [
+        ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, z], initialVelocity=[0, 0, -40 * z])
+        for z in places
+    ]
+
+
+def test_pairs_of_many_bodies_are_found(marble):
+    """They are those that a user would name, whatever the order of the bodies is; one ball is too far away."""
+    d, force = 2 * R, []
+    for found in (True, False):
+        mbs = exu.SystemContainer().AddSystem()
+        first, second, far, third = row_of(mbs, marble, [0, d, 4 * d, 2 * d])
+        if found:
+            contacts = ep.CreatePartitionContact(mbs, [first, second, far, third], name="touch")
+            assert [contact.name for contact in contacts] == ["touch 1", "touch 2"]
+        else:
+            named = {"slavePatch": "north", "masterPatch": "south"}
+            contacts = [ep.CreatePartitionContact(mbs, *two, **named) for two in ((first, second), (second, third))]
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=12e-6, step=0.1e-6)
+        force.append([contact.force(result) for contact in contacts])
+    np.testing.assert_array_equal(*force)
+    assert (np.max(force, axis=2) > 1.0).all()
+
+
+def test_how_near_pairs_are_can_be_given(mbs, marble):
+    balls = row_of(mbs, marble, [0, 3 * R])
+    with pytest.raises(EmptyRegionError, match="no two patches of these 2 bodies face each other nearby"):
+        ep.CreatePartitionContact(mbs, balls)
+    assert len(ep.CreatePartitionContact(mbs, balls, within=1.1 * R)) == 1
+
+
+def test_patches_that_look_away_from_each_other_are_no_pair(mbs, marble):
+    """Two balls overlap, pole to pole: the north of each is near, but no pole faces it."""
+    first, second = row_of(mbs, marble, [0]) + row_of(mbs, marble, [1e-4])
+    with pytest.raises(EmptyRegionError):
+        ep.CreatePartitionContact(mbs, [first, second])
+
+
+def test_wrong_sequences_of_bodies(mbs, marble):
+    balls = row_of(mbs, marble, [0, 2 * R])
+    for wrong, match in (
+        ((5,), "slave: expected a list"),
+        (([balls[0], "ball"],), "at index 1"),
+        (([balls[0]],), "at least two bodies"),
+        (([balls[0]] * 2,), "each of them once"),
+        ((balls[0],), "master: expected"),
+    ):
+        with pytest.raises(InputError, match=match):
+            ep.CreatePartitionContact(mbs, *wrong)
+    with pytest.raises(InputError, match="all patches are looked at"):
+        ep.CreatePartitionContact(mbs, balls, slavePatch="north")
+    with pytest.raises(InputError, match="within: only for a sequence"):
+        ep.CreatePartitionContact(mbs, *balls, within=1.0)
+    with pytest.raises(InputError, match="within: expected"):
+        ep.CreatePartitionContact(mbs, balls, within=-1.0)
 
 
 def test_a_patch_takes_one_contact_only(mbs, link):

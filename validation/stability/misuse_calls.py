@@ -448,6 +448,7 @@ CALLS = {
         ),
         stiffness=v.positive.or_none,
         friction=v.friction(None),
+        within=v.positive.or_none,
         name=v.text(""),
     ),
     "RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),

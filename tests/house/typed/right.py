@@ -39,6 +39,8 @@ def main(out: Path) -> float:
     contact = ep.CreatePartitionContact(
         mbs, ball, floor, formulation="penalty", rows="node-to-segment", passes="given", friction=ep.Coulomb(0.2)
     )
+    assert_type(contact, ep.PartitionContact)
+    assert_type(ep.CreatePartitionContact(mbs, [ball, ball], within=1e-3), list[ep.PartitionContact])
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=1e-4, method="implicit", progress=lambda share: print(share))
     assert_type(result, ep.Result)
