@@ -49,6 +49,7 @@ _HOMES = {
     "exudyn_bodies.surface_loads": ("CreateDistributedLoad",),
     "exudyn_bodies.item_work": ("CreateWorkSensor", "WorkSensor"),
     "contact.profile": ("RigidProfile",),
+    "contact.rigid_mesh": ("RigidMesh",),
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "exudyn_contacts.create_contact": ("CreatePartitionContact",),
     "exudyn_contacts.partition_contact": ("PartitionContact",),

@@ -9,6 +9,7 @@ from .accuracy.total_error import with_mesh_error
 from .algebra.coulomb import Coulomb
 from .contact.profile import RigidProfile
 from .contact.rigid import RigidCylinder, RigidPlane, RigidSphere
+from .contact.rigid_mesh import RigidMesh
 from .exudyn_bodies.create_body import CreatePartitionBody
 from .exudyn_bodies.item_work import CreateWorkSensor, WorkSensor
 from .exudyn_bodies.partition_body import PartitionBody
@@ -68,6 +69,7 @@ __all__ = [
     "Refine",
     "Result",
     "RigidCylinder",
+    "RigidMesh",
     "RigidPlane",
     "RigidProfile",
     "RigidSphere",

@@ -15,6 +15,7 @@ from ..contact.gaps import Gaps
 from ..contact.patch_gaps import PatchGaps
 from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
+from ..contact.rigid_mesh import RigidMesh
 from ..contact.side import Side
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import EmptyRegionError, InputError
@@ -35,6 +36,8 @@ _log = logging.getLogger(__name__)
 
 Passes = Literal["finer", "given", "two"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
+
+_RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
 
 _DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
 _FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
@@ -97,7 +100,7 @@ def CreatePartitionContact(
     ----------
     mbs : exudyn.MainSystem
     slave : PartitionBody, or sequence of them
-    master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder or RigidProfile
+    master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder, RigidProfile or RigidMesh
         Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
@@ -155,10 +158,10 @@ def CreatePartitionContact(
     bodies, contacts = partition_items(mbs)
     other = master if isinstance(master, PartitionBody) else None
     rigid = None if isinstance(master, PartitionBody) else master
-    if other is None and not isinstance(rigid, (RigidPlane, RigidSphere, RigidCylinder, RigidProfile)):
+    if other is None and not isinstance(rigid, _RIGID):
         raise InputError(
-            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere, RigidCylinder or "
-            f"RigidProfile, got {type(master).__name__}"
+            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere, RigidCylinder, "
+            f"RigidProfile or RigidMesh, got {type(master).__name__}"
         )
     if not isinstance(slave, PartitionBody):
         raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")

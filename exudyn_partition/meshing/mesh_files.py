@@ -102,6 +102,24 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, corners), regions)
 
 
+def read_triangles(path: Path) -> tuple[Array, Array]:
+    """Corners, (n, 3), and triangles, (m, 3), of a surface in a file: STL, OBJ, PLY, or another format of meshio.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or meshio cannot read it.
+    MeshError
+        If it has faces other than triangles, or no faces.
+    """
+    mesh = _read(path, True)
+    faces = {block.type: len(block) for block in mesh.cells if block.dim == 2 and len(block)}
+    if set(faces) != {"triangle"}:
+        raise MeshError(f"{path}: expected triangles with three corners alone, got {_listing(faces) or 'no faces'}")
+    points = validate_array(f"points of {path}", mesh.points, (None, 3))
+    return points, np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
+
+
 def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[str, Array]) -> None:
     """Write cells of one of meshio's kinds, with nodal fields, (n,) or (n, k), to a VTU file."""
     meshio = require("meshio")

@@ -147,6 +147,13 @@ def _derivatives(surface: ShapeSurface, v: float) -> list[Array]:
     return [np.array([x.x, x.y, x.z]) for x in surface.D1(0.0, v)]
 
 
+def surface_triangles(shape: Shape, maxh: float) -> tuple[Array, Array]:
+    """Corners, (n, 3) [m], and triangles, (m, 3), of the surface of a shape; see `generate_mesh`."""
+    mesh = generate_mesh(shape, maxh=maxh).ngmesh
+    triangles = [[vertex.nr - 1 for vertex in element.vertices] for element in mesh.Elements2D()]
+    return np.array(mesh.Coordinates()), np.array(triangles)
+
+
 def regions_of(refine: object) -> list[Refine]:
     """Balls of an option `refine`, one or several."""
     regions = [refine] if isinstance(refine, Refine) or not isinstance(refine, Iterable) else list(refine)

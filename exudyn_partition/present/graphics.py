@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere
+from ..contact.rigid_mesh import RigidMesh
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
@@ -153,8 +154,9 @@ def rigid_surfaces(
         pose = (np.zeros(3), np.eye(3)) if contact.carrier is None else poses(contact)
         if pose is not None:
             origin, axes = pose
-            grid = _grid_on(contact.master, (places - origin) @ axes)
-            if grid is not None:
+            if isinstance(contact.master, RigidMesh):
+                drawn.append(_grey(origin + contact.master.points @ axes.T, contact.master.triangles))
+            elif (grid := _grid_on(contact.master, (places - origin) @ axes)) is not None:
                 drawn.append(_grid(origin + grid @ axes.T))
     return drawn
 
@@ -198,10 +200,15 @@ def _grid(points: Array) -> GraphicsData:
         np.column_stack([corner, corner + 1, corner + m]),
         np.column_stack([corner + 1, corner + m + 1, corner + m]),
     ])  # fmt: skip
+    return _grey(points.reshape(-1, 3), triangles)
+
+
+def _grey(points: Array, triangles: Array) -> GraphicsData:
+    """Grey triangles, (m, 3), with corners, (n, 3) [m]."""
     return {
         "type": "TriangleList",
-        "points": points.reshape(-1, 3),
-        "colors": np.tile(_GREY, (m * m, 1)),
+        "points": points,
+        "colors": np.tile(_GREY, (len(points), 1)),
         "triangles": triangles,
     }
 

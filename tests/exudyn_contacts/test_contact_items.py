@@ -223,7 +223,7 @@ def test_moments_are_asked_for(mbs, marble):
 
 def test_bad_contacts(mbs, marble):
     item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, R])
-    with pytest.raises(InputError, match="RigidCylinder or RigidProfile, got str"):
+    with pytest.raises(InputError, match="RigidProfile or RigidMesh, got str"):
         ep.CreatePartitionContact(mbs, item, "floor", slavePatch="south")
     with pytest.raises(InputError, match="passes: 'two' needs two partition bodies"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", passes="two")

@@ -453,6 +453,20 @@ CALLS = {
     ),
     "RigidPlane": call(point=v.vector, normal=v.direction, swaps=False),
     "RigidSphere": call(center=v.vector, radius=v.positive(1.0)),
+    "RigidMesh": call(
+        points=Kind(
+            {**v.NOTHING, "plane": np.ones((3, 2)), "NaN": np.full((3, 3), np.nan), "one place": np.ones((3, 3))}
+        )(np.eye(3)),
+        triangles=Kind(
+            {**v.NOTHING, "beyond": [[0, 1, 3]], "half": [[0, 1, 0.5]], "none": np.empty((0, 3)), "same": [[0, 1, 1]]}
+        )([[0, 1, 2]]),
+        swaps=False,
+    ),
+    "RigidMesh.of": call(
+        source=Kind({**v.NOTHING, "no file": "nothing.stl", "a folder": "."})(lambda: occ.Box((0, 0, 0), (1, 1, 1))),
+        maxh=v.positive(0.5),
+        scale=v.positive(1.0),
+    ),
     "RigidProfile": call(
         curve=Kind(
             {
@@ -782,7 +796,10 @@ NOT_CALLED = {
     "hertz.HertzImpact": _MADE_BY_US,
     "PartitionBody.is_in": _EVERY_STEP,
     "PartitionContact.slices": _EVERY_STEP,
-    **{f"{name}.project": _EVERY_STEP for name in ("RigidPlane", "RigidSphere", "RigidCylinder", "RigidProfile")},
+    **{
+        f"{name}.project": _EVERY_STEP
+        for name in ("RigidPlane", "RigidSphere", "RigidCylinder", "RigidProfile", "RigidMesh")
+    },
     "PlasticState": _MADE_BY_US,
     **{f"PlasticState.{name}": _INSIDE for name in ("virgin", "at", "changed")},
     "Refine.n_elements": _INSIDE,

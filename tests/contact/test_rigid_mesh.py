@@ -1,0 +1,115 @@
+"""Rigid surfaces of triangles: signed distances of solids, files, and contact with them."""
+
+import meshio
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import floating, moved
+
+import exudyn_partition as ep
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.rigid import RigidGaps
+from exudyn_partition.errors import InputError, MeshError, UnitsWarning
+
+HALF = np.array([0.03, 0.02, 0.001])  # half sides of a thin plate
+CORNERS = HALF * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+TWELVE = np.array([[q[i] for i in three] for q in FACES for three in ((0, 1, 2), (0, 2, 3))])
+
+
+def of_plate(x):
+    """Signed distance of points from the plate, in closed form."""
+    beyond = abs(x) - HALF
+    return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+
+
+def scattered(n, seed=0):
+    """Points around and in the plate."""
+    return np.random.default_rng(seed).uniform(-1.5, 1.5, (n, 3)) * (HALF + 0.003)
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_distances_from_a_plate_of_twelve_triangles(sense):
+    x = scattered(2000)
+    gap, normal = ep.RigidMesh(CORNERS, TWELVE[:, ::sense]).project(x)
+    np.testing.assert_allclose(gap, of_plate(x), atol=1e-15)
+    assert np.count_nonzero(gap < 0) > 100
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1)
+    np.testing.assert_allclose(of_plate(x - gap[:, None] * normal), 0, atol=1e-15)
+
+
+def test_triangles_of_all_sizes_and_needles():
+    """Triangles at one corner of the plate are divided again and again; the solid stays the same."""
+    points, triangles = [*CORNERS], [tuple(t) for t in TWELVE]
+    for _ in range(40):
+        k = min(k for k, t in enumerate(triangles) if 7 in t)
+        a, b, c = triangles.pop(k)
+        points.append(np.mean([points[a], points[b], points[c]], axis=0))
+        triangles += [(a, b, len(points) - 1), (b, c, len(points) - 1), (c, a, len(points) - 1)]
+    mesh, x = ep.RigidMesh(points, triangles), scattered(500, 1)
+    extent = np.ptp(mesh.points[mesh.triangles], axis=1).max(axis=1)
+    assert extent.max() > 20 * extent.min()
+    np.testing.assert_allclose(mesh.project(x)[0], of_plate(x), atol=1e-15)
+
+
+def test_a_sphere_is_right_to_the_sag_of_its_edges():
+    R, h = 0.01, 1e-3
+    mesh = ep.RigidMesh.of(occ.Sphere(occ.Pnt(0, 0, 0), R), maxh=h)
+    x = 0.012 * np.random.default_rng(2).standard_normal((300, 3))
+    x = x[np.linalg.norm(x, axis=1) > 0.5 * R]
+    gap, normal = mesh.project(x)
+    expected, outwards = ep.RigidSphere((0, 0, 0), R).project(x)
+    edge = np.linalg.norm(np.diff(mesh.points[mesh.triangles], axis=1), axis=2).max()
+    assert 0 < (gap - expected).max() < edge**2 / (6 * R)  # of a triangle, the centre lies deeper than an edge's middle
+    assert np.einsum("kd,kd->k", normal, outwards).min() > np.cos(edge / R)
+
+
+@pytest.mark.parametrize("ending", ["stl", "obj", "ply"])
+def test_files_in_millimetres(tmp_path, ending):
+    path = tmp_path / f"plate.{ending}"
+    meshio.write_points_cells(path, 1e3 * CORNERS, [("triangle", TWELVE)])
+    x = scattered(200)
+    np.testing.assert_allclose(ep.RigidMesh.of(path, scale=1e-3).project(x)[0], of_plate(x), atol=1e-9)
+    with pytest.warns(UnitsWarning, match="60 m large.*scale=1e-3"):
+        ep.RigidMesh.of(path)
+    with pytest.raises(InputError, match="maxh: only for STEP files"):
+        ep.RigidMesh.of(path, maxh=1e-3)
+
+
+def test_a_step_file(tmp_path):
+    path = tmp_path / "plate.step"
+    occ.Box(tuple(-HALF), tuple(HALF)).WriteStep(str(path))
+    x = scattered(200)
+    np.testing.assert_allclose(ep.RigidMesh.of(path, maxh=0.02).project(x)[0], of_plate(x), atol=1e-9)
+    with pytest.raises(InputError, match="maxh: expected the longest edge"):
+        ep.RigidMesh.of(path)
+
+
+def test_a_ball_presses_on_it_as_on_a_plane(round_body):
+    """The plate has turned with the body that carries it, and lies under the ball with an edge of its triangles."""
+    A = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    mesh = ep.RigidMesh(CORNERS @ A, TWELVE)
+    force = []
+    for surface, pose in ((mesh, lambda: (np.array([0, 0, -HALF[2]]), A)), (ep.RigidPlane(), None)):
+        side = floating(round_body)
+        law = ComplianceContact(RigidGaps(side, surface, pose=pose))
+        law.force(moved(side, [0, 0, -4e-6]))
+        force.append(law.resultant())
+    assert force[1][2] > 50
+    np.testing.assert_allclose(*force, rtol=1e-9, atol=1e-9 * force[1][2])
+
+
+def test_wrong_meshes(tmp_path):
+    triangle = [[0, 1, 2]]
+    for points, triangles, error, match in (
+        (np.eye(3), [[0, 1, 3]], InputError, "whole numbers from 0 to 2"),
+        (np.eye(3), [[0, 1, 0.5]], InputError, "whole numbers"),
+        (np.ones((3, 3)), triangle, MeshError, "some with an area"),
+        (np.eye(4)[:, :3], [[0, 1, 2], [0, 1, 3]], MeshError, "1 edges have .* opposite senses"),
+    ):
+        with pytest.raises(error, match=match):
+            ep.RigidMesh(points, triangles)
+    path = tmp_path / "quads.obj"
+    meshio.write_points_cells(path, CORNERS, [("quad", np.array(FACES))])
+    with pytest.raises(MeshError, match="expected triangles with three corners alone, got 6 quad"):
+        ep.RigidMesh.of(path)
