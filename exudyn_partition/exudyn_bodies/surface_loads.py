@@ -122,12 +122,16 @@ def CreateDistributedLoad(
         validate_callable("loadUserFunction", loadUserFunction, "f(mbs, t, magnitude), which returns the magnitude")
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     kinematics, n = body.kinematics.at(pattern.nodes), body.body.n_dofs
-    at_start = kinematics.frame(np.zeros(n))[1]
+    start = np.zeros(n)
+    at_start = kinematics.frame(start)[1]
+    unit = kinematics.generalised(start, pattern.forces @ at_start.T)  # of a frame that does not turn
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+        present = size if loadUserFunction is None else float(loadUserFunction(mbs, t, size))
+        if kinematics.linear:
+            return present * unit
         now = np.asarray(q)
         axes = kinematics.frame(now)[1] if bodyFixed else at_start
-        present = size if loadUserFunction is None else float(loadUserFunction(mbs, t, size))
         generalised = kinematics.generalised(now, present * (pattern.forces @ axes.T))
         if isinstance(kinematics, FloatingKinematics):
             return kinematics.on_constant_mass(now, generalised)

@@ -463,7 +463,9 @@ CALLS = {
         swaps=False,
     ),
     "RigidMesh.of": call(
-        source=Kind({**v.NOTHING, "no file": "nothing.stl", "a folder": "."})(lambda: occ.Box((0, 0, 0), (1, 1, 1))),
+        source=Kind({**v.NOTHING, "no file": "nothing.stl", "a folder": "."})(
+            Made(lambda s: occ.Box((0, 0, 0), (1, 1, 1)))
+        ),
         maxh=v.positive(0.5),
         scale=v.positive(1.0),
     ),
