@@ -11,8 +11,10 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
-from ..fe.patches import Patch
+from ..fe.patches import Patch, PlasticRegion
+from ..fe.shapes import integration_weights
 from ..plasticity.dilatation import with_free_zones, with_mean_dilatation
+from ..plasticity.flow import PlasticState, validate_state
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_type, validate_vector
 from ..surfaces.surface import Surface
@@ -34,6 +36,9 @@ class FullBody:
         Which one, if there are several.
     plastic : {"zone", "everywhere", "none"}
         Which elements may yield, if the material has `hardening`: the plastic zone of the patch, all, or none.
+    plastic_state : PlasticState, optional
+        What an earlier impact has left in the zone, as in `CreatePartitionBody`: the body begins at rest in the shape
+        that it gives. Default: it never yielded.
     position : (3,) array
         Offset of the body's points in space, as referencePosition of the partition body [m].
     velocity : (3,) array
@@ -43,7 +48,7 @@ class FullBody:
     Raises
     ------
     InputError
-        If an argument is no such thing, or the partition is of another mesh.
+        If an argument is no such thing, the partition is of another mesh, or the state of another zone.
     """
 
     fem: FEModel
@@ -53,6 +58,7 @@ class FullBody:
     mass: MassKind = "consistent"
     patch: int | str | None = None
     plastic: PlasticExtent = "zone"
+    plastic_state: PlasticState | None = None
 
     if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
 
@@ -65,6 +71,7 @@ class FullBody:
             mass: MassKind = ...,
             patch: int | str | None = None,
             plastic: PlasticExtent = ...,
+            plastic_state: PlasticState | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -78,6 +85,11 @@ class FullBody:
         validate_choice("plastic", self.plastic, _EXTENTS)
         if self.plastic == "everywhere" and self.fem.regions is not None:
             raise InputError("plastic: 'everywhere' expects a body of one material; take 'zone', or 'nowhere'")
+        if self.plastic_state is not None:
+            if not self.yields:
+                raise InputError("plastic_state: this body cannot yield; give hardening= to its Material")
+            k = self.region.cells.shape[1]
+            validate_state("plastic_state", self.plastic_state, len(self.region.cells) * len(integration_weights(k)))
 
     @property
     def yields(self) -> bool:
@@ -85,6 +97,14 @@ class FullBody:
         if self.plastic == "everywhere":
             return self.fem.material.plastic
         return self.plastic == "zone" and self.contact.plastic is not None
+
+    @property
+    def region(self) -> PlasticRegion:
+        """Elements that may yield."""
+        if self.plastic == "everywhere":
+            return PlasticRegion(self.fem.cells, np.empty(0, dtype=np.int64))
+        assert self.contact.plastic is not None
+        return self.contact.plastic
 
     @property
     def stiffness(self) -> sp.csr_matrix:

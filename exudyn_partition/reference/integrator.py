@@ -67,6 +67,10 @@ class HHT:
         self.v = np.zeros(n) if velocity is None else velocity
         self._predicted = self._unloaded = self._free = self.u
 
+    def begin(self, displacement: Array) -> None:
+        """Begin with displacements, (n,) [m], that loads hold in equilibrium."""
+        self.u = self._predicted = self._unloaded = self._free = displacement
+
     def compliance(self) -> Array:
         """G u at the end of a step, by the force on each row in it, (m, m) [m/N]."""
         return np.asarray(self._G @ self._answer)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..algebra.anderson import Anderson
+from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
 from ..errors import ComplementarityError
 from ..fe.model import node_dofs
-from ..fe.patches import PlasticRegion
 from ..plasticity.flow import PlasticState
 from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array
@@ -33,16 +33,17 @@ class PlasticBody:
     """
 
     def __init__(self, body: FullBody, side: HHT) -> None:
-        fem, region, material = body.fem, body.contact.plastic, body.contact.material or body.fem.material
-        if body.plastic == "everywhere":
-            region = PlasticRegion(fem.cells, np.empty(0, dtype=np.int64))
-        assert region is not None
-        self.zone, self.side = PlasticZone(fem.points, region, material), side
+        fem, material = body.fem, body.contact.material or body.fem.material
+        self.zone, self.side = PlasticZone(fem.points, body.region, material), side
         self._dofs = node_dofs(self.zone.nodes)
-        self.state = self._new = PlasticState.virgin(len(self.zone))
-        self._strain = self._new_strain = np.zeros((len(self.zone), 6))
+        self.state = self._new = body.plastic_state or PlasticState.virgin(len(self.zone))
         self.force, self.work = np.zeros(fem.n_dofs), 0.0
+        self.force[self._dofs] = self.zone.pseudo_forces(self.state.strain)
         self._before = self.force
+        if body.plastic_state is not None:
+            rigid = mass_normalised(fem.rigid_modes, fem.mass)
+            side.begin(FreeBodyFlexibility(body.stiffness, fem.mass, rigid)(self.force[:, None])[:, 0])
+        self._strain = self._new_strain = self.zone.strains(side.u[self._dofs])
 
     @property
     def guess(self) -> Array:

@@ -79,7 +79,8 @@ def simulate(
         The force at a time is the mean of the steps before and after it. `info` holds `time_s` (stepping), `setup_s`
         (factorisations), `step_s`, `steps`, `dofs`, `contact_nodes`, `energy_error`. After Ctrl-C during the steps it
         ends with the last step. With friction it also has `tangential_force` and `dissipated`, which `energy_error`
-        counts. With plastic flow `info` has `plastic_work_J` and the largest `plastic_strain` of each body that yields.
+        counts. With plastic flow `info` has `plastic_work_J` and the largest `plastic_strain` of each body that yields,
+        and `plastic_states`, the lists of numbers of its `PlasticState` at the end.
         With friction `info` has `friction`, and for the end of the run `dissipated_J` and, for each row, `row_nodes`
         (nodes of the slave's patch), `row_states` (0 open, 1 sticks, 2 slips) and `slip_path_m`.
 
@@ -131,7 +132,7 @@ def simulate(
     velocity = {name: np.empty((steps + 1, 3)) for name in nodes}
     for name, (index, node) in nodes.items():
         velocity[name][0] = sides[index].v[3 * node : 3 * node + 3]
-    energy = sum(side.energy() for side in sides)
+    energy = sum(side.energy() for side in sides) + sum(one.energy() for one in yielding)
     setup_s, begin = time.perf_counter() - begin, time.perf_counter()
     _LOG.info("reference: %d steps of %.4g s, %d contact rows, set up in %.3g s", steps, step, len(rows), setup_s)
     done = 0
@@ -168,6 +169,7 @@ def simulate(
     if yielding:
         info["plastic_work_J"] = [one.work for one in yielding]
         info["plastic_strain"] = [float(one.state.equivalent.max()) for one in yielding]
+        info["plastic_states"] = [{k: v.tolist() for k, v in vars(one.state).items()} for one in yielding]
     return law.history(t[kept], {name: v[kept] for name, v in velocity.items()}, info)
 
 

@@ -165,6 +165,25 @@ def test_a_dented_body_rests(bodies, run):
     np.testing.assert_allclose(q, np.broadcast_to(q[0], q.shape), atol=1e-9 * abs(q[0]).max())
 
 
+def test_a_dented_body_rests_in_the_full_fe_model_too(models, run):
+    """It takes the state of a partition body, and its own come back as what it was given."""
+    (state,) = run[1].plastic_states(run[2]).values()
+    (ball, ball_part), (plate, plate_part) = models
+    dented = ep.reference.FullBody(plate, plate_part, plastic_state=state)
+    far = ep.reference.FullBody(ball, ball_part, position=(0, 0, 5e-5), velocity=(0, 0, -1e-3))
+    point = {"dent": (1, (0, 0, 0))}
+    reference = ep.reference.simulate([far, dented], end_time=4e-6, step=1e-6, points=point)
+    depth = run[1].dents(run[2])["master" if run[1].slave is run[0][0] else "slave"]
+    assert abs(reference.velocity["dent"]).max() * 4e-6 < 1e-9 * depth
+    assert abs(reference.info["energy_error"]) < 1e-12
+    (found,) = reference.info["plastic_states"]
+    np.testing.assert_array_equal(found["strain"], state.strain)
+    with pytest.raises(InputError, match="expected the PlasticState of a zone with"):
+        ep.reference.FullBody(plate, plate_part, plastic_state=ep.PlasticState.virgin(3))
+    with pytest.raises(InputError, match="this body cannot yield"):
+        ep.reference.FullBody(ball, ball_part, plastic_state=state)
+
+
 def test_flow_at_the_edge_of_the_zone_warns(models):
     fem, _ = models[1]
     small = ep.Partition.ball(fem, (0, 0, 0), 0.52e-3, direction=(0, 0, 1), plastic_radius=0.25e-3)

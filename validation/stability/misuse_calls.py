@@ -696,6 +696,7 @@ CALLS = {
         mass=v.choice("lumped"),
         patch=v.patch(None),
         plastic=v.choice("none"),
+        plastic_state=Kind({"text": "x", "number": 1, "elastic": Made(_state)}, None),
     ),
     "reference.simulate": call(
         bodies=_two,
