@@ -1,7 +1,8 @@
 """An eccentric cam lifts a spring-loaded follower, faster and faster, until the follower leaves it.
 
 The whole rim of the cam and the whole face of the follower are contact patches (`ep.Partition.surface`), so that
-contact wanders around the cam. The shaft speeds up from rest. Up to the lift-off speed, the force is that of rigid
+contact wanders around the cam. `ep.solve_static` lets the spring press the follower on the cam; then the shaft speeds
+up from rest. Up to the lift-off speed, the force is that of rigid
 bodies and a spring. Beyond it, the follower flies over the top of the cam and comes down hard. The model is
 models/cam_follower.py.
 """
@@ -35,6 +36,7 @@ def summary(mechanism, run, lift_off):
         "contact_nodes": mechanism.contact.n_rows,
         "step_s": run.step,
         "steps": run.steps,
+        "preload_N": float(force[0]),
         "lift_off_speed_rad_s": lift_off,
         "parts_at_rad_s": float(speed[parted[0]]) if len(parted) else None,
         "error.force": float(np.linalg.norm((force - rigid)[slow]) / np.linalg.norm(rigid[slow])),

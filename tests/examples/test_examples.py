@@ -94,6 +94,7 @@ def test_own_part(tmp_path, capsys):
     assert result["mass_kg"] == pytest.approx(0.113, abs=5e-4)  # the unit was right
     assert result["momentum_error"] < 1e-9
     assert abs(result["energy_error"]) < 1e-3
+    assert 0.01 < result["taken_by_damping"] < 0.5
     assert len(list((tmp_path / "frames").glob("*.vtu"))) == 20
 
 
@@ -131,6 +132,7 @@ def test_crank_slider(tmp_path, capsys):
 def test_cam_follower(tmp_path, capsys):
     result = run_quick("cam_follower", tmp_path, capsys)
     assert result["error.force"] < 0.1
+    assert result["preload_N"] == pytest.approx(1250, rel=1e-3)  # the spring's force; the run begins at rest
     assert result["parts_at_rad_s"] is None
     assert result["lift_off_speed_rad_s"] > 500
 

@@ -31,7 +31,7 @@ RATIOS, ELEMENTS, F_CUT, ZONE = (2.0, 10.0, 50.0), 2.0, 250e3, 1.8
 LIMITS = {"force": 0.01, "peak": 0.01, "rebound": 0.01, "work": 0.01, "balance": 1e-3}
 
 
-def scene(ratio, elements=ELEMENTS):
+def scene(ratio, elements=ELEMENTS, zone=ZONE):
     """FE models and partitions, the speed, and the radius of the contact; the ball stands above z = 0."""
     mass = ep.hertz.effective(4 / 3 * np.pi * RADIUS**3 * STEEL.rho, WIDTH**2 * THICKNESS * ALUMINIUM.rho)
     elastic = ep.hertz.impact(mass, 1.0, RADIUS, math.inf, STEEL, ALUMINIUM)
@@ -45,9 +45,9 @@ def scene(ratio, elements=ELEMENTS):
     models = []
     for shape, material, maxh, sign in ((ball, STEEL, 2e-3, -1), (plate, ALUMINIUM, 3e-3, 1)):
         fem = ep.fe_model(shape, material, maxh=maxh, refine=[ep.Refine((0, 0, 0), 1.7 * a, h)], grading=0.4)
-        zone = {"plastic_radius": ZONE * a} if material.plastic else {}
+        plastic = {"plastic_radius": zone * a} if material.plastic else {}
         reach = 1.15 * a + h + (h if sign > 0 else 0.0)
-        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign), **zone)))
+        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign), **plastic)))
     return models, speed, a
 
 
