@@ -133,7 +133,7 @@ class BodyFields:
             if pressures:
                 field = np.zeros(len(self.body.points))
                 for facets, nodes, values in pressures:
-                    field[nodes] = values[i].toarray()[0]
+                    field[nodes] += values[i].toarray()[0]  # contacts may share a patch
                     if facets.shape[1] > 4:  # pressures are linear between corners
                         field[facets[:, 3:]] = field[facets[:, :3]] @ linear_shares(facets.shape[1])[3:].T
                 data["contact_pressure"] = field[self.nodes]

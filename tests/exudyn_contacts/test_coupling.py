@@ -1,4 +1,4 @@
-"""Several contacts on one body: hit on both ends at once, a cradle, and one contact a patch."""
+"""Several contacts on one body: hit on both ends at once, a cradle, and pairs that are found."""
 
 from itertools import pairwise
 
@@ -122,14 +122,14 @@ def test_wrong_sequences_of_bodies(mbs, marble):
         ep.CreatePartitionContact(mbs, balls, within=-1.0)
 
 
-def test_a_patch_takes_one_contact_only(mbs, link):
+def test_a_patch_takes_one_contact_of_most_formulations(mbs, link):
     body = ep.reduce(link, ep.Partition.ball(link, (0.005, 0, 0.03), 5e-3, name="side"), f_cut=60e3)
     ball = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), 5e-3), ep.STEEL, maxh=2e-3)
     ball_body = ep.reduce(ball, ep.Partition.ball(ball, (-5e-3, 0, 0), 2e-3), f_cut=300e3)
     target = ep.CreatePartitionBody(mbs, body)
     balls = [ep.CreatePartitionBody(mbs, ball_body, referencePosition=[0.0101, 0, 0.03]) for _ in range(2)]
-    ep.CreatePartitionContact(mbs, balls[0], target, masterPatch=0)
+    ep.CreatePartitionContact(mbs, balls[0], target, masterPatch=0, formulation="penalty")
     with pytest.raises(InputError, match="its patch 0 already has the contact"):
-        ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="side")
+        ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="side", formulation="penalty")
     with pytest.raises(InputError, match=r"patch: expected the name or number of one of the 1 contact patches"):
         ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="back")

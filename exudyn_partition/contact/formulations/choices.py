@@ -19,7 +19,7 @@ from ...support.checks import validate_choice, validate_positive
 from ..gaps import Gaps
 from ..patch_gaps import PatchGaps
 from .compliance import ComplianceContact, PlasticCompliance
-from .coupled import Compliant, CoupledContacts
+from .coupled import Compliant, CoupledContacts, SharedPatches, share_a_patch
 from .formulation import Formulation, Law, SharedBody
 from .frictional_compliance import FrictionalCompliance, PlasticFrictionalCompliance
 from .lagrange import FrictionalLagrange, LagrangeContact
@@ -72,8 +72,9 @@ class Compliance(Formulation):
         return kind(gaps, self.friction)
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
-        """See `Formulation`."""
-        super().couples(law, other, shared)
+        """See `Formulation`; frictionless elastic contacts may share a patch."""
+        if any(type(one) is not ComplianceContact for one in (law, other)):
+            super().couples(law, other, shared)
         coupling = _coupling(shared)
         if coupling <= _COUPLED:
             return False
@@ -91,7 +92,14 @@ class Compliance(Formulation):
 
     def together(self, laws: Sequence[Any], links: Callable[[], list[Any]]) -> CoupledContacts:
         """See `Formulation`."""
-        return CoupledContacts(laws, links)
+        if not share_a_patch(laws, found := links()):
+            return CoupledContacts(laws, lambda: found)
+        if any(type(law) is not ComplianceContact for law in laws):
+            raise InputError(
+                "friction: contacts that share a patch, and all that are solved together with them, are frictionless "
+                "and elastic. Make a patch for each contact (Partition.ball(...) | Partition.ball(...))"
+            )
+        return SharedPatches(laws, lambda: found)
 
 
 class Lagrange(Formulation):

@@ -4,90 +4,28 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
 import numpy as np
 import scipy.linalg
 
-from ...algebra.block_complementarity import BlockComplementarity, shared_fields
+from ...algebra.block_complementarity import BlockComplementarity
+from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
+from ..between import Exchange, FlexibilityBetween, Link, identity
 from ..gaps import Standing
 from .compliance import ComplianceContact
 from .frictional_compliance import FrictionalCompliance
 
 Compliant = ComplianceContact | FrictionalCompliance
-Link = tuple[int, int, int, int, Array]
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
 _SETTLED_WITH_FRICTION = 1e-9  # forces with friction are known to a tenth of it
 _UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
 _SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
-
-
-@dataclass(frozen=True, eq=False)
-class _Exchange:
-    """Fields by which patches of common bodies move each other.
-
-    Parameters
-    ----------
-    fields : dict of int to list of (int, (d np, m) array)
-        Of each law, the number of a side and the fields of its patch. All sides of a law count together, so that the
-        columns of a side have zeros where those of the other side have their fields.
-    core : dict of (int, int) to (m, m) array
-        Amplitudes of the fields of one law by unit amplitudes of another [m/N].
-    neighbours : dict of int to list of int
-        Laws that move the rows of each law.
-    """
-
-    fields: dict[int, list[tuple[int, Array]]]
-    core: dict[tuple[int, int], Array]
-    neighbours: dict[int, list[int]]
-
-    @classmethod
-    def of(cls, links: Sequence[Link]) -> _Exchange:
-        """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are looked at once."""
-        blocks: dict[tuple[int, int], list[Array]] = {}
-        for j, side, _, _, between in links:
-            blocks.setdefault((j, side), []).append(between)
-        once: dict[tuple[object, ...], Array] = {}
-        on_patches: dict[tuple[int, int], Array] = {}
-        for patch, found in blocks.items():
-            key = tuple(map(_identity, found))
-            if key not in once:
-                once[key] = shared_fields(found)
-            on_patches[patch] = once[key]
-        places, ends = dict[tuple[int, int], int](), dict[int, int]()
-        for (j, side), own in on_patches.items():
-            places[j, side] = ends.get(j, 0)
-            ends[j] = places[j, side] + own.shape[1]
-        size = max(ends.values())
-        fields: dict[int, list[tuple[int, Array]]] = {}
-        for (j, side), own in on_patches.items():
-            wide = np.zeros((len(own), size))
-            wide[:, places[j, side] : places[j, side] + own.shape[1]] = own
-            fields.setdefault(j, []).append((side, wide))
-        core: dict[tuple[int, int], Array] = {}
-        products: dict[tuple[object, ...], Array] = {}
-        for j, side, k, other_side, between in links:
-            own, other = on_patches[j, side], on_patches[k, other_side]
-            both = (_identity(between), id(own), id(other))
-            if both not in products:
-                products[both] = own.T @ between @ other
-            block, row, column = core.setdefault((j, k), np.zeros((size, size))), places[j, side], places[k, other_side]
-            block[row : row + own.shape[1], column : column + other.shape[1]] += products[both]
-        neighbours: dict[int, list[int]] = {}
-        for j, k in core:
-            neighbours.setdefault(j, []).append(k)
-        return cls(fields, core, neighbours)
-
-
-def _identity(block: Array) -> tuple[int, tuple[int, ...]]:
-    """What tells whether two views of a flexibility are the same."""
-    return block.__array_interface__["data"][0], block.shape
 
 
 class CoupledContacts:
@@ -121,21 +59,28 @@ class CoupledContacts:
         self._jointly = all(isinstance(law, ComplianceContact) and not law.remembers for law in laws)
 
     @cached_property
-    def _exchange(self) -> _Exchange:
-        return _Exchange.of(self._links())
+    def _exchange(self) -> Exchange:
+        return Exchange.of(self._links())
 
     def _begin(self) -> None:
         """Forget the forces of the last accepted step, which frictionless laws do not keep themselves."""
         if self._jointly:
-            self._joint = BlockComplementarity(len(self.laws), self._exchange.core)
+            self._begin_jointly()
         self._remembering = [law for law in self.laws if law.remembers]
         self._carried = [law for law in self.laws if law.gaps.carried]
         self._since: list[float] = []
         self._last = [np.zeros(len(law.node_areas)) for law in self.laws]
 
+    def _prepare(self) -> None:
+        """Find what all runs share."""
+        self._exchange  # noqa: B018 - it is kept
+
+    def _begin_jointly(self) -> None:
+        self._joint = BlockComplementarity(len(self.laws), self._exchange.core)
+
     def for_run(self, laws: Sequence[Compliant]) -> CoupledContacts:
         """Return the same object for the laws of a run; what patches push each other by is shared."""
-        self._exchange  # noqa: B018 - found once for all runs
+        self._prepare()
         result = copy.copy(self)
         result.laws, result._at, result._inverse = [*laws], None, None
         result._rows, result._some = {}, {}
@@ -226,11 +171,7 @@ class CoupledContacts:
                 break
             for j in entering:
                 near[j] = laws[j].near(pushed[j])
-            lam = self._joint.solve(
-                {j: laws[j].problem for j in near},
-                {j: _of(gaps[j], rows) for j, rows in near.items()},
-                {j: self._fields_of(j, rows) for j, rows in near.items()},
-            )
+            lam = self._solve(laws, near, gaps)
             pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
         else:
             raise ComplementarityError(
@@ -241,6 +182,14 @@ class CoupledContacts:
                 laws[j].take(gap, moved, near[j], lam[j])
             else:
                 laws[j].stay_open(gap, moved)
+
+    def _solve(self, laws: list[ComplianceContact], near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
+        """Forces on the rows that are near, of each law, (k,) [N]."""
+        return self._joint.solve(
+            {j: laws[j].problem for j in near},
+            {j: _of(gaps[j], rows) for j, rows in near.items()},
+            {j: self._fields_of(j, rows) for j, rows in near.items()},
+        )
 
     def _fields_of(self, j: int, rows: Array) -> Array:
         """`_rows_by_fields` of some rows, (na, m); the same array for the same rows."""
@@ -304,6 +253,84 @@ class CoupledContacts:
             kept = standing, np.sum(moved, axis=0)
             self._rows[j] = kept
         return kept[1]
+
+
+class SharedPatches(CoupledContacts):
+    """Frictionless contacts of which some share a patch, solved as one problem.
+
+    Rows of one patch push each other by all of its flexibility, not by a few fields. So the flexibility between all
+    rows that can close is set up, and is kept while these stay the same and move little.
+    """
+
+    @cached_property
+    def _all_links(self) -> Sequence[Link]:
+        return self._links()
+
+    def _prepare(self) -> None:
+        self._all_links  # noqa: B018 - it is kept
+
+    def _begin_jointly(self) -> None:
+        self._between = FlexibilityBetween(self.laws, self._all_links)
+        self._whole: Complementarity | None = None
+        self._stood: dict[int, tuple[Standing, Array, Array]] = {}
+        self._blocks: dict[tuple[int, int], Array] = {}
+        self._pressing: dict[int, tuple[Array, Array]] = {}
+
+    def _flexibility_between(self) -> Array:
+        F = np.zeros((self._closed[-1].stop,) * 2)
+        for j, k in self._between.pairs:
+            F[self._closed[j], self._closed[k]] = self._between.of(j, self.laws[j].index, k, self.laws[k].index)
+        return F
+
+    def _solve(self, laws: list[ComplianceContact], near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
+        """See `CoupledContacts._solve`."""
+        own = dict(zip(near, consecutive([len(rows) for rows in near.values()]), strict=True))
+        if self._stale(laws, near):
+            F = np.zeros((sum(map(len, near.values())),) * 2)
+            for j, part in own.items():
+                F[part, part] = laws[j].problem.F
+            for (j, k), block in self._blocks.items():
+                if j in own and k in own:
+                    F[own[j], own[k]], F[own[k], own[j]] = block, block.T
+            if self._whole is None:
+                self._whole = Complementarity(F)
+            else:
+                self._whole.replace(F, np.concatenate([laws[j].problem.active for j in near]))
+        assert self._whole is not None
+        lam = self._whole.solve(np.concatenate([_of(gaps[j], rows) for j, rows in near.items()]))
+        found = {j: lam[part] for j, part in own.items()}
+        self._pressing = {j: (near[j], forces) for j, forces in found.items() if forces.any()}
+        return found
+
+    def _stale(self, laws: list[ComplianceContact], near: dict[int, Array]) -> bool:
+        """Whether other rows are near, or they have moved; if so, find the blocks between them again."""
+        moved = set()
+        for j, rows in near.items():
+            standing, own, known = laws[j].standing(), laws[j].problem.F, self._stood.get(j)
+            if known and standing.nearly(known[0], _SAME) and _equal(rows, known[1]) and known[2] is own:
+                continue
+            moved.add(j)
+            self._stood[j] = standing, rows, own
+        gone = self._stood.keys() - near.keys()
+        for j in gone:
+            del self._stood[j]
+        for j, k in self._between.pairs:
+            if j < k and j in near and k in near and (j in moved or k in moved):
+                self._blocks[j, k] = self._between.of(j, near[j], k, near[k])
+        return bool(moved or gone)
+
+    def _pushed_gap(self, j: int, gap: Array) -> Array:
+        """See `CoupledContacts._pushed_gap`."""
+        pushing = [self._between.moved(j, k, *pressing) for k, pressing in self._pressing.items() if k != j]
+        return np.asarray(gap + sum(pushing, np.zeros(1))) if len(gap) else gap
+
+
+def share_a_patch(laws: Sequence[Compliant], links: Sequence[Link]) -> bool:
+    """Whether two of the laws have the same patch of the same body."""
+    return any(
+        identity(between) == identity(np.asarray(laws[j].gaps.sides[side].flexibility))
+        for j, side, _, _, between in links
+    )
 
 
 def _equal(a: Array, b: Array) -> bool:

@@ -1,0 +1,131 @@
+"""What contacts on common bodies push each other by: the flexibility between their rows, whole or by few fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.block_complementarity import shared_fields
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+
+# Numbers of a law and its side, of another law and its side, and the body's flexibility between the patches [m/N].
+Link = tuple[int, int, int, int, Array]
+
+
+class HasRows(Protocol):
+    """A law, as far as it is needed here."""
+
+    def side_rows(self, side: int) -> Rows:
+        """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
+
+
+class FlexibilityBetween:
+    """Gaps of the rows of one contact by forces on those of another.
+
+    Parameters
+    ----------
+    laws : sequence of HasRows
+    links : sequence of Link
+    """
+
+    def __init__(self, laws: Sequence[HasRows], links: Sequence[Link]) -> None:
+        self._laws = laws
+        self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
+        for j, side, k, other, between in links:
+            self._links.setdefault((j, k), []).append((side, other, between))
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of the laws that move each other."""
+        return [*self._links]
+
+    def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
+        """Gaps of some rows of law j by unit forces on some of law k, (na, nb) [m/N]."""
+        result = np.zeros((len(rows), len(others)))
+        for side, other, between in self._links.get((j, k), []):
+            (left, used), (right, pushing) = self._some(j, side, rows), self._some(k, other, others)
+            result += left @ between[np.ix_(used, pushing)] @ right.T
+        return result
+
+    def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
+        """Gaps of all present rows of law j by forces on some rows of law k, (nr,) [m]."""
+        result: Array = np.zeros(1)
+        for side, other, between in self._links.get((j, k), []):
+            right, pushing = self._some(k, other, others)
+            left = sp.csr_matrix(self._laws[j].side_rows(side))
+            used = np.unique(left.indices)
+            result = result + left[:, used] @ (between[np.ix_(used, pushing)] @ (right.T @ forces))
+        return result
+
+    def _some(self, j: int, side: int, rows: Array) -> tuple[sp.csr_matrix, Array]:
+        """Some rows of a side on the coordinates that they need, (na, m), and the numbers of these, (m,)."""
+        found = sp.csr_matrix(self._laws[j].side_rows(side))[rows]
+        used = np.unique(found.indices)
+        return found[:, used], used
+
+
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """Fields by which patches of common bodies move each other.
+
+    Parameters
+    ----------
+    fields : dict of int to list of (int, (d np, m) array)
+        Of each law, the number of a side and the fields of its patch. All sides of a law count together, so that the
+        columns of a side have zeros where those of the other side have their fields.
+    core : dict of (int, int) to (m, m) array
+        Amplitudes of the fields of one law by unit amplitudes of another [m/N].
+    neighbours : dict of int to list of int
+        Laws that move the rows of each law.
+    """
+
+    fields: dict[int, list[tuple[int, Array]]]
+    core: dict[tuple[int, int], Array]
+    neighbours: dict[int, list[int]]
+
+    @classmethod
+    def of(cls, links: Sequence[Link]) -> Exchange:
+        """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are looked at once."""
+        blocks: dict[tuple[int, int], list[Array]] = {}
+        for j, side, _, _, between in links:
+            blocks.setdefault((j, side), []).append(between)
+        once: dict[tuple[object, ...], Array] = {}
+        on_patches: dict[tuple[int, int], Array] = {}
+        for patch, found in blocks.items():
+            key = tuple(map(identity, found))
+            if key not in once:
+                once[key] = shared_fields(found)
+            on_patches[patch] = once[key]
+        places, ends = dict[tuple[int, int], int](), dict[int, int]()
+        for (j, side), own in on_patches.items():
+            places[j, side] = ends.get(j, 0)
+            ends[j] = places[j, side] + own.shape[1]
+        size = max(ends.values())
+        fields: dict[int, list[tuple[int, Array]]] = {}
+        for (j, side), own in on_patches.items():
+            wide = np.zeros((len(own), size))
+            wide[:, places[j, side] : places[j, side] + own.shape[1]] = own
+            fields.setdefault(j, []).append((side, wide))
+        core: dict[tuple[int, int], Array] = {}
+        products: dict[tuple[object, ...], Array] = {}
+        for j, side, k, other_side, between in links:
+            own, other = on_patches[j, side], on_patches[k, other_side]
+            both = (identity(between), id(own), id(other))
+            if both not in products:
+                products[both] = own.T @ between @ other
+            block, row, column = core.setdefault((j, k), np.zeros((size, size))), places[j, side], places[k, other_side]
+            block[row : row + own.shape[1], column : column + other.shape[1]] += products[both]
+        neighbours: dict[int, list[int]] = {}
+        for j, k in core:
+            neighbours.setdefault(j, []).append(k)
+        return cls(fields, core, neighbours)
+
+
+def identity(block: Array) -> tuple[int, tuple[int, ...]]:
+    """What tells whether two views of a flexibility are the same."""
+    return block.__array_interface__["data"][0], block.shape
