@@ -177,7 +177,11 @@ def markers(d):
 
 def exudyn_examples(d):
     compared = [row for row in d["rows"] if "error" in row]  # the others must be refused
-    rows = [(f"{row['scene']}, {row['idiom']}: {name}", row, name) for row in compared for name in row["limits"]]
+    rows = [
+        (": ".join([", ".join(row[key] for key in ("scene", "idiom") if key in row), name]), row, name)
+        for row in compared
+        for name in row["limits"]
+    ]
     return [Row(title, "Exudyn's FFRF", row["limits"][name], row["error"][name]) for title, row, name in rows]
 
 
@@ -266,6 +270,7 @@ CASES = {
                            figures=("friction_front.png",)),
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),
+    "exudyn_parts": Case("joints/exudyn_parts.py", exudyn_examples),
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
     "damping": Case("inelastic/damping.py", damping),
