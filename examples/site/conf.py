@@ -22,6 +22,7 @@ nb_merge_streams = True
 templates_path = ["templates"]
 autodoc_typehints = "none"  # docstrings have the types, with shapes and units
 numpydoc_show_class_members = False
+linkcheck_timeout, linkcheck_retries = 20, 2  # seconds; of `-b linkcheck`, which asks the pages that ours link to
 
 
 def links_as_on_the_site(app, relative_path, parent_docname, content):

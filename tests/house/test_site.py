@@ -118,3 +118,14 @@ def test_the_site_builds_without_a_warning(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "-q", "-D", "run_examples=0", str(SITE), str(tmp_path / "site")]
     subprocess.run(command, check=True)
     assert (tmp_path / "site" / "reference" / "exudyn_partition.reduce.html").is_file()
+
+
+def test_a_broken_link_fails_the_build(tmp_path):
+    """With the site's own settings: to a page, a heading here, one of another page, and a label."""
+    pytest.importorskip("sphinx")
+    (tmp_path / "index.md").write_text("# Title\n\n[a](no.md) [b](#none) [c](index.md#none) {ref}`none` [d](#title)\n")
+    options = ["-W", "--keep-going", "-q", "-c", str(SITE), "-D", "run_examples=0"]
+    command = [sys.executable, "-m", "sphinx", *options, str(tmp_path), str(tmp_path / "site")]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.count("WARNING") == 4
