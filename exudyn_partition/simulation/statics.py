@@ -34,7 +34,8 @@ _LEAST_MASS = 1e-12  # of the mean on the diagonal
 _MOST_DENSE = 1000  # coordinates up to which that is looked at, for it takes all eigenvalues
 _REMEDY = (
     "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
-    "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps"
+    "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps; a spring's preload does "
+    "not grow with them: give it as a load, and the spring no offset"
 )
 
 

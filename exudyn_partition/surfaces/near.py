@@ -180,8 +180,8 @@ def pair_wandering(
             if clearance < -PENETRATION_TOLERANCE * size:
                 raise PenetrationError(
                     f"{np.count_nonzero(found.gap[paired] < 0)} of {len(places)} contact points start inside the other "
-                    f"body, the worst by {-clearance:.4g} m at {places[nearest]} m. Move one body by at least that "
-                    f"along {approach} ({placed_by})"
+                    f"body, the worst by {-clearance:.4g} m at {places[nearest]} m. Move the slave by at least that "
+                    f"along {found.normal[nearest].round(3)}, or the master the other way ({placed_by})"
                 )
         if abs(clearance) <= TOUCHING * size:
             return near_rows(points, part, other, approach, way)[0]

@@ -146,8 +146,8 @@ def pair_surfaces(
             worst = np.flatnonzero(paired)[gap.argmin()]
             raise PenetrationError(
                 f"{np.count_nonzero(gap < 0)} of {len(gap)} contact points start inside the other body, the worst by "
-                f"{-gap.min():.4g} m at {places[worst]} m. Move one body by at least that along its normal "
-                f"({placed_by})"
+                f"{-gap.min():.4g} m at {places[worst]} m. Move the slave by at least that along "
+                f"{projection.normal[worst].round(3)}, or the master the other way ({placed_by})"
             )
         clearance = projection.gap[paired].min(initial=np.inf)
         if not paired.any():  # far apart and to the side: the nearest point decides

@@ -272,11 +272,11 @@ def test_options_of_a_tolerance_beside_a_frequency(block, top, option):
 def test_bodies_that_overlap_are_moved_by_what_there_is(ball, block, top):
     """The ball's tip lies at the block's lower face: where no item has a referencePosition, none is named."""
     with pytest.raises(
-        PenetrationError, match=r"along its normal \(the points of its mesh, which are taken as they ar"
+        PenetrationError, match=r"or the master the other way \(the points of its mesh, which are taken as they ar"
     ):
         ep.reduce_pair(ball, (block, top), tolerance=0.5, speed=1.0)
     bodies = [ep.reference.FullBody(*ball), ep.reference.FullBody(block, top)]
-    with pytest.raises(PenetrationError, match=r"along its normal \(position of FullBody\)"):
+    with pytest.raises(PenetrationError, match=r"or the master the other way \(position of FullBody\)"):
         ep.reference.simulate(bodies, end_time=1e-6)
 
 

@@ -1,5 +1,6 @@
 """Surfaces, gap rows, complementarity and the contact laws."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -75,8 +76,12 @@ def test_a_direction_that_is_given_leads(sphere, other_sphere):
 def test_penetration_at_the_start(surfaces):
     slave, master = surfaces
     pushed = replace(slave, points=slave.points - [0, 0, 1e-4])
-    with pytest.raises(PenetrationError, match=r"start inside the other body, the worst by .* Move one body"):
+    with pytest.raises(
+        PenetrationError, match=r"start inside the other body, the worst by .* Move the slave by"
+    ) as caught:
         pair_surfaces(pushed, master)
+    way = np.array(re.search(r"along \[(.*?)\]", str(caught.value))[1].split(), dtype=float)
+    pair_surfaces(replace(pushed, points=pushed.points + 1.01e-4 * way), master)  # as it says
 
 
 def test_patches_that_do_not_face_each_other(surfaces):
