@@ -9,6 +9,7 @@ from pathlib import Path
 
 import matplotlib.image
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 import exudyn_partition as ep
@@ -135,6 +136,18 @@ def test_cam_follower(tmp_path, capsys):
     assert result["preload_N"] == pytest.approx(1250, rel=1e-3)  # the spring's force; the run begins at rest
     assert result["parts_at_rad_s"] is None
     assert result["lift_off_speed_rad_s"] > 500
+
+
+def test_gear_pair(tmp_path, capsys):
+    result = run_quick("gear_pair", tmp_path, capsys)
+    normal_force = 100 / (40e-3 * np.cos(np.radians(20)))  # torque by the radius of the base circle
+    assert result["status"] == ["finished", "finished"]
+    assert result["error.force"] < 0.03  # it rings a little
+    assert result["crossed_m"] > result["backlash_m"]
+    assert result["peak_force_N"] > 2 * normal_force  # a force that comes at once, without a blow, doubles
+    # A pair of teeth yields by some 14 N/(mm um), ISO 6336; two pairs bear, and in part one.
+    least, most = (way / (normal_force / (8e-3 * 14e9)) for way in result["transmission_error_m"])
+    assert 0.5 < least < most < 1.2
 
 
 def test_the_tutorial_runs_from_first_to_last_cell(tmp_path, monkeypatch):
