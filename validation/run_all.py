@@ -199,6 +199,11 @@ def limits(units):
     return rows
 
 
+def gears(d):
+    shown = limits(("transmission", "shares", "iso_stiffness", "impact_force", "impact_impulse"))(d)
+    return [*shown, Row("steps on-line are quicker by", "full FE steps", d["faster_asked"], d["faster"], at_most=False)]
+
+
 def error_against_time(d):
     return [Row(n, "full FE model", r["tolerance"], r["error"]["force"]) for n, r in d["runs"].items() if r["kind"] ==
             "tolerance" and r["tolerance"] >= 0.01]  # fmt: skip
@@ -259,6 +264,7 @@ CASES = {
     "friction_two_balls": Case("friction/two_balls.py", limits(("maw",)), figures=("friction_two_balls.png",)),
     "cam": Case("wandering/cam.py", limits(("force", "ripple", "profile_force", "lift_off", "friction")),
                 figures=("wandering_cam.png",)),
+    "gears": Case("wandering/gears.py", gears, figures=("wandering_gears.png",)),
     "large_patch": Case("benchmarks/large_patch.py", limits(("memory_GB", "file_MB", "ratio"))),
     "friction_at_rest": Case("friction/at_rest.py", limits(("force", "stick_radius", "loss")),
                              figures=("friction_at_rest.png",)),
