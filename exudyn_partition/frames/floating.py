@@ -25,6 +25,8 @@ from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix, total_moment
 
+_LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
+
 
 class FloatingKinematics:
     """A body in its mean axes, x = r + A (X - c + Phi z): see `Kinematics`.
@@ -159,9 +161,13 @@ class FloatingKinematics:
 
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`; the torque is in the node's axes."""
-        local = forces @ self.frame(q)[1]
-        torque = total_moment(self._arms(q), local) @ self.node_axes
-        return np.concatenate([forces.sum(axis=0), torque, self.rows.T @ local.ravel()])
+        local, arms, rows = forces @ self.frame(q)[1], self.arms, self.rows
+        if isinstance(rows, np.ndarray) and rows.size > _LARGE:
+            loaded = np.flatnonzero(forces.any(axis=1))
+            local, arms = local[loaded], arms[loaded]
+            rows = rows.reshape(len(forces), 3, -1)[loaded].reshape(3 * len(loaded), -1)
+        torque = total_moment(arms + node_fields(rows, q[6:]), local) @ self.node_axes
+        return np.concatenate([forces.sum(axis=0), torque, rows.T @ local.ravel()])
 
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:
         """See `Kinematics.on_coordinates`."""

@@ -5,6 +5,7 @@ import pytest
 from oracles import PLACE, TURNED
 from scipy.spatial.transform import Rotation
 
+from exudyn_partition.frames import floating
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.frames.rotations import rotation_matrix
@@ -47,6 +48,17 @@ def test_velocities_and_forces_of_nodes(kinematics):
     np.testing.assert_allclose(
         kinematics.place(q), kinematics.place(np.zeros(n)) + kinematics.displacements(q), atol=1e-15
     )
+
+
+def test_unloaded_nodes_are_left_out_without_effect(kinematics, monkeypatch):
+    rng = np.random.default_rng(3)
+    q, forces = 1e-3 * rng.standard_normal(kinematics.body.n_dofs), rng.standard_normal((len(kinematics.arms), 3))
+    forces[::2] = 0.0
+    found = []
+    for large in (0, np.inf):
+        monkeypatch.setattr(floating, "_LARGE", large)
+        found.append(kinematics.generalised(q, forces))
+    np.testing.assert_allclose(*found, rtol=1e-12, atol=1e-12 * abs(found[1]).max())
 
 
 def test_histories_are_one_state_after_the_other(kinematics):
