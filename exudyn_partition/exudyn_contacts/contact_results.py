@@ -181,7 +181,11 @@ class ContactResults(PlasticResults):
         return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
 
     def area(self, result: RunSamples) -> Array:
-        """Contact area, the sum of the closed rows' areas, (n,) [m2]."""
+        """Contact area, the sum of the closed rows' areas, (n,) [m2].
+
+        Rows that lie partly outside of the contact may be open, so that it lacks part of the rim where pressure does
+        not fall to zero there, as in plastic flow.
+        """
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
         value: Array = closed @ self.law.node_areas
