@@ -25,7 +25,7 @@ from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix, total_moment
 
-_LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
+LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
 
 
 class FloatingKinematics:
@@ -162,7 +162,7 @@ class FloatingKinematics:
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`; the torque is in the node's axes."""
         local, arms, rows = forces @ self.frame(q)[1], self.arms, self.rows
-        if isinstance(rows, np.ndarray) and rows.size > _LARGE:
+        if isinstance(rows, np.ndarray) and rows.size > LARGE:
             loaded = np.flatnonzero(forces.any(axis=1))
             local, arms = local[loaded], arms[loaded]
             rows = rows.reshape(len(forces), 3, -1)[loaded].reshape(3 * len(loaded), -1)
