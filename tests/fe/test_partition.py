@@ -75,8 +75,9 @@ def test_a_partition_knows_its_mesh_and_not_only_its_number_of_nodes(block, top)
     """Nodes at other places: patches of such a partition would lie at the wrong place."""
     again = ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, maxh=5e-3)
     assert (top | ep.Partition.ball(again, (0, 0, 0), 4e-3)).n_nodes == block.n_nodes  # one mesh, made twice
-    stretched = ep.fe_model(box(0.01, 0.02, 0.030001), ep.STEEL, maxh=5e-3)
-    assert stretched.n_nodes == block.n_nodes
+    heights = (0.030001, 0.029999, 0.03001, 0.02999)  # each version of Netgen meshes some of them alike
+    near = (ep.fe_model(box(0.01, 0.02, height), ep.STEEL, maxh=5e-3) for height in heights)
+    stretched = next(fem for fem in near if fem.n_nodes == block.n_nodes)
     assert top.is_of(block)
     assert not top.is_of(stretched)
     for call in (lambda: ep.reduce(stretched, top, f_cut=8e4), lambda: FullBody(stretched, top)):
