@@ -1,4 +1,9 @@
-"""Order of elimination that keeps the factors of a sparse symmetric matrix small: nested dissection."""
+"""Order of elimination that keeps the factors of a sparse symmetric matrix small: nested dissection.
+
+It serves SciPy's SuperLU, which has no such order: `validation/benchmarks/ordering.py` compares it with SuperLU's own,
+and with PARDISO. PARDISO brings metis along and does not come here. A binding to metis for SuperLU would be one more
+package to install for those who have no PARDISO, and would leave SuperLU far behind it.
+"""
 
 from __future__ import annotations
 

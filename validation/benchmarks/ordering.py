@@ -1,0 +1,104 @@
+"""Orders of elimination for the factors of K + s M: our nested dissection beside SuperLU's own orders and PARDISO's.
+
+Reference: SciPy's SuperLU with its best own order. Bodies: a solid block of quadratic elements, and a thin plate.
+Quantity: seconds of one thread for order and factors, and for 48 right-hand sides, and entries of the factors, all in
+one run, each way in a process of its own with at most 7 GB and 250 s. PARDISO orders by metis; it is left out if mkl
+is not installed.
+Limits: factors in our order take at most 0.8 of the time of SuperLU's best own order, of each body.
+
+    python -m validation.benchmarks.ordering
+"""
+
+import json
+import multiprocessing
+import resource
+import sys
+import time
+from pathlib import Path
+
+import netgen.occ as occ
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.factorisation import Factorisation, one_blas_thread
+from exudyn_partition.algebra.pardiso import library
+
+F_CUT, COLUMNS, LIMIT = 40e3, 48, 0.8
+MEMORY, PATIENCE_S = 7 << 30, 250.0
+SHAPES = {"block": ((0.1, 0.06, 0.04), 4.05e-3), "plate": ((0.25, 0.25, 0.006), 6.4e-3)}  # [m]
+UNITS = {"factor_s": " s", "solve_s": " s", "entries": ""}
+SUPERLU = ("MMD_AT_PLUS_A", "COLAMD")
+
+
+def factors(matrix, way):
+    """Factors of SciPy's SuperLU in one of its own orders, or ours, or PARDISO's."""
+    if way not in SUPERLU:
+        return Factorisation(matrix, {"ours": "superlu"}.get(way, way))
+    options = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": way != "COLAMD"}}
+    return scipy.sparse.linalg.splu(sp.csc_matrix(matrix), permc_spec=way, **options)
+
+
+def measure(matrix, way, pipe):
+    """Seconds and entries by one way, sent through a pipe; nothing if the memory does not do."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    rhs = np.random.default_rng(0).normal(size=(matrix.shape[0], COLUMNS))
+    with one_blas_thread():
+        times = [time.perf_counter()]
+        found = factors(matrix, way)
+        times.append(time.perf_counter())
+        solution = found.solve(np.asfortranarray(rhs))
+        times.append(time.perf_counter())
+    residual = np.linalg.norm(matrix @ solution - rhs) / np.linalg.norm(rhs)
+    factor_s, solve_s = np.diff(times).tolist()
+    pipe.send({"factor_s": factor_s, "solve_s": solve_s, "entries": int(found.nnz), "residual": float(residual)})
+
+
+def in_process(matrix, way):
+    """What `measure` found; None if it ran out of memory or time."""
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    process = multiprocessing.get_context("fork").Process(target=measure, args=(matrix, way, theirs))
+    process.start()
+    theirs.close()
+    found = None
+    try:
+        if ours.poll(PATIENCE_S):
+            found = ours.recv()
+    except EOFError:
+        pass
+    process.kill()
+    process.join()
+    return found
+
+
+def main():
+    """Run the script; returns whether the limit holds."""
+    cases, table = {}, Table("body", "unknowns", "order", "factors", f"{COLUMNS} solutions", "entries")
+    for name, (size, maxh) in SHAPES.items():
+        fem = ep.fe_model(occ.Box((0, 0, 0), size), ep.STEEL, maxh=maxh)
+        matrix = fem.stiffness + (2 * np.pi * F_CUT) ** 2 * fem.mass
+        runs = {}
+        for way in ("ours", *SUPERLU, *(["pardiso"] if library() else [])):
+            runs[way] = in_process(matrix, way)
+            said = ["no memory or time", "", ""]
+            if runs[way]:
+                said = [
+                    f"{runs[way]['factor_s']:.2f} s",
+                    f"{runs[way]['solve_s']:.2f} s",
+                    f"{runs[way]['entries']:.3g}",
+                ]
+            table.add_row(name, str(fem.n_dofs), way, *said)
+            print(name, way, runs[way], flush=True)
+        best = min((runs[way]["factor_s"] for way in SUPERLU if runs[way]), default=np.inf)
+        cases[name] = {"dofs": fem.n_dofs, "runs": runs, "factors": runs["ours"]["factor_s"] / best}
+    Console(width=110).print(table)
+    result = {"limit": LIMIT, "cases": cases, "versions": ep.versions()}
+    Path(__file__).with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    return all(case["factors"] < LIMIT for case in cases.values())
+
+
+if __name__ == "__main__":
+    sys.exit(not main())
