@@ -185,6 +185,12 @@ def exudyn_examples(d):
     return [Row(title, "Exudyn's FFRF", row["limits"][name], row["error"][name]) for title, row, name in rows]
 
 
+def ordering(d):
+    return [
+        Row(f"time of factors, {n}", "SuperLU's best order", d["limit"], c["factors"]) for n, c in d["cases"].items()
+    ]
+
+
 def damping(d):
     return [Row(f"{k} of a damped mode", "one mode", d["limit"], found) for k, found in d["worst"].items()]
 
@@ -277,6 +283,7 @@ CASES = {
     "markers": Case("joints/markers.py", markers),
     "exudyn_examples": Case("joints/exudyn_examples.py", exudyn_examples),
     "exudyn_parts": Case("joints/exudyn_parts.py", exudyn_examples),
+    "hammer": Case("joints/hammer.py", limits(("hinge", "hinge_peak", "blow")), quick=None),
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
     "damping": Case("inelastic/damping.py", damping),
@@ -298,6 +305,7 @@ CASES = {
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),
     "memory": Case("benchmarks/memory.py", memory),
+    "ordering": Case("benchmarks/ordering.py", ordering, quick=None),
     "factorisation": Case("benchmarks/factorisation.py", limits(("reduction", "frequencies"))),
     **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
        for scene in SCENES},
