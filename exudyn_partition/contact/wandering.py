@@ -155,11 +155,11 @@ class WanderingRigidGaps(RigidGaps):
         return (x - place) @ axes
 
     def _choose(self, q: Array) -> None:
-        """Take the rows that may close until the patch has moved by `_reach`."""
+        """Take the rows that may close until the patch has moved by `_reach`, and those that are nearest."""
         gap = self._projected(self._whole.place(q))[0]
         least, soon = float(gap.min()), _SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
-        nodes = np.flatnonzero(gap < 2 * soon)
+        nodes = np.flatnonzero(gap < max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
         self.sides, self._placed_at = (self._whole.part(facets, self._witnesses),), None
         self._take(self._rows(nodes))

@@ -59,6 +59,16 @@ def test_a_carried_profile_presses_as_a_cylinder_and_a_surface_as_a_small_patch(
     np.testing.assert_allclose(force[0], force[1], rtol=1e-5, atol=1e-5 * force[1][2])
 
 
+def test_a_surface_that_starts_far_away_knows_its_nearest_rows():
+    """The stiffness of the contact, which limits explicit steps, does not depend on the distance at the start."""
+    fem = ep.fe_model(occ.Box((-5e-3, -5e-3, 0), (5e-3, 5e-3, 5e-3)), ep.STEEL, maxh=4e-3)
+    body = ep.reduce(fem, ep.Partition.surface(fem, [(-1, -1, -1e-6), (1, 1, 1e-6)]), f_cut=50e3)
+    laws = [ComplianceContact(WanderingRigidGaps(floating(body), ep.RigidPlane((0, 0, -d)))) for d in (1e-6, 0.02)]
+    near, far = (law.closed_stiffness() for law in laws)
+    np.testing.assert_allclose(far, near, atol=1e-9 * abs(near).max())
+    assert not laws[1].force(np.zeros(body.n_dofs)).any()
+
+
 def test_rows_to_a_rigid_plane_come_and_go_with_the_place_of_contact():
     """A ball that rolls on a plane; its whole surface is one patch. The gaps of all rows are the oracle."""
     fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), BALL), ep.STEEL, maxh=2.5e-3)
