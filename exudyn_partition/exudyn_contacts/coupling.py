@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..contact.formulations.formulation import SharedBody
+from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.arrays import Array, consecutive
 from .partition_contact import PartitionContact
@@ -28,6 +29,10 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
     """Return the contact, and those of others that it is solved together with, through others too."""
     group = {id(contact): contact}
     for other in others:
+        if _same_sides(contact, other):
+            raise InputError(
+                f"slave, master: these two already have the contact {other.name!r} between the same patches"
+            )
         for place, (item, patch) in enumerate(contact.sides):
             for other_place, (other_item, other_patch) in enumerate(other.sides):
                 if item is not other_item or contact.compliant != other.compliant:
@@ -43,6 +48,12 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
                 if contact.formulation.couples(contact.law, other.law, shared):
                     group |= {id(member): member for member in other.group}
     return [*group.values()]
+
+
+def _same_sides(contact: PartitionContact, other: PartitionContact) -> bool:
+    """Whether two contacts are between the same patches, or of the same patch with the same rigid surface."""
+    sides, others = ({(id(item), patch) for item, patch in each.sides} for each in (contact, other))
+    return sides == others and (len(sides) > 1 or contact.master is other.master)
 
 
 def _columns(contact: PartitionContact) -> list[slice]:

@@ -165,7 +165,7 @@ class FloatingKinematics:
         if isinstance(rows, np.ndarray) and rows.size > LARGE:
             loaded = np.flatnonzero(forces.any(axis=1))
             local, arms = local[loaded], arms[loaded]
-            rows = rows.reshape(len(forces), 3, -1)[loaded].reshape(3 * len(loaded), -1)
+            rows = rows.reshape(len(forces), 3, rows.shape[1])[loaded].reshape(3 * len(loaded), rows.shape[1])
         torque = total_moment(arms + node_fields(rows, q[6:]), local) @ self.node_axes
         return np.concatenate([forces.sum(axis=0), torque, rows.T @ local.ravel()])
 

@@ -200,7 +200,7 @@ def test_the_finer_body_is_the_slave_unless_given(mbs, bodies):
     items = [ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP), ep.CreatePartitionBody(mbs, bodies[1])]
     ball, block = items
     assert ep.CreatePartitionContact(mbs, block, ball, name="a").slave is ball
-    with pytest.raises(InputError, match="already has the contact"):
+    with pytest.raises(InputError, match="these two already have the contact 'a'"):
         ep.CreatePartitionContact(mbs, block, ball, passes="given")
 
 

@@ -97,3 +97,24 @@ def test_formulations_that_share_no_patch(plate_of, marble, mbs):
     ep.CreatePartitionContact(mbs, balls[0], target, slavePatch="south")
     with pytest.raises(InputError, match="its patch 0 already has the contact"):
         ep.CreatePartitionContact(mbs, balls[1], target, slavePatch="south", formulation="penalty")
+
+
+def test_a_ball_in_a_groove_of_two_rigid_planes(mbs):
+    """Both planes press on one patch of the ball, alike; the same plane is not taken twice."""
+    normals = np.array([[1, 0, 1], [-1, 0, 1]]) / np.sqrt(2)
+    fine = [ep.Refine(-R * normal, 0.3e-3, 0.08e-3) for normal in normals]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=2.5e-3, refine=fine, grading=0.6)
+    below = np.flatnonzero(fem.points[fem.facets[:, :3], 2].mean(axis=1) < -0.5 * R)
+    body = ep.reduce(fem, ep.Partition.surface(fem, below, name="below"), f_cut=100e3)
+    ball = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -0.5])
+    planes = [ep.RigidPlane(-(R + 1e-6) * normal, normal) for normal in normals]
+    contacts = [ep.CreatePartitionContact(mbs, ball, plane) for plane in planes]
+    with pytest.raises(InputError, match="these two already have the contact"):
+        ep.CreatePartitionContact(mbs, ball, planes[0])
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=60e-6)
+    force = [contact.force(result) for contact in contacts]
+    assert force[0].max() > 10
+    np.testing.assert_allclose(*force, atol=0.02 * force[0].max())  # the meshes of both places differ
+    momentum = ball.momentum(result)[-1] / body.total_mass
+    np.testing.assert_allclose(momentum, [0, 0, 0.5], atol=5e-3)

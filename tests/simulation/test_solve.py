@@ -168,7 +168,7 @@ def test_two_contacts_on_one_patch(impact, bodies):
     mbs, _, target, _ = impact
     second = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP)
     with pytest.raises(InputError, match="already has the contact 'tip'"):
-        ep.CreatePartitionContact(mbs, second, target)
+        ep.CreatePartitionContact(mbs, second, target, formulation="penalty")
 
 
 def test_contact_at_the_rim_of_its_patch_warns(ball, block, top):
