@@ -97,7 +97,7 @@ class Exchange:
         once: dict[tuple[object, ...], Array] = {}
         on_patches: dict[tuple[int, int], Array] = {}
         for patch, found in blocks.items():
-            key = tuple(map(identity, found))
+            key = tuple(map(_identity, found))
             if key not in once:
                 once[key] = shared_fields(found)
             on_patches[patch] = once[key]
@@ -115,7 +115,7 @@ class Exchange:
         products: dict[tuple[object, ...], Array] = {}
         for j, side, k, other_side, between in links:
             own, other = on_patches[j, side], on_patches[k, other_side]
-            both = (identity(between), id(own), id(other))
+            both = (_identity(between), id(own), id(other))
             if both not in products:
                 products[both] = own.T @ between @ other
             block, row, column = core.setdefault((j, k), np.zeros((size, size))), places[j, side], places[k, other_side]
@@ -126,6 +126,6 @@ class Exchange:
         return cls(fields, core, neighbours)
 
 
-def identity(block: Array) -> tuple[int, tuple[int, ...]]:
+def _identity(block: Array) -> tuple[int, tuple[int, ...]]:
     """What tells whether two views of a flexibility are the same."""
     return block.__array_interface__["data"][0], block.shape

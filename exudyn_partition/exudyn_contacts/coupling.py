@@ -20,7 +20,7 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     group = coupled_with(contact, others)
     if len(group) == 1:
         return
-    together = contact.formulation.together([member.law for member in group], lambda: _links(group))
+    together = contact.formulation.together([member.law for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
 
@@ -61,17 +61,34 @@ def _columns(contact: PartitionContact) -> list[slice]:
     return consecutive([item.body.n_dofs for item, _ in contact.sides])
 
 
-def _links(contacts: list[PartitionContact]) -> list[tuple[int, int, int, int, Array]]:
-    """Which sides of the contacts push which others, and the flexibility between their patches."""
-    of_body: dict[int, list[tuple[int, int, PartitionBody, int]]] = {}
-    for j, contact in enumerate(contacts):
-        for s, (item, patch) in enumerate(contact.sides):
-            if item.body.basis.flexibility is not None:
-                of_body.setdefault(id(item), []).append((j, s, item, patch))
-    return [
-        (j, s, k, r, item.body.flexibility(patch, other_patch))
-        for sides in of_body.values()
-        for j, s, item, patch in sides
-        for k, r, _, other_patch in sides
-        if j != k
-    ]
+class _Links:
+    """See `formulation.Links`.
+
+    Parameters
+    ----------
+    contacts : list of PartitionContact
+    """
+
+    def __init__(self, contacts: list[PartitionContact]) -> None:
+        self._contacts = contacts
+
+    @property
+    def shared(self) -> bool:
+        """Whether contacts share a patch."""
+        sides = [(id(item), patch) for contact in self._contacts for item, patch in contact.sides]
+        return len(set(sides)) < len(sides)
+
+    def __call__(self) -> list[tuple[int, int, int, int, Array]]:
+        """Which sides of the contacts push which others, and the flexibility between their patches."""
+        of_body: dict[int, list[tuple[int, int, PartitionBody, int]]] = {}
+        for j, contact in enumerate(self._contacts):
+            for s, (item, patch) in enumerate(contact.sides):
+                if item.body.basis.flexibility is not None:
+                    of_body.setdefault(id(item), []).append((j, s, item, patch))
+        return [
+            (j, s, k, r, item.body.flexibility(patch, other_patch))
+            for sides in of_body.values()
+            for j, s, item, patch in sides
+            for k, r, _, other_patch in sides
+            if j != k
+        ]

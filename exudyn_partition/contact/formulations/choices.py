@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, get_args
 from weakref import WeakKeyDictionary
 
@@ -19,8 +19,8 @@ from ...support.checks import validate_choice, validate_positive
 from ..gaps import Gaps
 from ..patch_gaps import PatchGaps
 from .compliance import ComplianceContact, PlasticCompliance
-from .coupled import Compliant, CoupledContacts, SharedPatches, share_a_patch
-from .formulation import Formulation, Law, SharedBody
+from .coupled import Compliant, CoupledContacts, SharedPatches
+from .formulation import Formulation, Law, Links, SharedBody
 from .frictional_compliance import FrictionalCompliance, PlasticFrictionalCompliance
 from .lagrange import FrictionalLagrange, LagrangeContact
 from .law import ElasticContact
@@ -90,16 +90,16 @@ class Compliance(Formulation):
             )
         return False
 
-    def together(self, laws: Sequence[Any], links: Callable[[], list[Any]]) -> CoupledContacts:
+    def together(self, laws: Sequence[Any], links: Links) -> CoupledContacts:
         """See `Formulation`."""
-        if not share_a_patch(laws, found := links()):
-            return CoupledContacts(laws, lambda: found)
+        if not links.shared:
+            return CoupledContacts(laws, links)
         if any(type(law) is not ComplianceContact for law in laws):
             raise InputError(
                 "friction: contacts that share a patch, and all that are solved together with them, are frictionless "
                 "and elastic. Make a patch for each contact (Partition.ball(...) | Partition.ball(...))"
             )
-        return SharedPatches(laws, lambda: found)
+        return SharedPatches(laws, links)
 
 
 class Lagrange(Formulation):

@@ -14,7 +14,7 @@ from ...algebra.block_complementarity import BlockComplementarity
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
-from ..between import Exchange, FlexibilityBetween, Link, identity
+from ..between import Exchange, FlexibilityBetween, Link
 from ..gaps import Standing
 from .compliance import ComplianceContact
 from .frictional_compliance import FrictionalCompliance
@@ -323,14 +323,6 @@ class SharedPatches(CoupledContacts):
         """See `CoupledContacts._pushed_gap`."""
         pushing = [self._between.moved(j, k, *pressing) for k, pressing in self._pressing.items() if k != j]
         return np.asarray(gap + sum(pushing, np.zeros(1))) if len(gap) else gap
-
-
-def share_a_patch(laws: Sequence[Compliant], links: Sequence[Link]) -> bool:
-    """Whether two of the laws have the same patch of the same body."""
-    return any(
-        identity(between) == identity(np.asarray(laws[j].gaps.sides[side].flexibility))
-        for j, side, _, _, between in links
-    )
 
 
 def _equal(a: Array, b: Array) -> bool:

@@ -254,6 +254,17 @@ class SharedBody:
     other: str
 
 
+class Links(Protocol):
+    """What the sides of several laws push each other by."""
+
+    @property
+    def shared(self) -> bool:
+        """Whether two of the laws have the same patch of the same body."""
+
+    def __call__(self) -> list[Any]:
+        """Flexibilities between the sides, see `coupled.CoupledContacts`. They are asked for once, at the first run."""
+
+
 class Formulation(Protocol):
     """How forces follow from gaps; it does not change.
 
@@ -304,13 +315,12 @@ class Formulation(Protocol):
             )
         return False
 
-    def together(self, laws: Sequence[Any], links: Callable[[], list[Any]]) -> Together | None:
+    def together(self, laws: Sequence[Any], links: Links) -> Together | None:
         """Return the object that solves several contacts together; None if each contact is solved alone.
 
         Parameters
         ----------
         laws : sequence of Law
-        links : callable
-            Returns the flexibilities between the sides of the laws, see `coupled.CoupledContacts`.
+        links : Links
         """
         return None
