@@ -72,7 +72,8 @@ def warn_near_contact(
     if lacking > _LACKING * size > 0:
         warnings.warn(
             f"body {item.name!r}: near a contact the {what} of a point lacks its static answer to the contact's "
-            f"force; at {point} this is about {lacking / size:.2g} of it. Give the FE model: {what}(..., fem=fem)",
+            f"force; at {np.round(point, 6)} m this is about {lacking / size:.2g} of it. Give the FE model: "
+            f"{what}(..., fem=fem)",
             ModelLimitWarning,
             stacklevel=4,
         )

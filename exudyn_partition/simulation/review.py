@@ -221,13 +221,16 @@ def _warn_of_ringing(contact: PartitionContact, result: Result) -> None:
         mean = np.convolve(part, np.full(window, 1 / window), mode="valid")
         ripple = part[window // 2 : window // 2 + len(mean)] - mean
         share = float(np.sqrt(np.mean(ripple**2)) / mean.mean())
+        numerical = f" method='implicit', spectral_radius=0.3, step={0.12 * period:.2g}; or "
+        if result.method == "implicit":
+            numerical = " spectral_radius=0.3, if the run has another one; or "
         if share > _RIPPLE:
             warnings.warn(
                 f"{called(contact)} at t = {result.t[first]:.6g} s: {soon} of {contact.n_rows} rows close at once, "
                 f"and the force rings by {share:.0%} about its mean, at 1.2 f_cut whatever f_cut is, for nothing damps "
                 f"the last mode. Read means over {period:.3g} s or more, not peaks. What helps: "
-                "basis='craig-bampton' with formulation='lagrange' and method='implicit'; or method='implicit', "
-                f"spectral_radius=0.3, step={0.12 * period:.2g}; or a damping ratio of 0.3 for modes above 0.7 f_cut, "
+                "basis='craig-bampton' with formulation='lagrange' and method='implicit'; or"
+                f"{numerical}a damping ratio of 0.3 for modes above 0.7 f_cut, "
                 "damping= of CreatePartitionBody. The page 'Contact' of the documentation tells what each takes",
                 ModelLimitWarning,
                 stacklevel=4,
@@ -292,10 +295,10 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     if (reached := contact.edge_reached(result)) is not None:
         time, place = reached
         partitions = "both partitions" if len(contact.sides) > 1 else "the partition"
+        what = "contact radius" if not contact.slave.body.partition.patches[contact.sides[0][1]].wanders else "faces"
         warnings.warn(
             f"{called(contact)} reached the edge of its patch at t = {time:.6g} s, "
-            f"{place} m; the force is too small from then on. Enlarge the contact radius of "
-            f"{partitions}",
+            f"{place} m; the force is too small from then on. Enlarge the {what} of {partitions}",
             ContactPatchWarning,
             stacklevel=4,
         )
