@@ -118,3 +118,21 @@ def test_a_ball_in_a_groove_of_two_rigid_planes(mbs):
     np.testing.assert_allclose(*force, atol=0.02 * force[0].max())  # the meshes of both places differ
     momentum = ball.momentum(result)[-1] / body.total_mass
     np.testing.assert_allclose(momentum, [0, 0, 0.5], atol=5e-3)
+
+
+def test_a_contact_that_another_one_closes(mbs):
+    """The edge of a box between two planes: pressed on the one, it bulges towards the other, which enters later."""
+    fem = ep.fe_model(occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), ep.STEEL, maxh=3e-3)
+    body = ep.reduce(fem, ep.Partition.ball(fem, (0, 5e-3, 0), 3e-3, axes="xyz"), f_cut=100e3)
+    item = ep.CreatePartitionBody(mbs, body)
+    normals = [(1, 0, 0), (0, 0, 1)]
+    contacts = [ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0), normal)) for normal in normals]
+
+    def run():
+        return contacts[0].together.for_run([contact.law.for_run("explicit") for contact in contacts])
+
+    both, one = (body.rigid[:, 0] * x + body.rigid[:, 2] * z for x, z in ((-1e-6, -1e-6), (1e-9, -3e-6)))
+    later, first = run(), run()
+    assert all(force.any() for force in later.forces([one, one]))
+    for found, expected in zip(later.forces([both, both]), first.forces([both, both]), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())

@@ -284,6 +284,7 @@ class SharedPatches(CoupledContacts):
 
     def _solve(self, laws: list[ComplianceContact], near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """See `CoupledContacts._solve`."""
+        near = {j: near[j] for j in sorted(near)}  # they enter in any order
         own = dict(zip(near, consecutive([len(rows) for rows in near.values()]), strict=True))
         if self._stale(laws, near):
             F = np.zeros((sum(map(len, near.values())),) * 2)
