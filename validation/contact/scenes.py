@@ -68,6 +68,27 @@ def figure(script, **options):
     )
 
 
+def front(script, runs, full, error, xlabel, ylabel):
+    """Draw errors over run time, on-line and with what is off-line, of runs and of the full FE model; return the path.
+
+    `runs` and `full` have entries "offline_s" and "online_s" [s] by the name of each run, and `error` gives the error
+    of an entry.
+    """
+    path, (picture, axes) = figure(script, ncols=2, figsize=(11, 4.8), sharey=True)
+    both = {"on-line": "online_s"}, {"off-line": "offline_s", "on-line": "online_s"}
+    for ax, what in zip(axes, both, strict=True):
+        for found, kind in ((runs, "full"), (full, "none")):
+            for (name, run), marker in zip(found.items(), "os^vDP*Xp<>hd8H", strict=False):
+                time_s = sum(run[one] for one in what.values())
+                ax.loglog(time_s, 100 * error(run), marker, color="k", fillstyle=kind, label=name)
+        ax.set(xlabel=f"{xlabel} [s], {' and '.join(what)}")
+        ax.grid(alpha=0.3, which="both")
+    axes[0].set(ylabel=f"{ylabel} [%]")
+    axes[1].legend(fontsize=7)
+    picture.savefig(path, dpi=150)
+    return path
+
+
 def without_curves(value):
     """Leave out lists of more than a dozen numbers: figures show them, and a run makes them again."""
     if isinstance(value, dict):

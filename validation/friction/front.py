@@ -49,24 +49,14 @@ def measured(history, reference, offline_s, dofs):
     }
 
 
+def worse(run):
+    """Error of one force or the other, whichever is larger."""
+    return max(run["normal"], run["tangential"])
+
+
 def both(runs):
-    """Errors of one force or the other, whichever is larger, by run."""
-    return {name: max(run["normal"], run["tangential"]) for name, run in runs.items()}
-
-
-def draw(runs, full):
-    path, (figure, axes) = scenes.figure(__file__, ncols=2, figsize=(11, 4.8), sharey=True)
-    for ax, what in zip(axes, ({"on-line": "online_s"}, {"off-line": "offline_s", "on-line": "online_s"}), strict=True):
-        for found, kind in ((runs, "full"), (full, "none")):
-            for (name, error), marker in zip(both(found).items(), "os^vDP*Xp<>", strict=False):
-                time_s = sum(found[name][one] for one in what.values())
-                ax.loglog(time_s, 100 * error, marker, color="k", fillstyle=kind, label=name)
-        ax.set(xlabel=f"run time [s], {' and '.join(what)}")
-        ax.grid(alpha=0.3, which="both")
-    axes[0].set(ylabel="larger error of normal and tangential force [%]")
-    axes[1].legend(fontsize=7)
-    figure.savefig(path, dpi=150)
-    return path
+    """The larger errors, by run."""
+    return {name: worse(run) for name, run in runs.items()}
 
 
 def main():
@@ -112,7 +102,8 @@ def main():
         for one, error in zip(full.values(), both(full).values(), strict=True)
         if any(error >= other for other in errors.values())
     )
-    console.print(str(draw(runs, full)))
+    labels = "run time", "larger error of normal and tangential force"
+    console.print(str(scenes.front(__file__, runs, full, worse, *labels)))
     result = {
         "found": found,
         "limits": LIMITS,

@@ -59,21 +59,6 @@ def full_fe(models, contact, speed, step, end=END):
     return ep.reference.simulate(full, end_time=end, step=step)
 
 
-def draw(runs, full):
-    path, (figure, axes) = scenes.figure(__file__, ncols=2, figsize=(11, 4.8), sharey=True)
-    for ax, what in zip(axes, (("online_s",), ("offline_s", "online_s")), strict=True):
-        for found, kind in ((runs, "full"), (full, "none")):
-            for (name, run), marker in zip(found.items(), "os^vDP*Xp<>hd8H", strict=False):
-                time_s = sum(run[one] for one in what)
-                ax.loglog(time_s, 100 * worse(run), marker, color="k", fillstyle=kind, label=name)
-        ax.set(xlabel=f"time of the processor [s], {'on-line' if len(what) == 1 else 'off-line and on-line'}")
-        ax.grid(alpha=0.3, which="both")
-    axes[0].set(ylabel="larger error of force and plastic work [%]")
-    axes[1].legend(fontsize=7)
-    figure.savefig(path, dpi=150)
-    return path
-
-
 def main():
     begin, console, runs, full = time.perf_counter(), Console(width=150), {}, {}
     models, speed, _ = impact.scene(RATIO)
@@ -122,7 +107,8 @@ def main():
         for one in full.values()
         if any(worse(run) <= worse(one) for run in runs.values())
     )
-    console.print(str(draw(runs, full)))
+    labels = "time of the processor", "larger error of force and plastic work"
+    console.print(str(scenes.front(__file__, runs, full, worse, *labels)))
     result = {
         "found": found,
         "limits": LIMITS,

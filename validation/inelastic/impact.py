@@ -131,12 +131,14 @@ def compared(ratio, elements):
     }, (history, reference, elastic_run.history(elastic_contact))
 
 
-def draw(histories):
-    path, (figure, axes) = scenes.figure(__file__, ncols=len(histories), figsize=(5 * len(histories), 4))
-    for ax, (name, (run, reference, elastic)) in zip(np.atleast_1d(axes), histories.items(), strict=True):
+def draw(histories, script=__file__):
+    """Forces of the run, the full FE model and, where it is there, the elastic run, by the name of the case."""
+    path, (figure, axes) = scenes.figure(script, ncols=len(histories), figsize=(5 * len(histories), 4))
+    for ax, (name, (run, reference, *elastic)) in zip(np.atleast_1d(axes), histories.items(), strict=True):
         ax.plot(1e6 * reference.t, reference.force, color="0.7", linewidth=3, label="full FE")
         ax.plot(1e6 * run.t, run.force, "C3", linewidth=1, label="partition")
-        ax.plot(1e6 * elastic.t, elastic.force, "k:", linewidth=0.8, label="elastic")
+        for other in elastic:
+            ax.plot(1e6 * other.t, other.force, "k:", linewidth=0.8, label="elastic")
         ax.set(xlabel="time [us]", ylabel="force [N]", title=name)
     np.atleast_1d(axes)[0].legend()
     figure.savefig(path, dpi=150)

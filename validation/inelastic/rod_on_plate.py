@@ -25,7 +25,7 @@ from rich.console import Console
 
 import exudyn_partition as ep
 from validation.contact import scenes
-from validation.inelastic.impact import ALUMINIUM, STEEL
+from validation.inelastic.impact import ALUMINIUM, STEEL, draw
 
 RADIUS, LENGTH, SIDE, THICKNESS = 10e-3, 0.8, 0.25, 5e-3
 RATIOS, AGAIN, ELEMENTS, F_CUT, END = (2.0, 10.0, 50.0), 10.0, 2.0, 40e3, 0.4e-3
@@ -143,17 +143,6 @@ def compared(models, bodies, speed, before=None):
     )
 
 
-def draw(histories):
-    path, (figure, axes) = scenes.figure(__file__, ncols=len(histories), figsize=(4.5 * len(histories), 4))
-    for ax, (name, (run, reference)) in zip(np.atleast_1d(axes), histories.items(), strict=True):
-        ax.plot(1e6 * reference.t, reference.force, color="0.7", linewidth=3, label="full FE")
-        ax.plot(1e6 * run.t, run.force, "C3", linewidth=1, label="partition")
-        ax.set(xlabel="time [us]", ylabel="force [N]", title=name)
-    np.atleast_1d(axes)[0].legend()
-    figure.savefig(path, dpi=150)
-    return path
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="coarser mesh, one speed, twice")
@@ -168,7 +157,7 @@ def main():
             console.print(title, cases[title])
             errors = cases[title]["errors"].items()
             failed += [f"{title}: {key} {error:.3g}" for key, error in errors if not abs(error) <= LIMITS[key]]
-    console.print(str(draw(histories)))
+    console.print(str(draw(histories, __file__)))
     worst = {key: max(abs(one["errors"][key]) for one in cases.values()) for key in LIMITS}
     result = {"found": worst, "limits": LIMITS, "cases": cases, "time_s": time.perf_counter() - begin}
     scenes.finish(__file__, result, failed)
