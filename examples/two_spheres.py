@@ -44,7 +44,7 @@ def main(argv=None):
 
     # 2. FE models, off-line. Motion faster than f_cut is kept as a static answer. The pulse of 70 us needs far less.
     begin = time.perf_counter()
-    models = [ball(side, 0.10e-3 if options.quick else 0.07e-3) for side in (1, -1)]
+    models = [ball(side, 0.13e-3 if options.quick else 0.07e-3) for side in (1, -1)]
     fem_s = time.perf_counter() - begin
     bodies = [ep.reduce(fem, partition, f_cut=200e3) for fem, partition in models]
     print(bodies[0].table())
