@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..contact.plasticity.zone_run import ZoneMotion
+from ..contact.plasticity.zone_run import ZoneMotion, deformed_at_rest
 from ..errors import InputError
 from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of
 from ..frames.floating import FloatingKinematics
@@ -350,17 +350,16 @@ def _set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[in
         motion = ZoneMotion.of(item.kinematics, patch)
         if motion is None:
             raise InputError(
-                f"plasticStates: patch {patch} of the body has no plastic zone. Give hardening= to its "
-                "material, and reduce it with basis 'contact-adapted' or 'residual'"
+                f"plasticStates: patch {patch} of the body has no plastic zone. Give hardening= to its material"
             )
         item.plastic_states[patch] = validate_state("plasticStates", state, len(motion.zone))
-        forces.append(motion.kinematics.rows.T @ motion.zone.pseudo_forces(state.strain))
+        forces.append(item.body.rows(motion.zone.nodes).T @ motion.zone.pseudo_forces(state.strain))
     if not forces:
         return
-    force = np.sum(forces, axis=0)
-    omega = item.body.basis.omega[item.body.n_shapes - len(force) :]
-    elastic = omega > 0
-    if elastic.any():
-        shape = np.zeros(len(force))
-        shape[elastic] = force[elastic] / omega[elastic] ** 2
-        mbs.SetNodeParameter(item["nModal"], "initialCoordinates", shape)
+    start = item.kinematics.from_basis @ deformed_at_rest(item.body, np.sum(forces, axis=0))
+    ends = len(start)
+    for key in ("nNodal", "nModal"):  # the last coordinates are those of nodes, if the body has any
+        if key in item:
+            size = np.size(mbs.GetNode(item[key])["initialCoordinates"])
+            mbs.SetNodeParameter(item[key], "initialCoordinates", start[ends - size : ends])
+            ends -= size

@@ -216,7 +216,7 @@ def CreatePartitionContact(
     if any(side.zone is not None for side in gaps.sides) and law.yielding is None:
         raise InputError(
             f"formulation: {type(law).__name__} knows no plastic zones, and the material of a body has hardening. Take "
-            "formulation='compliance', or a material without it"
+            "formulation='compliance', 'lagrange' with basis 'free', or a material without it"
         )
     contact = PartitionContact(name, sides, rigid, chosen, law, carrier)
     solve_together(contact, contacts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..contact.plasticity.yielding_patches import YieldingPatches
+from ..contact.plasticity.yielding_patches import Zones
 from ..errors import InputError
 from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
@@ -19,7 +19,7 @@ class PlasticResults(FrictionResults):
     """Results of a contact that exist with plastic zones; without, they are an InputError."""
 
     @property
-    def yielding(self) -> YieldingPatches | None:
+    def yielding(self) -> Zones | None:
         """Plastic zones beneath the patches, at the start; laws of users may know none."""
         return getattr(self.law, "yielding", None)
 
@@ -121,8 +121,8 @@ class PlasticResults(FrictionResults):
         """Samples of the sensor `sPlastic`, (n, 4)."""
         if self.yielding is None:
             raise InputError(
-                f"contact {self.name!r} has no plastic zones: its bodies' materials are elastic, or the basis is not "
-                "'contact-adapted' or 'residual'. Give yield_stress= and hardening= to Material"
+                f"contact {self.name!r} has no plastic zones: its bodies' materials are elastic, or the basis is "
+                "'craig-bampton'. Give yield_stress= and hardening= to Material"
             )
         validate_result(result)
         return result.sensor_of(self, self["sPlastic"])

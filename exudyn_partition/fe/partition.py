@@ -217,6 +217,8 @@ class Partition:
     ) -> Partition:
         """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
 
+        Nodes of elements that may yield belong to the impact region, too.
+
         Parameters
         ----------
         fem : FEModel
@@ -271,6 +273,7 @@ class Partition:
             raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
         if material.plastic:
             plastic = plastic_region(fem, center, radius if plastic_radius is None else plastic_radius)
+            nodes = np.union1d(nodes, plastic.nodes)
         own = None if fem.regions is None else material
         patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)

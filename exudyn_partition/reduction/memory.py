@@ -40,6 +40,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
         if basis == "craig-bampton":  # the answer to every displacement of the boundary is a shape
             kept += 8.0 * n * 4 * 3 * nodes
         zones = sum((3 * len(patch.plastic.nodes)) ** 2 for patch in partition.patches if patch.plastic)
+        zones *= basis != "free"  # which keeps the zones' nodes and needs no flexibility of them
         at_work, kept = max(at_work, factors + 8.0 * _SQUARES * zones), kept + 8.0 * zones
         rows += sum(len(patch.nodes) * patch.n_axes for patch in partition.patches)
     return at_work + kept + 8.0 * _SQUARES * rows**2

@@ -120,10 +120,10 @@ def reduce(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
             "Take a smaller radius, or basis='free', which is then the full FE model"
         )
-    if basis in ("free", "craig-bampton") and any(patch.plastic for patch in partition.patches):
+    if basis == "craig-bampton" and any(patch.plastic for patch in partition.patches):
         raise InputError(
-            f"basis: {basis!r} knows no plastic zones, and the material has hardening. Take 'contact-adapted' or "
-            "'residual', or a material without hardening"
+            f"basis: {basis!r} knows no plastic zones, and the material has hardening. Take 'contact-adapted', "
+            "'residual' or 'free', or a material without hardening"
         )
     if (f_cut is None) == (tolerance is None):
         raise InputError(

@@ -86,10 +86,11 @@ def closed_joints(mbs: MainSystem, method: Method) -> Iterator[None]:
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s].
 
-    Force elements of contacts whose forces are applied ahead of steps are off meanwhile: a run only pays for calls.
+    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile: a run only pays for calls.
     """
     run = runs_of(mbs).begin(mbs, t, method)
-    elements = [contact["oContact"] for contact in partition_items(mbs)[1] if run.of(contact).law.ahead]
+    laws = [(contact, run.of(contact).law) for contact in partition_items(mbs)[1]]
+    elements = [contact["oContact"] for contact, law in laws if law.ahead and law.yielding is None]
     functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
     for element in elements:
         mbs.SetObjectParameter(element, "forceUserFunction", 0)

@@ -22,7 +22,7 @@ from .compliance import ComplianceContact, PlasticCompliance
 from .coupled import Compliant, CoupledContacts, SharedPatches
 from .formulation import Formulation, Law, Links, SharedBody
 from .frictional_compliance import FrictionalCompliance, PlasticFrictionalCompliance
-from .lagrange import FrictionalLagrange, LagrangeContact
+from .lagrange import FrictionalLagrange, LagrangeContact, PlasticFrictionalLagrange, PlasticLagrange
 from .law import ElasticContact
 from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
 from .two_pass import TwoPass
@@ -65,7 +65,13 @@ class Compliance(Formulation):
 
     def law(self, gaps: Gaps) -> ComplianceContact | FrictionalCompliance:
         """See `Formulation`."""
-        yields = any(side.zone is not None for side in gaps.sides)
+        zones = [side.zone for side in gaps.sides if side.zone is not None]
+        yields = bool(zones)
+        if any(zone.flexibility is None for zone in zones):
+            raise InputError(
+                "formulation: 'compliance' needs the residual flexibility of plastic zones, which basis 'free' does "
+                "not have. Take formulation='lagrange', or basis 'contact-adapted' or 'residual' for both bodies"
+            )
         if self.friction is None:
             return PlasticCompliance(gaps) if yields else ComplianceContact(gaps)
         kind = PlasticFrictionalCompliance if yields else FrictionalCompliance
@@ -130,13 +136,19 @@ class Lagrange(Formulation):
 
     def law(self, gaps: Gaps) -> LagrangeContact:
         """See `Formulation`."""
-        return LagrangeContact(gaps) if self.friction is None else FrictionalLagrange(gaps, self.friction)
+        yields = any(side.zone is not None for side in gaps.sides)
+        if self.friction is None:
+            return PlasticLagrange(gaps) if yields else LagrangeContact(gaps)
+        kind = PlasticFrictionalLagrange if yields else FrictionalLagrange
+        return kind(gaps, self.friction)
 
     def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
         """See `Formulation`."""
         if not isinstance(law, LagrangeContact) or not isinstance(other, LagrangeContact):
             return False
         if shared.patches[0] == shared.patches[1]:
+            if law.yielding is not None or other.yielding is not None:  # each would count the zone's forces
+                super().couples(law, other, shared)
             return True
         inverse_mass = sp.diags(1 / shared.mass)
         G, others = (sp.csr_matrix(one.G[:, own]) for one, own in zip((law, other), shared.columns, strict=True))

@@ -20,7 +20,7 @@ from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ...surfaces.points import RowKind
 from ..gaps import Gaps
-from ..plasticity.yielding_patches import YieldingPatches
+from ..plasticity.yielding_patches import Zones
 
 Integrator = Literal["explicit", "implicit"]
 INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
@@ -79,7 +79,7 @@ class Law(Protocol):
     friction: Coulomb | None
 
     @property
-    def yielding(self) -> YieldingPatches | None:
+    def yielding(self) -> Zones | None:
         """Plastic zones beneath the patches."""
 
     @property

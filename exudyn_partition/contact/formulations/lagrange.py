@@ -8,11 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from ...algebra.complementarity import regularised
+from ...algebra.coulomb import Coulomb
 from ...algebra.friction import OPEN, SLIP, STICK
 from ...errors import RunError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import dense
+from ..gaps import Gaps, dense
+from ..plasticity.nodal_zones import NodalZones
 from .formulation import Law, Method, Motion
 from .frictional import FrictionalRows
 from .law import ContactLaw
@@ -222,3 +224,64 @@ class FrictionalLagrange(FrictionalRows, LagrangeContact):
             before = self._free - self._step**2 * np.asarray(self.G @ self._q_tt).reshape(-1, 3)[:, 1:]
             self._dissipated -= 0.5 * float(np.sum(forces[:, 1:] * (before + slips)))
         self.remember(slips, np.linalg.norm(slips, axis=1) / self._step)
+
+
+class _YieldingNodes(LagrangeContact):
+    """Multipliers on patches above plastic zones whose nodes have mass; the force element applies the pseudo-forces.
+
+    The state of the zones follows from the coordinates at the end of each step, so that steps are as long as those of
+    elastic zones: plastic flow only softens them.
+    """
+
+    remembers = True
+    yielding: NodalZones
+
+    def __init__(self, gaps: Gaps, *options: Coulomb) -> None:
+        self.yielding = NodalZones([(n, side.zone) for n, side in enumerate(gaps.sides) if side.zone is not None])
+        super().__init__(gaps, *options)
+
+    def for_run(self, method: Method) -> Law:
+        """Return this law for explicit runs; there is none for others."""
+        if method != "explicit":
+            raise RunError(
+                f"method: {method!r} knows no plastic zones of basis 'free'. Take method='explicit', or basis "
+                "'contact-adapted' or 'residual' with formulation='compliance'"
+            )
+        result = self.fresh()
+        result.yielding = self.yielding.fresh()
+        return result
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        super().reset()
+        self._start, self._at = -np.inf, np.empty(0)
+
+    def evaluate(self, motion: Motion) -> Array:
+        """See `Law`; of the zones alone."""
+        self._at = motion.q
+        return self.yielding.forces(self.gaps.split(self._at))
+
+    def stored(self) -> float:
+        """See `Law`."""
+        return self.yielding.stored()
+
+    def commit(self, start: float) -> None:
+        """See `Law`."""
+        if start > self._start > -np.inf:
+            self.yielding.commit()
+        self._start = start
+
+    def resume(self, earlier: Law, q: Array) -> bool:
+        """See `Law`."""
+        if not isinstance(earlier, _YieldingNodes) or not np.array_equal(earlier._at, q):
+            return False
+        self.yielding.resume(earlier.yielding)
+        return True
+
+
+class PlasticLagrange(_YieldingNodes):
+    """Frictionless multipliers on patches that yield."""
+
+
+class PlasticFrictionalLagrange(_YieldingNodes, FrictionalLagrange):
+    """Multipliers with friction on patches that yield."""

@@ -13,7 +13,7 @@ from ...algebra.friction import OPEN, SLIP
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Gaps
-from ..plasticity.yielding_patches import YieldingPatches
+from ..plasticity.yielding_patches import Zones
 from .formulation import Law, Method, Motion
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class ContactLaw:
     ahead = False
     remembers = False
     friction: Coulomb | None = None
-    yielding: YieldingPatches | None = None
+    yielding: Zones | None = None
 
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps

@@ -4,21 +4,90 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ...algebra.anderson import Anderson
 from ...errors import ComplementarityError
+from ...plasticity.flow import PlasticState
+from ...plasticity.zone import PlasticZone
 from ...support.arrays import Array
-from .zone_run import ZoneRun
+from .zone_run import ZoneMotion, ZoneRun
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
 _SETTLED_FOR_NEWTON = 1e-6  # in implicit and static steps: Newton's method does not converge on rough forces
 _MOST = 60  # iterations
 
 
-class YieldingPatches:
+class Zone(Protocol):
+    """State of a plastic zone in a run.
+
+    Attributes
+    ----------
+    motion : ZoneMotion
+    zone : PlasticZone
+    committed, present : PlasticState
+        At the end of the last accepted step, and now.
+    work : float
+        Plastic work since the start of the run, until now [J].
+    """
+
+    motion: ZoneMotion
+    zone: PlasticZone
+    committed: PlasticState
+    present: PlasticState
+    work: float
+
+    def enter(self, state: PlasticState) -> None:
+        """Take a state as that of the end of an accepted step."""
+
+    def commit(self) -> None:
+        """Accept the present state."""
+
+    def stored(self) -> float:
+        """Elastic energy that plastic strain adds [J]."""
+
+
+class Zones:
+    """Plastic zones beneath the patches of a contact, and what all kinds of them tell.
+
+    Attributes
+    ----------
+    zones : list of (int, ZoneRun or NodalZone)
+        Number of the side, and its zone.
+    """
+
+    zones: Sequence[tuple[int, Zone]]
+
+    def commit(self) -> None:
+        """Accept the present states."""
+        for _, zone in self.zones:
+            zone.commit()
+
+    def stored(self) -> float:
+        """Elastic energy that plastic strain adds [J]."""
+        return sum(zone.stored() for _, zone in self.zones)
+
+    def work(self) -> float:
+        """Plastic work since the start of the run [J]."""
+        return sum(zone.work for _, zone in self.zones)
+
+    def largest_strain(self) -> float:
+        """Largest equivalent plastic strain."""
+        return max(float(zone.present.equivalent.max()) for _, zone in self.zones)
+
+    def flowing(self) -> int:
+        """Number of points that flow in the present step."""
+        return sum(int(np.count_nonzero(z.present.equivalent > z.committed.equivalent)) for _, z in self.zones)
+
+    def resume(self, earlier: Zones) -> None:
+        """Go on from the present states of an earlier run."""
+        for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
+            zone.enter(last.present)
+
+
+class YieldingPatches(Zones):
     """Plastic zones beneath the patches of a contact.
 
     At coordinates q, with h(q) the gaps of the kept shapes, F the residual flexibilities, G the rows and p the
@@ -42,6 +111,8 @@ class YieldingPatches:
         Number of the side, and its zone.
     iterations : int
     """
+
+    zones: list[tuple[int, ZoneRun]]
 
     def __init__(self, law: Any) -> None:
         zones = [(number, side.zone) for number, side in enumerate(law.gaps.sides)]
@@ -145,29 +216,3 @@ class YieldingPatches:
                 force = force.copy()
                 force[ends[number] - len(zone.generalised) : ends[number]] += zone.generalised
         return force
-
-    def commit(self) -> None:
-        """Accept the present states."""
-        for _, zone in self.zones:
-            zone.commit()
-
-    def stored(self) -> float:
-        """Elastic energy that plastic strain adds [J]."""
-        return sum(zone.stored() for _, zone in self.zones)
-
-    def work(self) -> float:
-        """Plastic work since the start of the run [J]."""
-        return sum(zone.work for _, zone in self.zones)
-
-    def largest_strain(self) -> float:
-        """Largest equivalent plastic strain."""
-        return max(float(zone.present.equivalent.max()) for _, zone in self.zones)
-
-    def flowing(self) -> int:
-        """Number of points that flow in the present step."""
-        return sum(int(np.count_nonzero(z.present.equivalent > z.committed.equivalent)) for _, z in self.zones)
-
-    def resume(self, earlier: YieldingPatches) -> None:
-        """Go on from the present states of an earlier run."""
-        for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
-            zone.enter(last.present)

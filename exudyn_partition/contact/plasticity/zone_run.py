@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ...algebra.krylov import FreeBodyFlexibility, mass_normalised
 from ...fe.model import node_dofs
 from ...frames.kinematics import Kinematics
 from ...plasticity.flow import PlasticState
@@ -33,8 +34,8 @@ class ZoneMotion:
     Parameters
     ----------
     zone : PlasticZone
-    flexibility : ZoneFlexibility
-        Residual one.
+    flexibility : ZoneFlexibility or None
+        Residual one; None if the zone's nodes are coordinates of the body (basis "free").
     kinematics : Kinematics
         Of the zone's nodes.
     start : PlasticState
@@ -42,7 +43,7 @@ class ZoneMotion:
     """
 
     zone: PlasticZone
-    flexibility: ZoneFlexibility
+    flexibility: ZoneFlexibility | None
     kinematics: Kinematics
     start: PlasticState
 
@@ -53,19 +54,32 @@ class ZoneMotion:
         plastic = [number for number, one in enumerate(body.partition.patches) if one.plastic is not None]
         one = body.partition.patches[patch]
         region, material = one.plastic, one.material or body.material
-        if region is None or not body.basis.zones or material is None:
+        nodal = region is not None and np.isin(region.nodes, body.basis.nodal).all()
+        if region is None or material is None or not (body.basis.zones or nodal):
             return None
         zone = PlasticZone(body.points, region, material)
         start = PlasticState.virgin(len(zone)) if state is None else state
-        return cls(zone, body.basis.zones[plastic.index(patch)], kinematics.at(zone.nodes), start)
+        flexibility = body.basis.zones[plastic.index(patch)] if body.basis.zones else None
+        return cls(zone, flexibility, kinematics.at(zone.nodes), start)
 
     def at_rest(self, state: PlasticState) -> Array:
         """Displacements of the zone's nodes in the body's axes by plastic strain alone, at rest, (nz, 3) [m]."""
-        p, rows = self.zone.pseudo_forces(state.strain), self.kinematics.rows
-        omega = self.kinematics.body.basis.omega[-rows.shape[1] :]
-        elastic = omega > 0
-        by_shapes = rows[:, elastic] @ ((rows[:, elastic].T @ p) / omega[elastic] ** 2)
-        return np.asarray(self.flexibility.own @ p + by_shapes).reshape(-1, 3)
+        body, p = self.kinematics.body, self.zone.pseudo_forces(state.strain)
+        rows = body.rows(self.zone.nodes)
+        moved = np.asarray(rows @ deformed_at_rest(body, rows.T @ p))
+        if self.flexibility is not None:
+            moved += self.flexibility.own @ p
+        return moved.reshape(-1, 3)
+
+
+def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
+    """Coordinates of a body, (n_dofs,), that balanced forces on them, (n_dofs,), have deformed, at rest."""
+    if not len(body.basis.nodal):
+        elastic, found = body.basis.omega > 0, np.zeros(body.n_dofs)
+        found[elastic] = force[elastic] / body.basis.omega[elastic] ** 2
+        return found
+    rigid = mass_normalised(body.rigid, body.mass)
+    return FreeBodyFlexibility(body.stiffness, body.mass, rigid)(force[:, None])[:, 0]
 
 
 class _Active:
@@ -96,6 +110,7 @@ class _Active:
         self.dofs = node_dofs(np.unique(rows.indices // 3))
         self._strain = rows[:, self.dofs]
         self._zone, self._force = motion.zone, sp.csr_matrix(self._strain.T)
+        assert motion.flexibility is not None
         self.across: Array = motion.flexibility.own[self.dofs].astype(kind)
         self._own = self.across[:, self.dofs].copy()
         self.of_patch = motion.flexibility.of_patch[self.dofs]
@@ -139,6 +154,7 @@ class ZoneRun:
     """
 
     def __init__(self, motion: ZoneMotion) -> None:
+        assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
         self._kind: type = np.float64
         # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
