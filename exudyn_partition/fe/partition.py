@@ -217,8 +217,6 @@ class Partition:
     ) -> Partition:
         """Impact region of all nodes within a ball; the facets centred within it are the contact patch.
 
-        Nodes of elements that may yield belong to the impact region, too.
-
         Parameters
         ----------
         fem : FEModel
@@ -236,9 +234,9 @@ class Partition:
             Directions in which the basis knows the flexibility of the patch: along the line of contact, which is
             enough without friction, or in all three.
         plastic_radius : float, optional
-            Elements with their centre in this distance from `center` may yield [m], if the material has `hardening`.
-            Begin with two contact radii (`hertz.contact_radius`); a warning tells if flow reaches the edge. Cost
-            and memory grow with the square of its nodes. Default: `radius` for such a material, none for others.
+            Elements centred within this distance of `center` may yield [m], if the material has `hardening`. They
+            belong to the impact region. Begin with two contact radii (`hertz.contact_radius`); a warning tells if flow
+            reaches the edge. Cost and memory grow with the square of its nodes. Default: `radius`.
         name : str
             To tell patches of one body apart.
 

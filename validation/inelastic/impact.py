@@ -31,8 +31,11 @@ RATIOS, ELEMENTS, F_CUT, ZONE = (2.0, 10.0, 50.0), 2.0, 250e3, 1.8
 LIMITS = {"force": 0.01, "peak": 0.01, "rebound": 0.01, "work": 0.01, "balance": 1e-3}
 
 
-def scene(ratio, elements=ELEMENTS, zone=ZONE):
-    """FE models and partitions, the speed, and the radius of the contact; the ball stands above z = 0."""
+def scene(ratio, elements=ELEMENTS, zone=ZONE, region=1.0):
+    """FE models and partitions, the speed, and the radius of the contact; the ball stands above z = 0.
+
+    `region` is the radius of the impact region by that of the contact patch, which basis "free" keeps nodes in.
+    """
     mass = ep.hertz.effective(4 / 3 * np.pi * RADIUS**3 * STEEL.rho, WIDTH**2 * THICKNESS * ALUMINIUM.rho)
     elastic = ep.hertz.impact(mass, 1.0, RADIUS, math.inf, STEEL, ALUMINIUM)
     speed = ratio * elastic.yield_speed
@@ -47,7 +50,10 @@ def scene(ratio, elements=ELEMENTS, zone=ZONE):
         fem = ep.fe_model(shape, material, maxh=maxh, refine=[ep.Refine((0, 0, 0), 1.7 * a, h)], grading=0.4)
         plastic = {"plastic_radius": zone * a} if material.plastic else {}
         reach = 1.15 * a + h + (h if sign > 0 else 0.0)
-        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign), **plastic)))
+        part = ep.Partition.ball(
+            fem, (0, 0, 0), region * reach, contact_radius=reach, direction=(0, 0, sign), **plastic
+        )
+        models.append((fem, part))
     return models, speed, a
 
 
