@@ -22,9 +22,10 @@ from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import at_points
 from ..surfaces.surface import cross
-from .gaps import SAME, Gaps, Standing, dense, joined
+from .gaps import Gaps, Standing, dense, joined
 from .side import Side
 
+_SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
@@ -239,7 +240,7 @@ class TangentialRows:
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         standing = self.standing()
-        if not standing.nearly(self._flexible_at, SAME) or not np.array_equal(self._flexible_index, index):
+        if not standing.nearly(self._flexible_at, _SAME) or not np.array_equal(self._flexible_index, index):
             parts = [
                 self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
             ]
