@@ -1,5 +1,6 @@
 """Contacts in Exudyn models: rigid counterparts, rotating bodies, several contacts, and what they report."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import exudyn as exu
@@ -17,6 +18,7 @@ from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.errors import (
     ContactPatchWarning,
     InputError,
+    ModelLimitWarning,
 )
 from exudyn_partition.frames.rotations import rotation_matrix
 
@@ -90,6 +92,16 @@ def test_what_a_contact_reports(mbs, marble, rows, first_gap):
     assert abs(moment).max() < 0.01 * R * force.max()  # about the point of contact, but for the unevenness of the mesh
     assert moment.any()
     assert contact.left_out
+
+
+def test_a_force_aside_of_the_line_of_contact_is_told(mbs, marble):
+    """A patch with one axis knows its flexibility along that line alone."""
+    line = np.array([np.sin(0.7), 0, -np.cos(0.7)])
+    patches = tuple(replace(patch, direction=line) for patch in marble.partition.patches)
+    turned = replace(marble, partition=replace(marble.partition, patches=patches))
+    drop(mbs, turned, ep.RigidPlane())
+    with pytest.warns(ModelLimitWarning, match="the force on the slave is 40 degrees off the line of contact"):
+        ep.solve_dynamic(mbs, end_time=20e-6, step=0.2e-6)
 
 
 def test_a_rigid_body_carries_the_surface(mbs, marble):
