@@ -225,8 +225,8 @@ class Partition:
         radius : float
             Radius of the impact region [m].
         contact_radius : float, optional
-            Radius of the contact patch [m], at most `radius`; nodes that can never touch need no contact rows.
-            Default: `radius`. `hertz.contact_radius` estimates how far a contact reaches.
+            Radius of the contact patch [m], at most `radius`, the default; nodes that can never touch need no rows.
+            `hertz.contact_radius` estimates how far a contact reaches.
         direction : (3,) array, optional
             The line of contact, outward. Default: the mean normal of the patch, which depends on the mesh by some
             1e-3 rad. Give a direction for curved patches that start far apart.
@@ -234,9 +234,8 @@ class Partition:
             Directions in which the basis knows the flexibility of the patch: along the line of contact, which is
             enough without friction, or in all three.
         plastic_radius : float, optional
-            Elements centred within this distance of `center` may yield [m], if the material has `hardening`. They
-            belong to the impact region. Begin with two contact radii (`hertz.contact_radius`); a warning tells if flow
-            reaches the edge. Cost and memory grow with the square of its nodes. Default: `radius`.
+            Elements this near to `center` may yield [m], if the material has `hardening`. Begin with two contact radii;
+            a warning tells if flow reaches the edge. Cost grows with the square of their nodes. Default: `radius`.
         name : str
             To tell patches of one body apart.
 
