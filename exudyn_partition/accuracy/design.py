@@ -35,6 +35,7 @@ from ..support.checks import validate_callable, validate_integer, validate_numbe
 from ..support.foreign import NGSolveMesh, Shape
 from ..support.progress import Progress, shown
 from .contact_place import ContactPlace, contact_place, sides_of
+from .correction import Finer
 from .impact_design import TRUST, ImpactDesign, Look
 from .mesh_error import estimate_of
 from .mesh_rules import (
@@ -304,8 +305,10 @@ class Search:
         with one_blas_thread():
             pairs = [(fem, body) for (fem, _), body in zip(models, bodies, strict=True)]
             sides, impact_now = impact_of(pairs, [0] * len(pairs), scene.speed, rigid)
-            elastic = [space.elastic for space in self.spaces]
-            mesh = estimate_of(sides, impact_now, scene.speed, duration, elastic) if estimated else None
+            mesh = None
+            if estimated:
+                finers = [Finer(*pair, space.elastic) for pair, space in zip(pairs, self.spaces, strict=True)]
+                mesh = estimate_of(sides, impact_now, scene.speed, duration, finers)
             step = impact_now.step(truncation.f_cut)
             t, force, _ = impact_now.run(duration, step / _FINER)
             at, coarse, _ = impact_now.run(duration, step)

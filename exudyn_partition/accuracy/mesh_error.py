@@ -1,17 +1,6 @@
 """Estimate of the error that the meshes of bodies make in their impact, by functions of one order more.
 
-The functions s that the next order adds on the same elements (hierarchical surplus) have the residuals
-
-    r_i = (w_i^2 M - K)_s phi_i of the kept shapes,    R = g_s - M_s2 P g - K_s2 u of the rows g of the contact,
-
-where u is the static answer that the kept shapes do not contain, and P g the part of the load that they do. With
-r = [r_1 ... R], x = K_ss^-1 r, y = (K - w^2 M)_2s x, and the flexibility F_r of all that the kept shapes leave out,
-
-    E = x' r + y' F_r y
-
-are the changes, of opposite sign for the stiffness diag(w^2) of the shapes, of their gaps at the rows, and of the
-flexibility F there: the first two terms of a series for the inverse of a Schur complement. K_ss is well conditioned, so
-a few steps of conjugate gradients solve with it.
+Functions that the next order adds on the same elements change bodies and rows (`correction`).
 
 The impact of the scene runs with and without these corrections. Its difference is the estimate (Bank and Weiser 1985).
 
@@ -33,23 +22,18 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.factorisation import one_blas_thread
-from ..algebra.krylov import FreeBodyFlexibility
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import check_one_line
-from ..meshing.ngsolve_fem import surplus_of
-from ..meshing.surplus import Surplus
-from ..plasticity.dilatation import with_free_zones
 from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
 from ..reduction.estimate import Estimate
 from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_type
+from .correction import Change, Finer, Points
 from .modal_pair import Pair, Side, impact_of
 
-_STEPS, _SOLVED = 40, 0.03  # of conjugate gradients; relative residual, whose square is the error of x' r
-_LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
 _ROW_RATE = 3  # power of the spacing of rows, by which their error falls
 _FINER = 2  # steps of the default one
 
@@ -170,6 +154,18 @@ def mesh_error(
     -----
     It costs a factorisation of each body, and solutions for its rows and shapes: `validation/mesh/effectivity.py`.
     """
+    return judged(slave, master, speed=speed, duration=duration, patches=patches)[0]
+
+
+def judged(
+    slave: Pair,
+    master: Pair | RigidSurface,
+    *,
+    speed: float,
+    duration: float | None,
+    patches: tuple[int | str | None, int | str | None],
+) -> tuple[MeshEstimate, list[Finer], list[int]]:
+    """Do the work of `mesh_error`; also return the bodies with what the next order adds, and which patches meet."""
     _check("slave", slave)
     pairs, rigid = [slave], None
     if isinstance(master, (RigidPlane, RigidSphere, RigidCylinder)):
@@ -192,7 +188,8 @@ def mesh_error(
     for (_, body), number in zip(pairs, numbers, strict=True):
         check_one_line(body.partition, number, "patches")
     with one_blas_thread():
-        return estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration)
+        finers = [Finer(*pair) for pair in pairs]
+        return estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration, finers), finers, numbers
 
 
 def estimate_of(
@@ -200,14 +197,14 @@ def estimate_of(
     impact: Impact,
     speed: float,
     duration: float,
-    known: Sequence[FreeBodyFlexibility | None] = (None, None),
+    finers: Sequence[Finer],
 ) -> MeshEstimate:
-    """Do the work of `mesh_error`, for what `impact_of` returns, with the flexibility of each body if it is known."""
+    """Estimate the error of the meshes, for what `impact_of` returns and what the next order adds to each body."""
     f_cut, n = min(side.body.f_cut for side in sides), len(sides)
     rows = _near(sides[0].mean, impact.loaded(duration, impact.step(f_cut)))
-    corrections = [_correction(side, rows, elastic) for side, elastic in zip(sides, known, strict=False)]
+    changes = [_change(finer, side, rows) for finer, side in zip(finers, sides, strict=True)]
     whole = [(True, True)] * n
-    both, _ = _corrected(impact, corrections, whole)
+    both, _ = _corrected(impact, changes, rows, whole)
     step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
     t, force, velocity = impact.run(duration, step)
     at, by_step, _ = impact.run(duration, impact.step(f_cut))
@@ -215,7 +212,7 @@ def estimate_of(
 
     def change(kept: Sequence[tuple[bool, bool]]) -> tuple[float, float]:
         """Relative change of force and velocity by some of the corrections."""
-        better_impact, turn = _corrected(impact, corrections, kept)
+        better_impact, turn = _corrected(impact, changes, rows, kept)
         _, better, better_velocity = better_impact.run(duration, step)
         return off(better, better_velocity @ turn.T)
 
@@ -269,110 +266,29 @@ def _check(name: str, pair: object, others: str = "") -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Correction:
-    """What the surplus changes of one body.
-
-    Parameters
-    ----------
-    turn : (ns, ns) array
-        New shapes by the old ones, orthogonal.
-    squares : (ns,) array
-        Squares of the new shapes' frequencies [rad2/s2].
-    rows : (k,) int array
-        Rows of the contact that may carry a force; the others stay as they are.
-    gaps : (k, ns) array
-        What the old shapes have in addition at these rows.
-    flexibility : (k, k) array
-        Added to that of these rows [m/N].
-    """
-
-    turn: Array
-    squares: Array
-    rows: Array
-    gaps: Array
-    flexibility: Array
-
-
-def _correction(side: Side, rows: Array, elastic: FreeBodyFlexibility | None) -> _Correction:
-    """What the surplus changes of a body and of some rows; see the module."""
-    fem, basis = side.fem, side.body.basis
-    surplus = surplus_of(fem)
-    moving = np.flatnonzero(basis.omega > 0)
-    rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, moving], basis.omega[moving] ** 2
-    loads, on_surplus = _loads(side, surplus, rows)
-    flexibility = elastic or FreeBodyFlexibility(with_free_zones(fem, side.body.partition).stiffness, fem.mass, rigid)
-
-    def residual(loads: Array) -> Array:
-        """Static answers without those of the kept shapes."""
-        answer: Array = flexibility(loads) - shapes @ ((shapes.T @ loads) / squares[:, None])
-        return answer
-
-    kept = np.hstack([rigid, shapes])
-    of_rows = on_surplus - surplus.mass_coupling @ (kept @ (kept.T @ loads)) - surplus.coupling @ residual(loads)
-    of_shapes = (surplus.mass_coupling @ shapes) * squares - surplus.coupling @ shapes
-    residuals = np.hstack([of_shapes, of_rows])
-    answers = _solve(surplus.stiffness, residuals)
-    m = len(squares)
-    back = surplus.coupling.T @ answers
-    back[:, :m] -= (surplus.mass_coupling.T @ answers[:, :m]) * squares
-    E = answers.T @ residuals + back.T @ residual(back)
-    E = (E + E.T) / 2
-    values, vectors = np.linalg.eigh(np.diag(squares) - E[:m, :m])
-    turn, gaps = np.eye(len(basis.omega)), np.zeros((loads.shape[1], len(basis.omega)))
-    turn[np.ix_(moving, moving)], gaps[:, moving] = vectors, E[m:, :m]
-    new = basis.omega**2
-    new[moving] = np.maximum(values, _LEAST * squares.min(initial=0.0))
-    return _Correction(turn, new, rows, gaps, E[m:, m:])
-
-
-def _loads(side: Side, surplus: Surplus, rows: Array) -> tuple[Array, Array]:
-    """Forces of k rows on the nodes, (3n, k), and on the functions of the surplus, (3 s, k)."""
+def _change(finer: Finer, side: Side, rows: Array) -> Change:
+    """What the surplus changes of a body and of some rows."""
     n, dofs = len(side.patch.nodes), node_dofs(side.patch.nodes)
     on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
-    at_points = surplus.at(side.corners, side.local)
-    by_axis = sp.hstack([sp.diags(side.normals[:, axis]) @ at_points for axis in range(3)], format="csr")
-    interleaved = np.arange(3 * surplus.size).reshape(3, surplus.size).T.ravel()
-    on_surplus = side.mean[rows] @ by_axis[:, interleaved]
-    return (side.on_patch[rows] @ on_body).T.toarray(), on_surplus.T.toarray()
+    points = Points(side.corners, side.local, side.normals, side.mean[rows])
+    return finer.change(side.on_patch[rows] @ on_body, points)
 
 
 def _corrected(
-    impact: Impact, corrections: Sequence[_Correction], kept: Sequence[tuple[bool, bool]]
+    impact: Impact, changes: Sequence[Change], rows: Array, kept: Sequence[tuple[bool, bool]]
 ) -> tuple[Impact, Array]:
     """The impact with some corrections, of each body's modes and of its static answer; its coordinates by the old."""
     n = len(impact.omega)
     turn, squares, H, F = np.eye(n), impact.omega**2, impact.H.copy(), impact.F.copy()
     start = 0
-    for by, (far, local) in zip(corrections, kept, strict=True):
+    for by, (far, local) in zip(changes, kept, strict=True):
         own = slice(start, start + len(by.squares))
         start = own.stop
         if far:
             turn[own, own], squares[own] = by.turn, by.squares
-            H[by.rows, own] += by.gaps
+            H[rows, own] += by.gaps
             H[:, own] = H[:, own] @ by.turn
         if local:
-            F[np.ix_(by.rows, by.rows)] += by.flexibility
+            F[np.ix_(rows, rows)] += by.flexibility
     velocity = turn.T @ impact.velocity
     return replace(impact, omega=np.sqrt(squares), H=H, F=F, velocity=velocity), turn
-
-
-def _solve(matrix: sp.csr_matrix, rhs: Array) -> Array:
-    """Solve with the diagonal as preconditioner, by conjugate gradients of all columns at once, roughly."""
-    inverse = 1 / matrix.diagonal()[:, None]
-    x, r = np.zeros_like(rhs), rhs.copy()
-    z = inverse * r
-    p, rz = z.copy(), np.einsum("ij,ij->j", r, z)
-    goal = _SOLVED**2 * rz
-    for _ in range(_STEPS):
-        q = matrix @ p
-        curvature = np.einsum("ij,ij->j", p, q)
-        alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=curvature > 0)
-        x += alpha * p
-        r -= alpha * q
-        z = inverse * r
-        last, rz = rz, np.einsum("ij,ij->j", r, z)
-        if (rz <= goal).all():
-            break
-        p = z + np.divide(rz, last, out=np.zeros_like(rz), where=last > 0) * p
-    return x

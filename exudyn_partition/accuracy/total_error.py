@@ -5,10 +5,12 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
+from ..algebra.factorisation import one_blas_thread
 from ..contact.rigid import RigidSurface
 from ..errors import InputError, ToleranceWarning
 from ..reduction.body import ReducedBody
-from .mesh_error import mesh_error
+from ..support.checks import validate_flag
+from .mesh_error import judged
 from .modal_pair import Pair
 
 
@@ -19,6 +21,7 @@ def with_mesh_error(
     speed: float | None = None,
     duration: float | None = None,
     patches: tuple[int | str | None, int | str | None] = (None, None),
+    correct: bool = False,
 ) -> tuple[ReducedBody, ...]:
     """Add the error of the meshes to the estimate of bodies that were reduced to a tolerance.
 
@@ -34,6 +37,10 @@ def with_mesh_error(
         As for `mesh_error`.
     speed : float, optional
         Approach speed along the line of contact [m/s]; default: that of the slave's estimate.
+    correct : bool
+        Also give the bodies what functions of one order more change of them: of frequencies and shapes, and of the
+        flexibility of the patches that meet (`correction`). Their error becomes smaller than what the estimate says,
+        which stays that of the meshes (`validation/mesh/correct.py`). That of the contact's rows stays as it is.
 
     Returns
     -------
@@ -43,7 +50,7 @@ def with_mesh_error(
     Raises
     ------
     InputError
-        If a body was not reduced to a tolerance, or as `mesh_error`.
+        If a body was not reduced to a tolerance; or one is to be corrected and has a plastic zone; or as `mesh_error`.
     MeshError, EmptyRegionError, PenetrationError, MemoryLimitError, MissingPackageError
 
     Warns
@@ -60,14 +67,18 @@ def with_mesh_error(
         if not isinstance(body, ReducedBody) or body.estimate is None:
             raise InputError("speed: expected one [m/s], because the slave was not reduced to a tolerance")
         speed = body.estimate.speed
-    found = mesh_error(slave, master, speed=speed, duration=duration, patches=patches)
-    bodies = [slave[1], master[1]] if isinstance(master, tuple | list) else [slave[1]]
+    validate_flag("correct", correct)
+    found, finers, numbers = judged(slave, master, speed=speed, duration=duration, patches=patches)
     result = []
-    for body in bodies:
+    for finer, number in zip(finers, numbers, strict=True):
+        body = finer.body
         if body.estimate is None:
             raise InputError("estimate: a body has none, because it was not reduced to a tolerance; reduce it so")
         limit = replace(found, truncation=body.estimate).limit
         estimate = replace(found.added_to(body.estimate), limit=limit or body.estimate.limit)
+        if correct:
+            with one_blas_thread():
+                body = finer.corrected(number)
         result.append(replace(body, estimate=estimate))
     worst = max((body.estimate for body in result if body.estimate is not None), key=lambda estimate: estimate.total)
     if worst.total > worst.tolerance:

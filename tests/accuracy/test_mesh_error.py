@@ -7,6 +7,7 @@ import pytest
 from oracles import SPHERE_MATERIAL
 
 import exudyn_partition as ep
+from exudyn_partition.accuracy.correction import Finer
 from exudyn_partition.accuracy.mesh_error import estimate_of
 from exudyn_partition.accuracy.modal_pair import impact_of
 from exudyn_partition.algebra import krylov
@@ -114,6 +115,20 @@ def test_bodies_tell_all_errors_apart_and_together_and_name_the_mesh(grown, coar
         ep.with_mesh_error(pairs[0], coarse[1])
 
 
+def test_corrected_bodies_have_a_smaller_error(marbles, grown):
+    """The rows of the contact keep their own; the estimate stays that of the meshes."""
+    _, _, pairs = grown
+    with pytest.warns(ToleranceWarning, match="total error"):
+        better = ep.with_mesh_error(*pairs, correct=True)
+    exact = force([of_order[3] for of_order in marbles])
+    corrected = [(fem, body) for (fem, _), body in zip(pairs, better, strict=True)]
+    before, after = (np.linalg.norm(force(each) - exact) / np.linalg.norm(exact) for each in (pairs, corrected))
+    print(before, after, better[0].estimate)
+    assert after < 0.5 * before < 0.5 * 1.7 * better[0].estimate.mesh_force
+    with pytest.raises(InputError, match="correct: expected"):
+        ep.with_mesh_error(*pairs, correct="yes")
+
+
 def test_factors_that_a_reduction_keeps_serve_the_estimate_and_the_next_reduction(grown, monkeypatch):
     """So neither factorises anything, and both give what they give alone."""
     spaces, truncation, pairs = grown
@@ -124,7 +139,8 @@ def test_factors_that_a_reduction_keeps_serve_the_estimate_and_the_next_reductio
     models = [(fem, body.partition) for fem, body in pairs]
     again, same = grow_to_tolerance(models, [[0, 0]], tolerance=0.02, **options, known=spaces)
     assert same == truncation
-    estimate = estimate_of(*impact_of(pairs, [0, 0], SPEED), SPEED, END, [space.elastic for space in again])
+    finers = [Finer(*pair, space.elastic) for pair, space in zip(pairs, again, strict=True)]
+    estimate = estimate_of(*impact_of(pairs, [0, 0], SPEED), SPEED, END, finers)
     assert (estimate.force, estimate.velocity) == pytest.approx((alone.force, alone.velocity), rel=1e-6)
 
 

@@ -374,6 +374,7 @@ CALLS = {
         speed=v.positive.or_none(1.0),
         duration=v.positive.or_none(1e-5),
         patches=Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1, "rigid": (0, 0)}, (None, None)),
+        correct=v.flag(False),
         swaps=False,
     ),
     "design_impact": call(

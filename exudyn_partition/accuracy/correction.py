@@ -1,0 +1,231 @@
+"""What functions of one order more change of a reduced body: stiffness, gaps and flexibility.
+
+The functions s that the next order adds on the same elements (hierarchical surplus) have the residuals
+
+    r_i = (w_i^2 M - K)_s phi_i of the kept shapes,    R = g_s - M_s2 P g - K_s2 u of the rows g of the contact,
+
+where u is the static answer that the kept shapes do not contain, and P g the part of the load that they do. With
+r = [r_1 ... R], x = K_ss^-1 r, y = (K - w^2 M)_2s x, and the flexibility F_r of all that the kept shapes leave out,
+
+    E = x' r + y' F_r y
+
+are the changes, of opposite sign for the stiffness diag(w^2) of the shapes, of their gaps at the rows, and of the
+flexibility F there: the first two terms of a series for the inverse of a Schur complement. K_ss is well conditioned, so
+a few steps of conjugate gradients solve with it. Shapes above the truncation frequency, the static answers to
+interfaces and loads, count with w = 0 in the residuals. On a rigid interface, which cannot deform, the functions are
+held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.krylov import FreeBodyFlexibility
+from ..errors import InputError
+from ..fe.model import FEModel, node_dofs
+from ..fe.patches import Patch
+from ..fe.shapes import FACET_NODES
+from ..meshing.ngsolve_fem import surplus_of
+from ..plasticity.dilatation import with_free_zones
+from ..reduction.body import ReducedBody
+from ..reduction.free_body import DROP_ABOVE, FreeBody
+from ..reduction.inertia import InertiaIntegrals
+from ..reduction.loads import patch_slice
+from ..support.arrays import Array
+from ..surfaces.points import contact_points
+from ..surfaces.rows import point_matrix
+from ..surfaces.surface import Surface
+
+_STEPS, _SOLVED = 40, 0.03  # of conjugate gradients; relative residual, whose square is the error of x' r
+_LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
+_INSIDE = np.array([[0.3, 0.2], [0.2, 0.3], [0.5, 0.25]])  # of a facet: where no function of its own is zero
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points on the surface of a body at which rows push.
+
+    Parameters
+    ----------
+    corners, local, normals : (p, 3) int array, (p, 2) array, (p, 3) array
+        Facets' corner nodes, places in the facets, and directions.
+    mean : (k, p) csr matrix
+        Weights of the points in each of k rows.
+    """
+
+    corners: Array
+    local: Array
+    normals: Array
+    mean: sp.csr_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What the functions change of one body with ns shapes and of k rows.
+
+    Parameters
+    ----------
+    turn : (ns, ns) array
+        New shapes by the old ones, orthogonal.
+    squares : (ns,) array
+        Squares of the new shapes' frequencies [rad2/s2].
+    gaps : (k, ns) array
+        What the old shapes have in addition at the rows.
+    flexibility : (k, k) array
+        Added to that of the rows [m/N].
+    """
+
+    turn: Array
+    squares: Array
+    gaps: Array
+    flexibility: Array
+
+
+class Finer:
+    """A reduced body and the functions that the next order adds to its mesh.
+
+    Parameters
+    ----------
+    fem : FEModel
+    body : ReducedBody
+    elastic : FreeBodyFlexibility, optional
+        Of the whole body with its rigid interfaces tied; default: it is made, by a factorisation.
+    """
+
+    def __init__(self, fem: FEModel, body: ReducedBody, elastic: FreeBodyFlexibility | None = None) -> None:
+        self.fem, self.body = fem, body
+        free = FreeBody(with_free_zones(fem, body.partition), body.partition)
+        self._expand = free.model.expand
+        self._elastic = elastic or free.flexibility()
+        self._surplus = surplus = surplus_of(fem)
+        self._stiffness, self._coupling, self._mass = surplus.stiffness, surplus.coupling, surplus.mass_coupling
+        held = self._held()
+        if len(held):
+            kept = np.ones(3 * surplus.size)
+            kept[node_dofs(held)] = 0.0
+            only = sp.diags(kept)
+            self._stiffness = (only @ self._stiffness @ only + sp.diags(1 - kept)).tocsr()
+            self._coupling, self._mass = (only @ matrix for matrix in (self._coupling, self._mass))
+
+    def _held(self) -> Array:
+        """Numbers of the functions that do not vanish on rigid interfaces, whose facets have all nodes in one."""
+        found = [np.empty(0, dtype=np.int64)]
+        for interface in self.body.partition.interfaces:
+            facets = self.fem.facets[np.isin(self.fem.facets, interface.nodes).all(axis=1)]
+            if interface.kind == "rigid" and len(facets):
+                corners = np.repeat(facets[:, :3], len(_INSIDE), axis=0)
+                found.append(np.unique(self._surplus.at(corners, np.tile(_INSIDE, (len(facets), 1))).indices))
+        return np.unique(np.concatenate(found))
+
+    def change(self, on_nodes: sp.csr_matrix, points: Points) -> Change:
+        """What the functions change of the body and of k rows.
+
+        Parameters
+        ----------
+        on_nodes : (k, 3n) csr matrix
+            The rows on the displacements of all nodes.
+        points : Points
+            The same rows by their points.
+        """
+        basis = self.body.basis
+        moving = np.flatnonzero(basis.omega > 0)
+        rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, moving], basis.omega[moving] ** 2
+        loads, m = on_nodes.T.toarray(), len(squares)
+
+        def residual(loads: Array) -> Array:
+            """Static answers without those of the kept shapes."""
+            answer = self._expand @ self._elastic(self._expand.T @ loads)
+            return np.asarray(answer - shapes @ ((shapes.T @ loads) / squares[:, None]))
+
+        kept = np.hstack([rigid, shapes])
+        of_rows = self._of_rows(points) - self._mass @ (kept @ (kept.T @ loads)) - self._coupling @ residual(loads)
+        # Shapes above are static answers to interfaces and loads. They follow motion of much lower frequencies.
+        own = np.where(squares <= (DROP_ABOVE * 2 * np.pi * self.body.f_cut) ** 2, squares, 0.0)
+        of_shapes = (self._mass @ shapes) * own - self._coupling @ shapes
+        residuals = np.hstack([of_shapes, of_rows])
+        answers = _solve(self._stiffness, residuals)
+        back = self._coupling.T @ answers
+        back[:, :m] -= (self._mass.T @ answers[:, :m]) * own
+        E = answers.T @ residuals + back.T @ residual(back)
+        E = (E + E.T) / 2
+        values, vectors = np.linalg.eigh(np.diag(squares) - E[:m, :m])
+        turn, gaps = np.eye(len(basis.omega)), np.zeros((loads.shape[1], len(basis.omega)))
+        turn[np.ix_(moving, moving)], gaps[:, moving] = vectors, E[m:, :m]
+        new = basis.omega**2
+        new[moving] = np.maximum(values, _LEAST * squares.min(initial=0.0))
+        return Change(turn, new, gaps, E[m:, m:])
+
+    def _of_rows(self, points: Points) -> Array:
+        """Forces of k rows on the functions, (3 s, k)."""
+        size = self._surplus.size
+        at_points = self._surplus.at(points.corners, points.local)
+        by_axis = sp.hstack([sp.diags(points.normals[:, axis]) @ at_points for axis in range(3)], format="csr")
+        interleaved = np.arange(3 * size).reshape(3, size).T.ravel()
+        return np.asarray((points.mean @ by_axis[:, interleaved]).T.toarray())
+
+    def corrected(self, number: int) -> ReducedBody:
+        """Return the body with what the functions change of it and of the static answer of one of its patches.
+
+        The change is known for even loads around each node of the patch, hat functions. A matrix gives the mean
+        displacements under these by those of the nodes; its inverse gives the change of the nodes themselves.
+
+        Raises
+        ------
+        InputError
+            If the body has a plastic zone.
+        """
+        body, basis = self.body, self.body.basis
+        if basis.zones:
+            raise InputError("correct: expected elastic bodies, got one with a plastic zone, which it leaves as it is")
+        patch, own = body.partition.patches[number], patch_slice(body.partition, number)
+        at_nodes, to_rows, points = self._hats(patch)
+        change = self.change(to_rows @ at_nodes, points)
+        of_nodes = np.linalg.inv(to_rows.toarray())
+        assert basis.flexibility is not None
+        flexibility, shapes = basis.flexibility.copy(), basis.shapes @ change.turn
+        flexibility[own, own] += of_nodes @ change.flexibility @ of_nodes.T
+        inertia = InertiaIntegrals.of(self.fem, shapes[:, 6:], basis.mass)
+        # A shape moves in addition at the patch alone, which has no mass.
+        shapes = shapes + at_nodes.T @ (of_nodes @ change.gaps @ change.turn)
+        better = replace(basis, shapes=shapes, omega=np.sqrt(change.squares), flexibility=flexibility)
+        return replace(body, basis=better, stiffness=sp.diags(change.squares, format="csr"), inertia=inertia)
+
+    def _hats(self, patch: Patch) -> tuple[sp.csr_matrix, sp.csr_matrix, Points]:
+        """Rows of the patch's nodes on all nodes, rows of hat functions on those, and points of the latter."""
+        surface, n = Surface.of(self.fem.points, patch, np.zeros(3)), len(patch.nodes)
+        points = contact_points(surface, "integrated")
+        nodes, weights, mean = points.nodes, points.weights, points.mean
+        local = weights @ FACET_NODES[nodes.shape[1]]
+        axes = [patch.direction] if patch.axes == "normal" else [*np.eye(3)]
+        by_node = np.arange(len(axes) * n).reshape(len(axes), n).T.ravel()  # axes of a node stand together
+        normals = np.repeat(axes, len(nodes), axis=0)
+        spread = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), node_dofs(patch.nodes))), (3 * n, self.fem.n_dofs))
+        at_nodes = sp.kron(sp.identity(n), np.array(axes), format="csr") @ spread
+        to_rows = sp.kron(mean @ point_matrix(nodes, weights, n), sp.identity(len(axes)), format="csr")
+        rows = sp.block_diag([mean] * len(axes), format="csr")[by_node]
+        corners = np.tile(patch.nodes[nodes[:, :3]], (len(axes), 1))
+        return at_nodes, to_rows, Points(corners, np.tile(local, (len(axes), 1)), normals, rows)
+
+
+def _solve(matrix: sp.csr_matrix, rhs: Array) -> Array:
+    """Solve with the diagonal as preconditioner, by conjugate gradients of all columns at once, roughly."""
+    inverse = 1 / matrix.diagonal()[:, None]
+    x, r = np.zeros_like(rhs), rhs.copy()
+    z = inverse * r
+    p, rz = z.copy(), np.einsum("ij,ij->j", r, z)
+    goal = _SOLVED**2 * rz
+    for _ in range(_STEPS):
+        q = matrix @ p
+        curvature = np.einsum("ij,ij->j", p, q)
+        alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=curvature > 0)
+        x += alpha * p
+        r -= alpha * q
+        z = inverse * r
+        last, rz = rz, np.einsum("ij,ij->j", r, z)
+        if (rz <= goal).all():
+            break
+        p = z + np.divide(rz, last, out=np.zeros_like(rz), where=last > 0) * p
+    return x
