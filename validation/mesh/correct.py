@@ -31,8 +31,8 @@ def measured(name, scene):
     fine = effectivity.reduced(scene, scene.fine)
     t, exact = effectivity.forces(scene, fine)
     dofs = sum(fem.n_dofs for fem, _ in fine)
-    table = Table("order", "h/a", "unknowns", "estimated", "true", "corrected", "factor", "reduce", "estimate", "correct",
-                  title=f"{name}; reference: {dofs} unknowns")  # fmt: skip
+    table = Table("order", "h/a", "unknowns", "estimated", "true", "corrected", "factor", "reduce", "estimate",
+                  "correct", title=f"{name}; reference: {dofs} unknowns")  # fmt: skip
     runs = []
     for sizes in scene.meshes[:MESHES]:
         begin = time.process_time()
@@ -51,7 +51,8 @@ def measured(name, scene):
         runs.append({
             "order": sizes[0], "size": sizes[1:], "dofs": sum(fem.n_dofs for fem, _ in pairs),
             "estimated": estimate.force, "rows": estimate.rows, "true": before, "corrected": after,
-            "factor": before / after, **dict(zip(("reduce_cpu_s", "estimate_cpu_s", "correct_cpu_s"), times, strict=True)),
+            "factor": before / after,
+            **dict(zip(("reduce_cpu_s", "estimate_cpu_s", "correct_cpu_s"), times, strict=True)),
         })  # fmt: skip
         table.add_row(
             str(sizes[0]), " ".join(f"{s:g}" for s in sizes[1:]), str(runs[-1]["dofs"]), f"{estimate.force:.2%}",
@@ -71,9 +72,7 @@ def main():
         "limits": LIMITS, "scenes": found, "least_first": min(each[0] for each in factors.values()),
         "least": min(min(each) for each in factors.values()),
     }  # fmt: skip
-    failed = [
-        name for name, each in factors.items() if each[0] < LIMITS["least_first"] or min(each) < LIMITS["least"]
-    ]
+    failed = [name for name, each in factors.items() if each[0] < LIMITS["least_first"] or min(each) < LIMITS["least"]]
     scenes.finish(__file__, result, failed)
 
 
