@@ -314,6 +314,7 @@ CASES = {
     "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
     "order": Case("mesh/order.py", limits(("unknowns",))),
     "effectivity": Case("mesh/effectivity.py", limits(("largest",))),
+    "correct": Case("mesh/correct.py", limits(())),
     "design": Case("mesh/design.py", limits(("failed", "largest_share")),
                    ("--quick", "--out", "{out}/design_quick.json"), ("mesh_design.png",)),
 }  # fmt: skip
