@@ -1,10 +1,9 @@
-"""What a contact tells of a run: forces, pressures, areas, gaps, sub-impacts and energy."""
+"""What a contact tells of a run: forces, pressures, areas, gaps, stress and energy."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -28,27 +27,6 @@ from .plastic_results import PlasticResults
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
 _LARGE = 0.8  # of the largest force, above which stresses are looked for
 _WHOLE = 0.9  # of a patch's area: what touches there is no Hertz contact
-_LOOKED_AT = 200  # samples beside an impact, until its surface has opened
-
-
-@dataclass(frozen=True)
-class SubImpact:
-    """A time of uninterrupted contact.
-
-    Parameters
-    ----------
-    start, end : float
-        [s]
-    impulse : float
-        Of the total normal force [N s].
-    peak : float
-        Largest total normal force [N].
-    """
-
-    start: float
-    end: float
-    impulse: float
-    peak: float
 
 
 class ContactResults(PlasticResults):
@@ -247,37 +225,6 @@ class ContactResults(PlasticResults):
             found.append(material)
         return found
 
-    def impacts(self, result: RunSamples) -> list[SubImpact]:
-        """Times of uninterrupted contact, with the impulse and peak of each.
-
-        Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
-        linear interpolation. Mean gaps of integrated rows, which make the force, close later. Times are those of
-        samples with a force where the surface is not known: with multipliers, and where a body of another kind carries
-        the rigid surface.
-        """
-        force, t, found = self.force(result), result.t, []
-        spans, gap = self.closed_samples(result), self._surface_gap(result)
-        for k, (first, last) in enumerate(spans):
-            around = slice(max(first - 1, 0), min(last + 2, len(t)))
-            impulse = float(np.trapezoid(force[around], t[around]))
-            start = _crossing(t, gap, first, spans[k - 1][1] if k else -1)
-            end = _crossing(t, gap, last, spans[k + 1][0] if k + 1 < len(spans) else len(t))
-            found.append(SubImpact(start, end, impulse, float(force[around].max())))
-        return found
-
-    def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
-        """First and last sample with a force, of each time of uninterrupted contact."""
-        edges = np.diff(np.r_[0, self.force(result) > 0, 0].astype(int))
-        return [*zip(np.flatnonzero(edges > 0).tolist(), (np.flatnonzero(edges < 0) - 1).tolist(), strict=True)]
-
-    def _surface_gap(self, result: RunSamples) -> Callable[[int], float] | None:
-        """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
-        gaps = self.law.gaps
-        if not self.compliant or gaps.carried:
-            return None
-        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
-        return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
-
     def edge_reached(self, result: RunSamples) -> tuple[float, Array] | None:
         """When and where the contact reached the edge of its patch first, [s] and (3,) [m]; None if it did not.
 
@@ -292,13 +239,13 @@ class ContactResults(PlasticResults):
     def energy(self, result: RunSamples) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
-        The contact is evaluated again at the stored coordinates, in their order; with friction or plastic zones it is
-        what the run told.
+        It is what the run told. Of a result from a file, elastic contacts are evaluated again at the stored
+        coordinates, in their order.
 
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If the result is none, or of another model, or from a file while a body of another kind carries the surface.
         """
         validate_result(result)
         if self.friction is not None:
@@ -307,13 +254,16 @@ class ContactResults(PlasticResults):
             return self._plastic_samples(result)[:, 0]
         if not self.elastic:
             return np.zeros(len(result.t))
+        if result.runs:
+            kept = result.kept(self).stored
+            return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
         if self.together is None:
             law = self.law.for_run("explicit")
             return np.array([law.potential(q) for (q,) in self._coordinates(result)])
-        kept = _ENERGIES.setdefault(result, {})  # of all contacts of the group, which are found together
-        if id(self.group) not in kept:
-            kept[id(self.group)] = np.array([[law.stored() for law in laws] for laws in self._again(result)])
-        return kept[id(self.group)][:, self._place_in_group].copy()
+        found = _ENERGIES.setdefault(result, {})  # of all contacts of the group, which are found together
+        if id(self.group) not in found:
+            found[id(self.group)] = np.array([[law.stored() for law in laws] for laws in self._again(result)])
+        return found[id(self.group)][:, self._place_in_group].copy()
 
     def nodal_forces(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
@@ -374,20 +324,7 @@ class ContactResults(PlasticResults):
             )
         if not self.law.gaps.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
-        elif unpaired:
+        elif unpaired and not any(side.surface.wanders for side in self.law.gaps.sides):
             slave = self.slave.name or "the slave"
             said.append(f"{unpaired} contact points of {slave} that face no facet of the master patch")
         return said
-
-
-def _crossing(t: Array, gap: Callable[[int], float] | None, sample: int, other: int) -> float:
-    """Time at which a gap vanishes [s], from a sample in contact towards another one, which is in contact or none."""
-    way = 1 if other > sample else -1
-    if gap is not None:
-        for inside in range(sample, sample + way * _LOOKED_AT, way):
-            if inside + way == other or gap(inside) > 0:
-                break
-            if gap(inside + way) > 0:
-                share = gap(inside) / (gap(inside) - gap(inside + way))
-                return float(t[inside] + share * (t[inside + way] - t[inside]))
-    return float(t[sample])

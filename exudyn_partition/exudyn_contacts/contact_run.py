@@ -37,6 +37,8 @@ class ContactRun:
     ----------
     samples : list of (float, (na,) int array, (na,) array)
         Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N].
+    stored : dict of float to float
+        Energy that elastic contacts store with closed rows [J], by the time.
     tangential : dict of float to ((na, 3) array, (na,) int8 array)
         With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
     plastic_strains : dict of int to StrainHistory
@@ -64,6 +66,7 @@ class ContactRun:
         self._place = 0  # among the members
         self._remembering: list[ContactRun] = []
         self.samples: list[tuple[float, Array, Array]] = []
+        self.stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.plastic_strains = {} if law.yielding is None else {i: StrainHistory(z.zone) for i, z in law.yielding.zones}
         self.edge: tuple[float, Array] | None = None
@@ -146,6 +149,8 @@ class ContactRun:
             if self.samples and self.samples[-1][0] == t:  # asked for again
                 self.samples.pop()
             self.samples.append((t, self._closed_nodes, lam))
+            if law.elastic:
+                self.stored[t] = law.stored()
             if law.friction is not None:
                 self.tangential[t] = law.traction[closed], law.state[closed]
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]

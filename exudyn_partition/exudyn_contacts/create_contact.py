@@ -18,7 +18,7 @@ from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, R
 from ..contact.rigid_mesh import RigidMesh
 from ..contact.side import Side
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
-from ..errors import EmptyRegionError, InputError
+from ..errors import EmptyRegionError, InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registry, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -204,7 +204,11 @@ def CreatePartitionContact(
     carrier = None
     if rigid is None:
         wanders = any(side.surface.wanders for side in placed)
-        gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
+        try:
+            gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
+        except PenetrationError as error:
+            first, second = (repr(item.name) if item.name else str(bodies.index(item)) for item, _ in sides)
+            raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}") from error
     else:
         to_rigid = WanderingRigidGaps if placed[0].surface.wanders else RigidGaps
         if masterBody is None:

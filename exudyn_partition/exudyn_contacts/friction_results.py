@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,8 +22,15 @@ from .contact_run import ContactRun
 class RunSamples(Samples, Protocol):
     """What a contact reads of a run: samples of sensors, and what it kept itself."""
 
+    @property
+    def runs(self) -> Sequence[ContactRun]:
+        """What each contact kept of the run; empty of a result from a file."""
+
     def kept(self, contact: Any) -> ContactRun:
         """What a contact kept of the run."""
+
+    def at(self, times: Array) -> RunSamples:
+        """Return the samples nearest to some times, each once."""
 
 
 class FrictionResults(dict[str, Any]):

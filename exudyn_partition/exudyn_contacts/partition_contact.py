@@ -1,8 +1,11 @@
-"""A contact of partition bodies in an Exudyn model: its indices and sensors, and the list of what a model holds."""
+"""A contact of partition bodies in an Exudyn model: its indices, sensors and impacts; and what a model holds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from ..contact.formulations.formulation import Formulation, Law
 from ..contact.rigid import RigidSurface
@@ -10,11 +13,13 @@ from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..support.arrays import Vector
-from ..support.checks import validate_vector
+from ..results.impacts import Ringing, SubImpact, closed_spans, crossing, joined, ringing, running_mean
+from ..support.arrays import Array, Vector
+from ..support.checks import validate_number, validate_positive, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 from .contact_results import ContactResults
+from .friction_results import RunSamples
 from .model_run import runs_of
 
 
@@ -75,6 +80,133 @@ class PartitionContact(ContactResults):
         self["sMoment"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=moment, storeInternal=True))
         self.moment_about = place
         return self["sMoment"]
+
+    def impacts(self, result: RunSamples, *, merge: float = 0.0) -> list[SubImpact]:
+        """Times of contact, with impulse, peak and mean of the force, and relative speeds before and after.
+
+        Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
+        linear interpolation. Mean gaps of integrated rows, which make the force, close later. Times are those of
+        samples with a force where the surface is not known: with multipliers, and where a body of another kind carries
+        the rigid surface.
+
+        A speed is that of rigid bodies with the momenta and angular momenta of the bodies, at the centre of the contact
+        force when it is largest, along the direction of the impulse. Vibration and distance from the centre of mass are
+        so treated alike in both frames. `speed_before` is positive if they approach, `speed_after` if they separate;
+        their ratio is Newton's coefficient of restitution. A speed is None if the run begins or ends in this contact,
+        if a body of another kind carries the rigid surface, and of results from files if forces are not elastic.
+
+        Parameters
+        ----------
+        result : Result
+        merge : float
+            Times of contact with at most this time between them are one impact [s]: flat faces open and close several
+            times in a bounce. Default: 0, each by itself.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model; if `merge` is negative.
+        """
+        if validate_number("merge", merge, "a time in s, zero or above") < 0:
+            raise InputError(f"merge: expected a time in s, zero or above, got {merge!r}")
+        force, t = self.force(result), result.t
+        spans, gap, times = closed_spans(force), self._surface_gap(result), []
+        for k, (first, last) in enumerate(spans):
+            start = crossing(t, gap, first, spans[k - 1][1] if k else -1)
+            times.append((start, crossing(t, gap, last, spans[k + 1][0] if k + 1 < len(spans) else len(t))))
+        found = []
+        for group in joined(times, merge):
+            first, last = spans[group[0]][0], spans[group[-1]][1]
+            around = slice(max(first - 1, 0), min(last + 2, len(t)))
+            impulse, peak = float(np.trapezoid(force[around], t[around])), float(force[around].max())
+            speeds = self._speeds(result, first, last)
+            found.append(SubImpact(times[group[0]][0], times[group[-1]][1], impulse, peak, len(group), *speeds))
+        return found
+
+    def _speeds(self, result: RunSamples, first: int, last: int) -> tuple[float | None, float | None]:
+        """Approach before and separation after a contact, from its first to its last sample [m/s]; see `impacts`."""
+        t, on_slave = result.t, self.force_on_slave(result)
+        along = np.trapezoid(on_slave[max(first - 1, 0) : last + 2], t[max(first - 1, 0) : last + 2], axis=0)
+        if self.law.gaps.carried or not (size := np.linalg.norm(along)):
+            return None, None
+        along = along / size
+        peak = first + int(self.force(result)[first : last + 1].argmax())
+        if (centre := self._force_centre(result, peak, along)) is None:
+            return None, None
+
+        def separation(sample: int) -> float | None:
+            if not 0 <= sample < len(t):
+                return None
+            now, speeds = result.at(t[sample : sample + 1]), []
+            for item, _ in self.sides:
+                q, q_t = item.coordinates(now)[0], item.coordinates_t(now)[0]
+                speeds.append(float(item.kinematics.mean_velocity(q, q_t, centre) @ along))
+            return speeds[0] - sum(speeds[1:])
+
+        before = separation(first - 1)
+        return None if before is None else -before, separation(last + 1)
+
+    def _force_centre(self, result: RunSamples, sample: int, along: Array) -> Array | None:
+        """Centre of the contact force in space at a sample, (3,) [m]; None if forces of rows are not known."""
+        now, item = result.at(result.t[sample : sample + 1]), self.slave
+        nodes = self.law.gaps.slave.surface.nodes
+        try:
+            if self.elastic or self.friction is not None or self.yielding is not None:
+                weights = self.nodal_forces(now)[0][0] @ along
+            else:
+                weights = self._row_forces(now, now.t).toarray()[0, : len(nodes)]
+        except InputError:  # of a file
+            return None
+        places = item.kinematics.at(nodes).place(item.coordinates(now)[0])
+        centre: Array = weights @ places / weights.sum()
+        return centre
+
+    def ringing(self, result: RunSamples) -> Ringing | None:
+        """How the force rings: the impact where it does most, period and means; None where it does not.
+
+        It is measured from the history of the force, see `results.impacts.ringing`. None of statics, of multipliers,
+        and where fewer than four samples stand in a period of `f_cut`.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        force = self.force(result)
+        if not self.compliant or result.method == "static":
+            return None
+        return ringing(result.t, force, 1 / min(item.body.f_cut for item, _ in self.sides))
+
+    def mean_force(self, result: RunSamples, window: float | None = None) -> Array:
+        """Mean of the force over a window around each time, (n,) [N]; where the force rings, its means hold.
+
+        Parameters
+        ----------
+        result : Result
+        window : float, optional
+            [s]. Default: two periods of the ringing, see `ringing`; if the force does not ring, the force itself.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model; if the window is not above zero.
+        """
+        if window is None:
+            rings = self.ringing(result)
+            return self.force(result) if rings is None else running_mean(result.t, self.force(result), rings.window)
+        return running_mean(result.t, self.force(result), validate_positive("window", window, "s"))
+
+    def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
+        """First and last sample with a force, of each time of uninterrupted contact."""
+        return closed_spans(self.force(result))
+
+    def _surface_gap(self, result: RunSamples) -> Callable[[int], float] | None:
+        """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
+        gaps = self.law.gaps
+        if not self.compliant or gaps.carried:
+            return None
+        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
+        return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

@@ -45,6 +45,8 @@ class Solver:
         Time that the run has reached [s].
     rejected_steps, jacobians, newton_iterations : int
         Steps that were taken again, and the work of Newton's method.
+    spectral_radius : float
+        That generalized-alpha was given; of another solver it means nothing.
     """
 
     method: str
@@ -57,6 +59,7 @@ class Solver:
     rejected_steps: int
     jacobians: int
     newton_iterations: int
+    spectral_radius: float
 
     @classmethod
     def last(cls, mbs: MainSystem) -> Solver | None:
@@ -64,7 +67,7 @@ class Solver:
         solver = latest_solver(mbs)
         if solver is None:
             return None
-        it = solver.it
+        it, settings = solver.it, mbs.sys["simulationSettings"]
         return cls(
             method=method_of(solver),
             step=it.maxStepSize,
@@ -76,6 +79,7 @@ class Solver:
             rejected_steps=it.rejectedAutomaticStepSizeSteps,
             jacobians=it.newtonJacobiCount,
             newton_iterations=it.newtonStepsCount,
+            spectral_radius=settings.timeIntegration.generalizedAlpha.spectralRadius,
         )
 
 

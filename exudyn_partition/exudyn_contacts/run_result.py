@@ -59,6 +59,10 @@ class RunResult(Protocol):
         """Contacts of the model."""
 
     @property
+    def runs(self) -> Sequence[ContactRun]:
+        """What each contact kept of the run; empty of a result from a file."""
+
+    @property
     def item_work(self) -> WorkSensor | None:
         """Sensor of the work of joints, springs and loads, if the model has one."""
 

@@ -63,11 +63,11 @@ class Partition:
         If two patches, two interfaces, or an interface and the impact region share nodes, or names are not unique.
     """
 
-    nodes: Array
+    nodes: Array = field(repr=False)
     patches: tuple[Patch, ...]
     interfaces: tuple[Interface, ...]
     n_nodes: int
-    mesh: Array
+    mesh: Array = field(repr=False)
     loads: tuple[LoadPattern, ...] = field(default=(), metadata={"added": True})
 
     def __post_init__(self) -> None:
@@ -271,8 +271,8 @@ class Partition:
         if material.plastic:
             plastic = plastic_region(fem, center, radius if plastic_radius is None else plastic_radius)
             nodes = np.union1d(nodes, plastic.nodes)
-        own = None if fem.regions is None else material
-        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own)
+        own, size = None if fem.regions is None else material, np.ptp(fem.points[facets], axis=(0, 1))
+        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own, extent=size)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod
@@ -306,10 +306,10 @@ class Partition:
         validate_choice("axes", axes, AXES)
         number = chosen_facets(fem, faces)
         facets = fem.facets[number]
-        normals = local_normals(fem.points, facets)
+        normals, size = local_normals(fem.points, facets), np.ptp(fem.points[facets], axis=(0, 1))
         line, rim = mean_direction(fem.points, facets), smooth_rim(fem, number, normals)
         material = None if fem.regions is None else fem.material_beneath(number)
-        patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals)
+        patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals, extent=size)
         return cls(patch.nodes, (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod

@@ -111,6 +111,8 @@ class Patch:
         That of the elements beneath it, if the body consists of several; see `FEModel.material_beneath`.
     normals : (np, 3) array or None
         Unit outward normals of its nodes, if contact wanders over it; None: `direction` everywhere.
+    extent : (3,) array or None
+        Lengths along the body's axes [m], for print; None: not known, as of old files.
     """
 
     facets: Array
@@ -122,6 +124,7 @@ class Patch:
     plastic: PlasticRegion | None = field(default=None, metadata={"added": True})
     material: Material | None = field(default=None, metadata={"added": True})
     normals: Array | None = field(default=None, metadata={"added": True})
+    extent: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         check_facets(self.facets)
@@ -138,6 +141,17 @@ class Patch:
             if (abs(np.linalg.norm(self.normals, axis=1) - 1) > _UNIT).any():
                 raise InputError("normals: expected unit vectors")
             read_only(self.normals)
+        if self.extent is not None:
+            check_floats("extent", self.extent, (3,))
+            read_only(self.extent)
+
+    def __repr__(self) -> str:
+        size = "" if self.extent is None else " x ".join(f"{1e3 * length:.4g}" for length in self.extent) + " mm, "
+        kind = "a surface" if self.wanders else "a region"
+        return (
+            f"Patch({self.name!r}, {kind}, {len(self.nodes)} nodes, {len(self.facets)} facets, {size}"
+            f"axes={self.axes!r}, outwards {self.direction.round(3).tolist()})"
+        )
 
     @property
     def wanders(self) -> bool:
@@ -197,6 +211,10 @@ class Interface:
         check_floats("motion", self.motion, (6, 3 * len(self.nodes)))
         read_only(self.nodes, self.position, self.weights, self.motion)
 
+    def __repr__(self) -> str:
+        at = self.position.round(6).tolist()
+        return f"Interface({self.name!r}, {self.kind}, {len(self.nodes)} nodes, position {at} m)"
+
     def rigid_motion(self, fem: FEModel) -> Array:
         """(3k, 6) array: displacements of the nodes by unit translations and rotations about `position`."""
         return rigid_modes(fem.points[self.nodes] - self.position)
@@ -224,6 +242,9 @@ class LoadPattern:
         check_indices("nodes", self.nodes, (None,))
         check_floats("forces", self.forces, (len(self.nodes), 3))
         read_only(self.nodes, self.forces)
+
+    def __repr__(self) -> str:
+        return f"LoadPattern({self.name!r}, {len(self.nodes)} nodes)"
 
 
 def interface_of(

@@ -159,6 +159,13 @@ class FloatingKinematics:
         velocities: Array = q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
         return velocities
 
+    def mean_velocity(self, q: Array, q_t: Array, point: Array) -> Array:
+        """See `Kinematics.mean_velocity`; that of the mean axes, whose deformation has momenta of second order only."""
+        r, A = self.frame(q)
+        omega = np.einsum("...ab,...b->...a", A @ self.node_axes, q_t[..., 3:6])
+        velocity: Array = q_t[..., :3] + np.cross(omega, point - r)
+        return velocity
+
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`; the torque is in the node's axes."""
         local, arms, rows = forces @ self.frame(q)[1], self.arms, self.rows

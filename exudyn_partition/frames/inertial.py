@@ -75,6 +75,12 @@ class InertialKinematics:
         """See `Kinematics.velocities`."""
         return node_fields(self.rows, q_t)
 
+    def mean_velocity(self, q: Array, q_t: Array, point: Array) -> Array:
+        """See `Kinematics.mean_velocity`; projection with the mass matrix keeps both momenta."""
+        motion, centre = self.rigid_motion(q_t), self.frame(q)[0] + self.rigid_motion(q)[..., :3]
+        velocity: Array = motion[..., :3] + np.cross(motion[..., 3:], point - centre)
+        return velocity
+
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`."""
         generalised: Array = self.rows.T @ forces.ravel()

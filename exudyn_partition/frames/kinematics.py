@@ -93,6 +93,9 @@ class Kinematics(Protocol):
     def velocities(self, q: Array, q_t: Array) -> Array:
         """Velocities of the nodes, (..., k, 3) [m/s]."""
 
+    def mean_velocity(self, q: Array, q_t: Array, point: Array) -> Array:
+        """Velocity at a point in space, (3,) [m], of a rigid body with the same momenta, (..., 3) [m/s]."""
+
     def in_frame(self, q: Array, directions: Array) -> Array:
         """Directions in space, (m, 3), in the body's axes."""
 

@@ -6,7 +6,6 @@ The page is one HTML file by a template of Jinja; its figures are embedded, curv
 from __future__ import annotations
 
 import base64
-import contextlib
 import datetime
 import io
 import math
@@ -18,6 +17,7 @@ from ..errors import InputError
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..results.compare import versions
+from ..results.impacts import Ringing
 from ..support.arrays import Array
 from ..support.checks import validate_text
 from ..support.files import replacing, writable
@@ -123,8 +123,10 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
     warnings = []
     if impacts:
         peak = int(force.argmax())
+        rings = contact.ringing(result)
         rows += [
             ("peak force", f"{force[peak]:.5g} N at {result.t[peak]:.6g} s"),
+            *([] if rings is None else [("it rings: read means", _ringing(rings))]),
             ("impulse", f"{history.impulse:.5g} N s"),
             ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
             ("largest contact area", f"{1e6 * contact.area(result).max():.4g} mm2"),
@@ -136,7 +138,8 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
             rows.append(("Hertz-equivalent pressure", f"{1e-6 * stress.pressure:.4g} MPa at {stress.time:.6g} s"))
             rows += [(f"von Mises stress of {name}", said) for name, said in stress.by_body(contact.side_names)]
             if (stress.yield_ratio or 0.0) > 1.0:
-                warnings.append(f"Beyond first yield: {stress.advice(contact.side_names)}.")
+                peak_of = f" {rings.beside(stress.yield_force)}." if rings is not None and stress.yield_force else ""
+                warnings.append(f"Beyond first yield: {stress.advice(contact.side_names)}.{peak_of}")
     else:
         rows.append(("peak force", f"none: the bodies did not touch; smallest gap {contact.gap(result).min():.4g} m"))
     if (reached := contact.edge_reached(result)) is not None:
@@ -144,10 +147,21 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
     return {
         "name": name,
         "rows": rows,
-        "impacts": [(i.start, i.end, i.peak, i.impulse) for i in impacts[:_MOST_IMPACTS]],
+        "impacts": [
+            (i.start, i.end, i.peak, i.mean_force, i.impulse, _known(i.speed_before), _known(i.speed_after))
+            for i in impacts[:_MOST_IMPACTS]
+        ],
         "more": max(0, len(impacts) - _MOST_IMPACTS),
         "warnings": warnings,
     }
+
+
+def _ringing(rings: Ringing) -> str:
+    """What a force that rings amounts to."""
+    return (
+        f"with {1e-3 / rings.period:.3g} kHz; means over {rings.window:.3g} s, two periods, reach {rings.mean:.5g} N "
+        f"from {rings.start:.6g} s to {rings.end:.6g} s"
+    )
 
 
 def _friction_rows(contact: PartitionContact, result: Result) -> list[tuple[str, str]]:
@@ -180,33 +194,24 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
     """Sums over the partition bodies at start and end of the run, and a note."""
     if not result.bodies:
         return [], ""
-    rows: list[tuple[object, ...]] = []
-    bodies, note, total = np.sum([item.energy(result) for item in result.bodies], axis=0), "", None
-    sums = [("energy of the bodies [J]", bodies)]
-    try:
-        total = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
-        sums.append(("with contacts' [J]", total))
-    except InputError as error:
-        note = f"{error}. "
-    taken_of = taken_by(result.bodies, result.contacts, result)
+    bodies = np.sum([item.energy(result) for item in result.bodies], axis=0)
+    total = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
+    sums = [("energy of the bodies [J]", bodies), ("with contacts' [J]", total)]
+    taken_of, works = taken_by(result.bodies, result.contacts, result), _item_works(result)
     sums += [(f"taken by {what} [J]", taken) for what, taken in taken_of.items()]
-    if total is not None:
-        given = np.sum([total, *taken_of.values()], axis=0)
-        if taken_of:
-            sums.append((f"with contacts' and what {' and '.join(taken_of)} took [J]", given))
-        works = _item_works(result)
-        sums += [(f"given by {name} [J]", work) for name, work in works.items()]
-        rest, givers = given - given[0] - sum(works.values()), "other items" if works else "joints, springs and loads"
-        sums.append((f"given by {givers}; else the steps' error [J]", rest))
-    scale = max(abs(values).max() for _, values in sums) or 1.0
-    for name, values in sums:
-        rows.append((name, f"{values[0]:.6g}", f"{values[-1]:.6g}", f"{(values[-1] - values[0]) / scale:.2e}"))
-    momenta = [item.momentum(result) for item in result.bodies]
-    momentum, largest = np.sum(momenta, axis=0), max(np.linalg.norm(p, axis=1).max() for p in momenta) or 1.0
-    for axis, name in enumerate("xyz"):
-        p = momentum[:, axis]
-        rows.append((f"momentum {name} [N s]", f"{p[0]:.6g}", f"{p[-1]:.6g}", f"{(p[-1] - p[0]) / largest:.2e}"))
-    note += "Loads, joints and other items of the model may change them; contact between the bodies does not."
+    given = np.sum([total, *taken_of.values()], axis=0)
+    if taken_of:
+        sums.append((f"with contacts' and what {' and '.join(taken_of)} took [J]", given))
+    sums += [(f"given by {name} [J]", work) for name, work in works.items()]
+    rest, givers = given - given[0] - sum(works.values()), "other items" if works else "joints, springs and loads"
+    sums.append((f"given by {givers}; else the steps' error [J]", rest))
+    momentum = np.sum([item.momentum(result) for item in result.bodies], axis=0)
+    sums += [(f"momentum {axis} [N s]", momentum[:, i]) for i, axis in enumerate("xyz")]
+    rows: list[tuple[object, ...]] = [(name, f"{v[0]:.6g}", f"{v[-1]:.6g}", f"{v[-1] - v[0]:.3g}") for name, v in sums]
+    note = (
+        "What drives the model changes energy and momentum: joints, springs, loads, prescribed motion; rigid surfaces "
+        "change momentum. Without these a change is the error of the steps. Contact between the bodies does not."
+    )
     return rows, note
 
 
@@ -238,8 +243,7 @@ def _figures(result: Result) -> list[dict[str, str]]:
             axes.set_title(plain(contact.name or f"contact {i}"))
             figures.append(_drawn(axes, "contact force over time"))
         if result.bodies:
-            with contextlib.suppress(InputError):  # an energy is not known after the run; `_balance` says so
-                figures.append(_drawn(plot.energy(None, result), "energies over time"))
+            figures.append(_drawn(plot.energy(None, result), "energies over time"))
     if result.bodies:
         peak = peak_time(result)
         scale = _scale(result.at([peak]))
@@ -275,6 +279,10 @@ def _encoded(image: Array) -> str:
 
 def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _known(value: float | None) -> float | str:
+    return "" if value is None else value
 
 
 def _number(value: float, unit: str) -> str:

@@ -11,7 +11,7 @@ import scipy.linalg
 from oracles import end, ground
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, PartitionWarning, RunError
+from exudyn_partition.errors import ContactPatchWarning, InputError, PartitionWarning, RunError
 
 FORCE, SPRING = 50.0, 1e5
 pytestmark = pytest.mark.filterwarnings("ignore:contact .floor. at t = .* of 123 rows is closed at the peak")
@@ -54,6 +54,19 @@ def pressed(mbs, body, stiffness=SPRING, gap=0.0, **of_time):
 
 def sunk(item, result):
     return item.rigid_motion(item.coordinates(result))[:, 2]
+
+
+def test_an_equilibrium_without_contact_is_said(mbs, bodies):
+    """A load with the wrong sign; where one contact of several is closed, nothing is said."""
+    item = ep.CreatePartitionBody(mbs, bodies[0])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
+    springs(mbs, item, SPRING)
+    press(mbs, item, -FORCE)
+    mbs.Assemble()
+    with pytest.warns(
+        ContactPatchWarning, match="no contact closed in any load step; open are contact 'floor' by 0.0005"
+    ):
+        ep.solve_static(mbs, load_steps=2)
 
 
 def test_contact_and_spring_carry_the_load_in_each_step(mbs, bodies):

@@ -1,0 +1,299 @@
+"""Warnings about the contacts of a run: edges, overlap, steps, rows, ringing, yield."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import ContactPatchWarning, ModelLimitWarning, YieldWarning
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.plastic_results import SIDES
+from ..exudyn_contacts.run_record import Solver
+from ..frames.damping import ModeDamping
+from ..results.impacts import Ringing, rings_by_facets
+from ..support.foreign import MainSystem
+from .result import Result, called
+
+_LARGE = 0.1  # of the largest impulse: impacts below are not looked at
+_STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
+_FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
+_ASIDE = np.radians(30)  # of a patch's line of contact: a sphere's force is then 3 % too small, at 60 degrees 13 %
+_OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
+_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
+_DAMPING_RADIUS = 0.5  # spectral radius, up to which steps damp ringing
+_HIGH, _DAMPED = 0.7, 0.2  # of f_cut, and the ratio above it that damps ringing
+_LISTED = 5  # most contacts that a warning lists
+_LOOKED_AT = 64  # most samples at which bodies' velocities are looked at
+
+
+def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], result: Result) -> None:
+    """Say what needs saying about each contact, and once what concerns several."""
+    for contact in contacts:
+        _warn_of_patch(contact, result)
+        _warn_of_overlap(contact, result)
+        _warn_of_steps(contact, result)
+        _warn_of_few_rows(contact, result)
+        _warn_of_direction(contact, result)
+        _warn_of_facets(contact, result)
+        _warn_of_missing(contact, result)
+        _warn_of_zone(contact, result)
+    rings = {i: found for i, contact in enumerate(contacts) if (found := contact.ringing(result)) is not None}
+    _warn_of_ringing(mbs, {repr(contacts[i].name) if contacts[i].name else str(i): r for i, r in rings.items()}, result)
+    _warn_of_yield(contacts, rings, result)
+    _warn_of_open_statics(contacts, result)
+
+
+def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
+    """Contact at the edge: the patch of the slave ends there, or else that of the master."""
+    if (reached := contact.edge_reached(result)) is None:
+        return
+    time, place = reached
+    item, number = contact.sides[0]
+    patch, now = item.body.partition.patches[number], result.at([time])
+    distance = item.kinematics.at(patch.nodes).place(item.coordinates(now))[0] - place
+    nearest = patch.nodes[int(np.linalg.norm(distance, axis=1).argmin())]
+    if len(contact.sides) > 1 and nearest not in patch.rim:
+        item, number = contact.sides[1]
+        patch = item.body.partition.patches[number]
+    partitions = "both partitions" if len(contact.sides) > 1 else "the partition"
+    remedy = "Give it more faces" if patch.wanders else f"Enlarge the contact radius of {partitions}"
+    warnings.warn(
+        f"{called(contact)} reached the edge of its patch {repr(patch.name) if patch.name else number} of "
+        f"{called(item)} at t = {time:.6g} s, {place} m; the force is too small from then on. {remedy}",
+        ContactPatchWarning,
+        stacklevel=5,
+    )
+
+
+def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
+    """What placing tolerates as round-off of meshes is much energy for slow bodies; in statics nothing moves."""
+    placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
+    if not contact.elastic or contact.law.gaps.carried or not placed or not contact.closed_rows(result)[0]:
+        return
+    if result.method == "static":
+        return
+    first = result.at(result.t[:1])
+    stored, depth = contact.energy(first)[0], contact.depth(first)
+    largest = max(item.energy(result).max() for item, _ in contact.sides)
+    if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
+        warnings.warn(
+            f"{called(contact)} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
+            f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
+            "them apart. Move one by that much (referencePosition)",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
+    """Implicit steps over a contact force that comes and goes within a few of them make energy, however stable."""
+    every_step = len(result.t) > 1 and np.diff(result.t).min() < 1.5 * result.step
+    if result.method != "implicit" or not contact.compliant or not every_step:
+        return
+    force, spans = contact.force(result), contact.closed_samples(result)
+    impulses = [float(np.trapezoid(force[first : last + 1], result.t[first : last + 1])) for first, last in spans]
+    for (first, last), impulse in zip(spans, impulses, strict=True):
+        steps = round((result.t[last] - result.t[first]) / result.step) + 1
+        if impulse >= _LARGE * max(impulses) and steps < _STEPS_AN_IMPACT and last < len(result.t) - 1:
+            warnings.warn(
+                f"{called(contact)} at t = {result.t[first]:.6g} s: the impact is over within {steps} steps of "
+                f"{result.step:.4g} s, which do not resolve its force; implicit steps that long give bodies energy. "
+                "Take a twentieth of the impact's duration or less, see ep.hertz.impact; without `step` the library "
+                "chooses",
+                ModelLimitWarning,
+                stacklevel=5,
+            )
+            return
+
+
+def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
+    """A contact smaller than the facets around it is that of one row, whatever its true area."""
+    force, closed = contact.force(result), contact.closed_rows(result)
+    top = int(force.argmax())
+    if not contact.compliant or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
+        return
+    if top == len(force) - 1 and result.method != "static":
+        return  # a contact that still grows begins with one row
+    warnings.warn(
+        f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
+        f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
+        "smaller than the facets that should resolve it, and the force is too large, by a quarter and more. Refine "
+        f"both meshes there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
+        "ep.hertz.contact_radius",
+        ModelLimitWarning,
+        stacklevel=5,
+    )
+
+
+def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
+    """A patch with one axis yields along its line of contact only, whatever the direction of the force on it."""
+    top = int(contact.force(result).argmax())
+    force = contact.force_on_slave(result)[top]
+    if not force.any():
+        return
+    for (item, number), name, sign in zip(contact.sides, contact.side_names, (-1, 1), strict=False):
+        patch = item.body.partition.patches[number]
+        if item.body.basis.flexibility is None or patch.wanders or patch.axes != "normal":
+            continue
+        line = item.kinematics.frame(item.coordinates(result)[top])[1] @ patch.direction
+        aside = np.arccos(np.clip(sign * force @ line / np.linalg.norm(force), -1, 1))
+        if aside > _ASIDE:
+            warnings.warn(
+                f"{called(contact)} at t = {result.t[top]:.6g} s: the force on {name} is {np.degrees(aside):.0f} "
+                f"degrees off the line of contact of its patch, {patch.direction} in the body's axes. The patch yields "
+                "along that line only, so that the contact is too soft and the force too small. Give the partition "
+                'axes="xyz", or the direction of this force, or take Partition.surface',
+                ModelLimitWarning,
+                stacklevel=5,
+            )
+
+
+def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
+    """Bodies that turn may face each other later; those that never do may have been placed wrongly."""
+    gaps = contact.law.gaps
+    if not gaps.faced and not contact.force(result).any():
+        patch = gaps.slave.surface
+        warnings.warn(
+            f"{called(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m "
+            f"with outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
+            "referenceRotation and the partitions, or run longer",
+            ContactPatchWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
+    """Plastic flow that reached the edge of its zone."""
+    if contact.yielding is None or (reached := contact.flow_at_border(result)) is None:
+        return
+    side, place = reached
+    name = contact.side_names[SIDES.index(side)]
+    warnings.warn(
+        f"{called(contact)}: the plastic flow of {name} reached the edge of its plastic zone, at {place} m. Beyond, "
+        "the body stays elastic, so that the force is too large, the dent too small. Enlarge plastic_radius= of it",
+        YieldWarning,
+        stacklevel=5,
+    )
+
+
+def _warn_of_ringing(mbs: MainSystem, rings: dict[str, Ringing], result: Result) -> None:
+    """Flat ends that meet at once excite frequencies above all modes that residual flexibility has (`bars.py`)."""
+    if not rings:
+        return
+    said = [
+        f"contact {name} at t = {r.start:.6g} s with {1e-3 / r.period:.3g} kHz, peak {r.peak:.4g} N, means over "
+        f"{r.window:.3g} s at most {r.mean:.4g} N"
+        for name, r in [*rings.items()][:_LISTED]
+    ]
+    more = len(rings) - len(said)
+    solver, f_cut = Solver.last(mbs), max(item.body.f_cut for item in result.bodies)
+    by_steps = result.method == "implicit" and solver is not None and solver.spectral_radius <= _DAMPING_RADIUS
+    if by_steps or any(map(_damps_the_highest, result.bodies)):
+        remedy = (
+            "Damping of high frequencies is in use already. What is left: means; a finer mesh and a higher f_cut, "
+            "which make the ringing shorter; an end that is a little round, whose rows close one after the other"
+        )
+    else:
+        remedy = (
+            "What helps: method='implicit', spectral_radius=0.3, "
+            f"step={0.1 / f_cut:.2g}; or a damping ratio of 0.3 for modes above {_HIGH} f_cut, damping= of "
+            "CreatePartitionBody; or basis='craig-bampton' with formulation='lagrange' and method='implicit'"
+        )
+    warnings.warn(
+        f"the force rings near or above f_cut, {1e-3 * f_cut:.4g} kHz, where the bases end, as it does when flat faces "
+        f"meet at once: {'; '.join(said)}{f'; and {more} contacts more' if more else ''}. Read means, mean_force of "
+        f"the contact, not peaks. {remedy}. The page 'Contact' of the documentation tells what each takes",
+        ModelLimitWarning,
+        stacklevel=5,
+    )
+
+
+def _damps_the_highest(item: PartitionBody) -> bool:
+    """Whether ratios of damping are large for all modes near f_cut."""
+    omega, damping = item.body.basis.omega, item.damping
+    high = omega > 2 * np.pi * _HIGH * item.body.f_cut
+    if not isinstance(damping, ModeDamping) or not high.any():
+        return False
+    return bool((damping.rates[high] >= 2 * _DAMPED * omega[high]).all())
+
+
+def _warn_of_facets(contact: PartitionContact, result: Result) -> None:
+    """Facets that pass by excite a body on its contact, near the frequency that it has there."""
+    if result.method == "static" or not any(side.surface.wanders for side in contact.law.gaps.sides):
+        return
+    if (speed := _sliding_speed(contact, result)) is None:
+        return
+    force = contact.force(result)
+    for (item, _), side in zip(contact.sides, contact.law.gaps.sides, strict=True):
+        rate = speed / side.surface.facet_size
+        if (frequency := rings_by_facets(result.t, force, rate)) is not None:
+            spans = contact.closed_samples(result)
+            opens = f" and opens {len(spans) - 1} times for a short while" if len(spans) > 1 else ""
+            warnings.warn(
+                f"{called(contact)}: its force rings with {1e-3 * frequency:.3g} kHz{opens}, and {1e-3 * rate:.3g} "
+                f"thousand facets of {called(item)} slide by each second: probably the mesh excites the bodies on "
+                "their contact, so that they part though real ones would not. Take finer facets there, or "
+                "method='implicit' with spectral_radius=0.3 and steps that do not resolve this frequency. The page "
+                "'Contact' of the documentation has a section on ringing",
+                ModelLimitWarning,
+                stacklevel=5,
+            )
+            return
+
+
+def _sliding_speed(contact: PartitionContact, result: Result) -> float | None:
+    """Median speed at which two bodies slide along each other at the contact [m/s]; None if it is not known."""
+    on_slave = contact.force_on_slave(result)
+    pressed = np.flatnonzero(on_slave.any(axis=1))
+    if len(contact.sides) < 2 or not pressed.size:
+        return None
+    some = pressed[np.unique(np.linspace(0, len(pressed) - 1, _LOOKED_AT).astype(int))]
+    now = result.at(result.t[some])
+    nodes = contact.law.gaps.slave.surface.nodes
+    weights = contact.row_forces(now).toarray()[:, : len(nodes)]
+    places = contact.slave.kinematics.at(nodes).place(contact.slave.coordinates(now))
+    centres = np.einsum("mk,mkd->md", weights, places) / weights.sum(axis=1)[:, None]
+    one, other = (
+        item.kinematics.mean_velocity(item.coordinates(now), item.coordinates_t(now), centres)
+        for item, _ in contact.sides
+    )
+    normals = on_slave[some] / np.linalg.norm(on_slave[some], axis=1)[:, None]
+    relative = one - other
+    along = relative - np.sum(relative * normals, axis=1)[:, None] * normals
+    return float(np.median(np.linalg.norm(along, axis=1)))
+
+
+def _warn_of_yield(contacts: Sequence[PartitionContact], rings: dict[int, Ringing], result: Result) -> None:
+    """One warning for all contacts, with the worst of them."""
+    found = []
+    for i, contact in enumerate(contacts):
+        stress = contact.largest_stress(result)
+        if stress is not None and (ratio := stress.yield_ratio or 0.0) > 1.0:
+            found.append((ratio, i, stress))
+    if not found:
+        return
+    _, worst, stress = max(found, key=lambda entry: entry[0])
+    contact = contacts[worst]
+    others = f", the worst of {len(found)} contacts beyond first yield" if len(found) > 1 else ""
+    peak = f". {rings[worst].beside(stress.yield_force)}" if worst in rings and stress.yield_force else ""
+    warnings.warn(
+        f"{called(contact)}{others}, at t = {stress.time:.6g} s: {stress.advice(contact.side_names)}{peak}",
+        YieldWarning,
+        stacklevel=5,
+    )
+
+
+def _warn_of_open_statics(contacts: Sequence[PartitionContact], result: Result) -> None:
+    """An equilibrium without contact may be wanted, but mostly a spring or load has the wrong sign."""
+    if result.method == "static" and result.status == "finished" and contacts:
+        if not any(contact.force(result).any() for contact in contacts):
+            gaps = ", ".join(f"{called(contact)} by {contact.gap(result)[-1]:.3g} m" for contact in contacts[:_LISTED])
+            warnings.warn(
+                f"no contact closed in any load step; open are {gaps}. If they should press, check signs of loads "
+                "and of springs' offsets, and where bodies are placed",
+                ContactPatchWarning,
+                stacklevel=5,
+            )
