@@ -15,7 +15,6 @@ STEEL = ep.Material(E=210e9, nu=0.0, rho=7800.0, yield_stress=60e6)  # the mean 
 LASTS = 2 * LENGTH / STEEL.bar_wave_speed
 PLATEAU = STEEL.rho * STEEL.bar_wave_speed * SIDE**2 * SPEED
 F_CUT = 8 / LASTS
-RINGS = pytest.mark.filterwarnings("ignore:the force rings")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,6 @@ def on_wall(rod, *, frame="inertial", damping=None, contacts=1, **options):
     return ep.solve_dynamic(mbs, end_time=1.5 * LASTS, **options), *pairs[0]
 
 
-@RINGS
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
 def test_a_flat_rod_on_a_wall_has_saint_venant_s_impact(rod, frame):
     """Force rho c A v for 2 L / c, and the speed turns round; vibration keeps the rest."""
@@ -87,7 +85,6 @@ def test_advice_that_is_followed_is_not_given_again(rod, options):
     assert "What helps" not in str(caught[0].message)
 
 
-@RINGS
 def test_a_yield_warning_of_a_peak_that_rings_says_so_and_comes_once(rod, tmp_path):
     with pytest.warns(YieldWarning) as caught:
         result, _, contact = on_wall(rod, contacts=3)

@@ -524,6 +524,8 @@ CALLS = {
             "area",
             "radius",
             "impacts",
+            "ringing",
+            "mean_force",
             "largest_stress",
             "energy",
             "nodal_forces",
