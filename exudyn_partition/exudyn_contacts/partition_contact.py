@@ -131,7 +131,7 @@ class PartitionContact(ContactResults):
             return None, None
         along = along / size
         peak = first + int(self.force(result)[first : last + 1].argmax())
-        if (centre := self._force_centre(result, peak, along)) is None:
+        if (centre := self._force_centre(result, result.t[first : last + 1], peak, along)) is None:
             return None, None
 
         def separation(sample: int) -> float | None:
@@ -146,20 +146,22 @@ class PartitionContact(ContactResults):
         before = separation(first - 1)
         return None if before is None else -before, separation(last + 1)
 
-    def _force_centre(self, result: RunSamples, sample: int, along: Array) -> Array | None:
-        """Centre of the contact force in space at a sample, (3,) [m]; None if forces of rows are not known."""
+    def _force_centre(self, result: RunSamples, times: Array, sample: int, along: Array) -> Array | None:
+        """Centre of the contact force in space at a sample, (3,) [m]; None if forces of rows are not known.
+
+        Multipliers come and go from step to step: theirs is the mean over the times of the contact.
+        """
         now, item = result.at(result.t[sample : sample + 1]), self.slave
         nodes = self.law.gaps.slave.surface.nodes
         try:
             if self.elastic or self.friction is not None or self.yielding is not None:
                 weights = self.nodal_forces(now)[0][0] @ along
             else:
-                weights = self._row_forces(now, now.t).toarray()[0, : len(nodes)]
+                weights = np.asarray(self._row_forces(result, times).sum(axis=0))[0, : len(nodes)]
         except InputError:  # of a file
             return None
         places = item.kinematics.at(nodes).place(item.coordinates(now)[0])
-        centre: Array = weights @ places / weights.sum()
-        return centre
+        return np.asarray(weights @ places / weights.sum()) if weights.any() else None
 
     def ringing(self, result: RunSamples) -> Ringing | None:
         """How the force rings: the impact where it does most, period and means; None where it does not.

@@ -277,10 +277,10 @@ def _warn_of_yield(contacts: Sequence[PartitionContact], rings: dict[int, Ringin
         return
     _, worst, stress = max(found, key=lambda entry: entry[0])
     contact = contacts[worst]
-    others = f", the worst of {len(found)} contacts beyond first yield" if len(found) > 1 else ""
+    others = f". It is the worst of {len(found)} contacts beyond first yield" if len(found) > 1 else ""
     peak = f". {rings[worst].beside(stress.yield_force)}" if worst in rings and stress.yield_force else ""
     warnings.warn(
-        f"{called(contact)}{others}, at t = {stress.time:.6g} s: {stress.advice(contact.side_names)}{peak}",
+        f"{called(contact)} at t = {stress.time:.6g} s: {stress.advice(contact.side_names)}{others}{peak}",
         YieldWarning,
         stacklevel=5,
     )

@@ -104,3 +104,14 @@ def test_a_fingerprint_depends_on_places_order_and_facets_of_nodes(block):
     assert differs(block.points, order[block.facets])
     assert differs(block.points + 1e-7 * (np.arange(block.n_nodes) == 99)[:, None], block.facets)
     assert not differs(block.points * (1 + 1e-15), block.facets[::-1])
+
+
+def test_a_partition_is_printed_in_a_line(block):
+    """Numbers, lengths and axes of its parts, no arrays."""
+    part = ep.Partition.surface(block, [(-1, -1, 0.0299), (1, 1, 1)], name="land", axes="xyz")
+    said = repr(part | ep.Partition.interface(block, "foot", np.flatnonzero(block.points[:, 2] < 1e-9)))
+    patch = part.patches[0]
+    assert f"Patch('land', a surface, {len(patch.nodes)} nodes, {len(patch.facets)} facets, 10 x 20 x 0 mm" in said
+    assert "axes='xyz', outwards [0.0, 0.0, 1.0]" in said
+    assert "Interface('foot', rigid, " in said
+    assert "array" not in said

@@ -107,6 +107,7 @@ PATCHES = {
     "plastic": lambda patch: PlasticRegion(np.arange(10)[None], np.arange(3)),
     "material": lambda patch: ep.ALUMINIUM,
     "normals": lambda patch: np.tile(patch.direction, (len(patch.nodes), 1)),
+    "extent": lambda patch: np.ones(3),
 }
 
 
