@@ -146,11 +146,15 @@ class Patch:
             read_only(self.extent)
 
     def __repr__(self) -> str:
-        size = "" if self.extent is None else " x ".join(f"{1e3 * length:.4g}" for length in self.extent) + " mm, "
+        size = (
+            ""
+            if self.extent is None
+            else " x ".join(f"{length:.4g}" for length in 1e3 * self.extent.round(9)) + " mm, "
+        )
         kind = "a surface" if self.wanders else "a region"
         return (
             f"Patch({self.name!r}, {kind}, {len(self.nodes)} nodes, {len(self.facets)} facets, {size}"
-            f"axes={self.axes!r}, outwards {self.direction.round(3).tolist()})"
+            f"axes={self.axes!r}, outwards {(self.direction.round(3) + 0.0).tolist()})"  # no -0.0
         )
 
     @property
@@ -212,7 +216,7 @@ class Interface:
         read_only(self.nodes, self.position, self.weights, self.motion)
 
     def __repr__(self) -> str:
-        at = self.position.round(6).tolist()
+        at = (self.position.round(6) + 0.0).tolist()
         return f"Interface({self.name!r}, {self.kind}, {len(self.nodes)} nodes, position {at} m)"
 
     def rigid_motion(self, fem: FEModel) -> Array:
