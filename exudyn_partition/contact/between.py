@@ -12,6 +12,9 @@ import scipy.sparse as sp
 from ..algebra.block_complementarity import shared_fields
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from .gaps import Standing
+
+SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
 
 # Numbers of a law and its side, of another law and its side, and the body's flexibility between the patches [m/N].
 Link = tuple[int, int, int, int, Array]
@@ -23,9 +26,14 @@ class HasRows(Protocol):
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
 
+    def standing(self) -> Standing:
+        """Where the rows stand."""
+
 
 class FlexibilityBetween:
     """Gaps of the rows of one contact by forces on those of another.
+
+    Rows of a side are kept while they move little: each contact has many neighbours, which all ask for them.
 
     Parameters
     ----------
@@ -38,6 +46,7 @@ class FlexibilityBetween:
         self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
         for j, side, k, other, between in links:
             self._links.setdefault((j, k), []).append((side, other, between))
+        self._kept: dict[tuple[int, int], tuple[Standing, Array, Array]] = {}
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -48,25 +57,26 @@ class FlexibilityBetween:
         """Gaps of some rows of law j by unit forces on some of law k, (na, nb) [m/N]."""
         result = np.zeros((len(rows), len(others)))
         for side, other, between in self._links.get((j, k), []):
-            (left, used), (right, pushing) = self._some(j, side, rows), self._some(k, other, others)
-            result += left @ between[np.ix_(used, pushing)] @ right.T
+            (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
+            result += left[rows] @ between[np.ix_(used, pushing)] @ right[others].T
         return result
 
     def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
         """Gaps of all present rows of law j by forces on some rows of law k, (nr,) [m]."""
         result: Array = np.zeros(1)
         for side, other, between in self._links.get((j, k), []):
-            right, pushing = self._some(k, other, others)
-            left = sp.csr_matrix(self._laws[j].side_rows(side))
-            used = np.unique(left.indices)
-            result = result + left[:, used] @ (between[np.ix_(used, pushing)] @ (right.T @ forces))
+            (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
+            result = result + left @ (between[np.ix_(used, pushing)] @ (forces @ right[others]))
         return result
 
-    def _some(self, j: int, side: int, rows: Array) -> tuple[sp.csr_matrix, Array]:
-        """Some rows of a side on the coordinates that they need, (na, m), and the numbers of these, (m,)."""
-        found = sp.csr_matrix(self._laws[j].side_rows(side))[rows]
-        used = np.unique(found.indices)
-        return found[:, used], used
+    def _rows(self, j: int, side: int) -> tuple[Array, Array]:
+        """Present rows of a side on the coordinates that they need, (nr, m), and the numbers of these, (m,)."""
+        standing, kept = self._laws[j].standing(), self._kept.get((j, side))
+        if kept is None or not standing.nearly(kept[0], SAME):
+            found = sp.csr_matrix(self._laws[j].side_rows(side))
+            used = np.unique(found.indices)
+            kept = self._kept[j, side] = standing, found[:, used].toarray(), used
+        return kept[1:]
 
 
 @dataclass(frozen=True, eq=False)

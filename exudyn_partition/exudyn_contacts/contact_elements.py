@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse as sp
 
-from ..contact.gaps import dense
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, consecutive
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
@@ -48,7 +47,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
             return exu.MatrixContainer(sp.csr_matrix(fODE2 * touching))
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
-        H = dense(run.law.row_jacobian())
+        H = run.row_jacobian()
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * (H.T @ _between(run, run) @ H)))
 
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
@@ -82,6 +81,8 @@ def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> 
     ) -> MatrixContainer:
         first, last = runs.advanced(mbs, t, contacts[0]), runs.at_work(contacts[-1])
         first.evaluate(mbs, t)
+        if last is not first:
+            last.evaluate(mbs, t)
         K = np.zeros((len(q), len(q)))
         if first.law.index.size and last.law.index.size:
             place = {dof: k for k, dof in enumerate(_dofs(mbs, nodes))}
@@ -110,7 +111,7 @@ def _closed_rows(
 ) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and the place of each of these, (m,)."""
     law, carrier = run.law, contact.carrier
-    H = dense(law.row_jacobian())
+    H = run.row_jacobian()
     dofs = run.dofs.tolist()
     if carrier is not None and carrier.nodes:
         H = np.hstack([H, law.row_carrier() @ carrier.by_coordinates(mbs)])

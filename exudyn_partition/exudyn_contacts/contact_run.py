@@ -8,6 +8,7 @@ import numpy as np
 
 from ..algebra.friction import SLIP, STICK
 from ..contact.formulations.formulation import Law, Together
+from ..contact.gaps import dense
 from ..errors import RunError
 from ..exudyn_bodies.model import latest_solver, start_of_step
 from ..plasticity.strain_history import StrainHistory
@@ -65,6 +66,8 @@ class ContactRun:
         self._members: list[ContactRun] = [self]
         self._place = 0  # among the members
         self._remembering: list[ContactRun] = []
+        self._force: Array | None = None
+        self._jacobian: Array | None = None
         self.samples: list[tuple[float, Array, Array]] = []
         self.stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
@@ -94,6 +97,8 @@ class ContactRun:
                 member.follow(start_of_step(mbs), t)
             data = mbs.systemData.GetODE2Coordinates(copy=False)
             forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
+            if forces[self._place] is not self._force:
+                self._force, self._jacobian = forces[self._place], None
             return forces[self._place]
         law = self.law
         if law.elastic:
@@ -103,6 +108,14 @@ class ContactRun:
         if law.remembers:
             self.follow(motion.start, t)
         return law.evaluate(motion)
+
+    def row_jacobian(self) -> Array:
+        """Closed rows on the coordinates, (na, n), in the state that was evaluated last; links with others share it."""
+        if self.together is None:
+            return dense(self.law.row_jacobian())
+        if self._jacobian is None:
+            self._jacobian = dense(self.law.row_jacobian())
+        return self._jacobian
 
     def touching_stiffness(self, mbs: MainSystem) -> Array | None:
         """Stiffness, (n, n), of an open contact whose rows just touch, in the first iteration of a load step, or None.

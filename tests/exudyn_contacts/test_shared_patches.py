@@ -8,6 +8,7 @@ from oracles import MARBLE_RADIUS as R
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.errors import InputError
 
 APART = 1.7e-3  # between the places where marbles hit
@@ -89,6 +90,20 @@ def test_implicit_steps_know_how_the_contacts_push_each_other(plate_of, marble):
         found.append([item.momentum(result)[-1, 2] for item in items])
     np.testing.assert_allclose(*found, rtol=3e-3)
     assert result.work.newton_iterations < 4 * result.steps
+
+
+def test_rows_are_made_once_while_they_stay(plate_of, marble, monkeypatch):
+    """All neighbours of a contact ask for its rows, in each sweep of each evaluation."""
+    _, _, contacts = hit(plate_of(True), marble, ["top", "top"])
+    laws, made, rows_of = [contact.law for contact in contacts], [], ComplianceContact.side_rows
+    monkeypatch.setattr(ComplianceContact, "side_rows", lambda law, side: made.append(law) or rows_of(law, side))
+    together = contacts[0].together.for_run(laws)
+    still = np.zeros(laws[0].gaps.n - marble.n_dofs)
+    forces = [
+        np.concatenate(together.forces([np.r_[-depth * marble.rigid[:, 2], still]] * 2)) for depth in (1e-6, 2e-6)
+    ]
+    assert abs(forces[1]).max() > abs(forces[0]).max() > 0
+    assert len(made) == 2  # the plate's side of each
 
 
 def test_formulations_that_share_no_patch(plate_of, marble, mbs):

@@ -14,7 +14,7 @@ from ...algebra.block_complementarity import BlockComplementarity
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
-from ..between import Exchange, FlexibilityBetween, Link
+from ..between import SAME, Exchange, FlexibilityBetween, Link
 from ..gaps import Standing
 from .compliance import ComplianceContact
 from .frictional_compliance import FrictionalCompliance
@@ -25,7 +25,6 @@ _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
 _SETTLED_WITH_FRICTION = 1e-9  # forces with friction are known to a tenth of it
 _UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
-_SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
 
 
 class CoupledContacts:
@@ -248,7 +247,7 @@ class CoupledContacts:
         It changes slowly, and is kept while the rows move little.
         """
         standing, kept = self.laws[j].standing(), self._rows.get(j)
-        if kept is None or not standing.nearly(kept[0], _SAME):
+        if kept is None or not standing.nearly(kept[0], SAME):
             moved = [self.laws[j].side_rows(side) @ fields for side, fields in self._exchange.fields[j]]
             kept = standing, np.sum(moved, axis=0)
             self._rows[j] = kept
@@ -308,7 +307,7 @@ class SharedPatches(CoupledContacts):
         moved = set()
         for j, rows in near.items():
             standing, own, known = laws[j].standing(), laws[j].problem.F, self._stood.get(j)
-            if known and standing.nearly(known[0], _SAME) and _equal(rows, known[1]) and known[2] is own:
+            if known and standing.nearly(known[0], SAME) and _equal(rows, known[1]) and known[2] is own:
                 continue
             moved.add(j)
             self._stood[j] = standing, rows, own
