@@ -90,8 +90,8 @@ class _Active:
     motion : ZoneMotion
     chosen : (g,) bool array
         The points.
-    kind : dtype
-        Of the numbers in the large products, which are what a step costs.
+    own : (3 nz, 3 nz) array
+        Flexibility of the zone in the precision of the large products, which are what a step costs [m/N].
 
     Attributes
     ----------
@@ -99,20 +99,20 @@ class _Active:
     dofs : (m,) int array
         Displacements of their nodes, among those of the zone.
     across : (m, 3 nz) array
-        Flexibility between these and all nodes of the zone [m/N], in the precision of `kind`.
+        Rows of `own`: between these and all nodes of the zone.
     of_patch : (m, r) array
         Flexibility between these and the rows of the patch [m/N].
     """
 
-    def __init__(self, motion: ZoneMotion, chosen: Array, kind: type) -> None:
+    def __init__(self, motion: ZoneMotion, chosen: Array, own: Array) -> None:
         self.points = np.flatnonzero(chosen)
         rows = motion.zone.strain[np.repeat(chosen, 6)]
         self.dofs = node_dofs(np.unique(rows.indices // 3))
         self._strain = rows[:, self.dofs]
         self._zone, self._force = motion.zone, sp.csr_matrix(self._strain.T)
         assert motion.flexibility is not None
-        self.across: Array = motion.flexibility.own[self.dofs].astype(kind)
-        self._own = self.across[:, self.dofs].copy()
+        self.across: Array = own.take(self.dofs, axis=0)
+        self._own = self.across.take(self.dofs, axis=1)
         self.of_patch = motion.flexibility.of_patch[self.dofs]
         self._rows = motion.kinematics.rows[self.dofs]
 
@@ -156,7 +156,7 @@ class ZoneRun:
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
-        self._kind: type = np.float64
+        self._own = self.flexibility.own
         # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
@@ -170,7 +170,7 @@ class ZoneRun:
     def for_run(self, kind: type) -> Self:
         """Return the same zone in its start state, for another run with numbers of this dtype in large products."""
         result = copy.copy(self)
-        result._kind = kind
+        result._own = self.flexibility.own.astype(kind, copy=False)
         result.reset()
         return result
 
@@ -294,7 +294,7 @@ class ZoneRun:
         self._step_before = widened[1]
 
     def _choose(self, chosen: Array) -> None:
-        self._chosen, self._active = chosen, _Active(self.motion, chosen, self._kind)
+        self._chosen, self._active = chosen, _Active(self.motion, chosen, self._own)
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds, besides that of patch forces [J]."""
