@@ -88,7 +88,6 @@ def rod_on_plate():
 SCENES = {"spheres": spheres, "plate": plate, "rod_on_plate": rod_on_plate}
 TOLERANCES = (0.05, 0.01)
 LIMITS = {"failed": 0, "largest_share": 1.0}  # of the tolerances, by the true error of the force
-LIMITS = {"failed": 0, "largest_share": 1.0}  # of the tolerances, by the true error of the force
 
 
 def run(scene, fems, bodies, step):
@@ -224,9 +223,12 @@ def main():
     names, tolerances = (["spheres"], TOLERANCES[:1]) if options.quick else (options.only, TOLERANCES)
     path = Path(__file__).with_suffix(".json")
     before = json.loads(path.read_text())["scenes"] if path.is_file() and not options.quick else {}
-    found = {name: measured(name, SCENES[name](), tolerances, full=not options.quick) for name in names}
+    found, result = {}, {"scenes": before}
+    for name in names:
+        found[name] = measured(name, SCENES[name](), tolerances, full=not options.quick)
+        result["scenes"][name] = found[name][0]
+        (options.out or path).write_text(json.dumps(result, default=float))  # if a later scene fails, this one is kept
     draw(found)
-    result = {"scenes": before | {name: one for name, (one, *_) in found.items()}}
     failed = []
     for name, one in result["scenes"].items():
         shown(name, one)
