@@ -255,8 +255,8 @@ def test_bad_contacts(mbs, marble):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", rows="mortar")
 
 
-def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch):
-    """All contacts of a row of marbles are found together: asking each for its energy finds them once."""
+def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch, tmp_path):
+    """A run tells energies without work. From a file, contacts are found together, once, with the same energies."""
     answers = 0
     gaps_at = PatchGaps.at
 
@@ -279,7 +279,12 @@ def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch):
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
         answers = 0
+        told = [contact.energy(result) for contact in contacts]
+        assert answers == 0
+        result.save(tmp_path / "run.npz")
+        result = ep.Result.load(tmp_path / "run.npz", mbs)
         energies = [contact.energy(result) for contact in contacts]
+        np.testing.assert_allclose(told, energies, rtol=1e-6, atol=1e-12 * np.max(energies))
         assert all(energy[-1] > 0 for energy in energies)
         np.testing.assert_array_equal(energies[0], contacts[0].energy(result))
         return answers / len(contacts) / len(result.t)
