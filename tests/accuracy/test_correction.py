@@ -62,7 +62,7 @@ def test_frequencies_are_nearly_those_of_the_next_order(kind):
     assert new.stiffness.diagonal() == pytest.approx(new.basis.omega**2)
 
 
-@pytest.mark.parametrize(("axes", "direction"), [("normal", (0, 0, -1)), ("xyz", (0, 0, -1)), ("xyz", (1, 0, 0))])
+@pytest.mark.parametrize(("axes", "direction"), [("normal", (0, 0, -1)), ("xyz", (1, 0, 0))])
 def test_the_answer_to_an_even_traction_is_nearly_that_of_the_next_order(axes, direction):
     (fem, old), finer = bars("rigid", axes)
     new = Finer(fem, old).corrected(0)
