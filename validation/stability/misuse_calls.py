@@ -512,6 +512,8 @@ CALLS = {
     "PartitionBody.stress": call(of=_item, result=v.result, **_fems),
     "PartitionBody.rigid_motion": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
     "PartitionBody.deformation": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
+    "PartitionContact.impacts": call(**_of_result, merge=v.number.but(negative=-1.0)(0.0)),
+    "PartitionContact.mean_force": call(**_of_result, window=v.positive.or_none(1e-6)),
     **{
         f"PartitionContact.{name}": call(**_of_result)
         for name in (
@@ -523,9 +525,7 @@ CALLS = {
             "pressure",
             "area",
             "radius",
-            "impacts",
             "ringing",
-            "mean_force",
             "largest_stress",
             "energy",
             "nodal_forces",
