@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, PenetrationError
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_positive, validate_vector
+from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps
@@ -82,7 +82,7 @@ class RigidSphere:
 
 @dataclass(frozen=True, eq=False)
 class RigidCylinder:
-    """Solid cylinder of infinite length.
+    """Solid cylinder of infinite length, or a bore.
 
     Parameters
     ----------
@@ -92,25 +92,30 @@ class RigidCylinder:
         Direction of the axis; any length.
     radius : float
         Radius [m].
+    hollow : bool
+        Whether it is a bore, within which bodies move: a guide, the outer race of a bearing.
     """
 
     point: Array
     axis: Array
     radius: float
+    hollow: bool = False
 
     if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
 
-        def __init__(self, point: Vector, axis: Vector, radius: float) -> None: ...
+        def __init__(self, point: Vector, axis: Vector, radius: float, *, hollow: bool = ...) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", validate_vector("point", self.point))
         object.__setattr__(self, "axis", _unit("axis", self.axis))
         validate_positive("radius", self.radius, "m")
+        validate_flag("hollow", self.hollow)
 
     def project(self, x: Array) -> tuple[Array, Array]:
-        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3); those of a bore point to its axis."""
         arm = x - self.point
-        return _from_axis(arm - np.outer(arm @ self.axis, self.axis), self.radius)
+        gap, normal = _from_axis(arm - np.outer(arm @ self.axis, self.axis), self.radius)
+        return (-gap, -normal) if self.hollow else (gap, normal)
 
 
 def _from_axis(arm: Array, radius: float) -> tuple[Array, Array]:
