@@ -19,7 +19,7 @@ from models import ball_bearing as model
 from models import ball_bearing_theory as theory
 
 SPEED, RISE = 100.0, 1e-3  # of the cage [rad/s], time until it turns with that [s]
-MESH, QUICK_MESH = (0.10e-3, 0.5e-3), (0.2e-3, 0.55e-3)  # elements at the poles, radius of the patches there [m]
+MESH, QUICK_MESH = (0.10e-3, 0.5e-3), (0.14e-3, 0.42e-3)  # elements at the poles, radius of the patches there [m]
 
 
 def draw(bearing, moving, forces, by_springs, sway):

@@ -61,9 +61,9 @@ class Turn:
         return self.speed * (t**2 / (2 * self.rise) if t < self.rise else t - self.rise / 2)
 
 
-def bearing(body, load, clearance, turn):
-    """The bearing, assembled; `load` [N] acts on the shaft along -y, `turn` is the angle of the cage over time."""
-    mbs, angles = exu.SystemContainer().AddSystem(), 2 * np.pi * np.arange(BALLS) / BALLS - np.pi / 2
+def bearing(body, load, clearance, turn, first=0.0):
+    """The bearing, assembled; `load` [N] along -y on the shaft, the cage's `turn` over time, place of a ball [rad]."""
+    mbs, angles = exu.SystemContainer().AddSystem(), 2 * np.pi * np.arange(BALLS) / BALLS - np.pi / 2 + first
     ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround())))
     node = mbs.AddNode(items.NodeRigidBodyRotVecLG(referenceCoordinates=[0] * 6))
     inertia = [MASS * PITCH**2] * 3 + [0] * 3

@@ -14,6 +14,7 @@ from exudyn_partition.frames.floating import FloatingKinematics
     RigidPlane((0, 0, 0), (0, 0, 2.0)),
     RigidSphere((0, 0, -0.02), 0.02),
     RigidCylinder((0, 0, -0.02), (3.0, 0, 0), 0.02),
+    RigidCylinder((0, 0, 0.02), (3.0, 0, 0), 0.02, hollow=True),
 ])  # fmt: skip
 def test_gap_to_rigid_surfaces(round_body, surface):
     gaps = RigidGaps(inertial(round_body), surface, "node-to-segment")
@@ -23,6 +24,8 @@ def test_gap_to_rigid_surfaces(round_body, surface):
         RigidSphere: np.linalg.norm(x - [0, 0, -0.02], axis=1) - 0.02,
         RigidCylinder: np.hypot(x[:, 1], x[:, 2] + 0.02) - 0.02,
     }[type(surface)]
+    if getattr(surface, "hollow", False):
+        expected = 0.02 - np.hypot(x[:, 1], x[:, 2] - 0.02)
     np.testing.assert_allclose(gaps.at(moved(inertial(round_body), [0, 0, 5e-6])), expected, atol=1e-12)
     assert gaps.moving == (not isinstance(surface, RigidPlane))
 

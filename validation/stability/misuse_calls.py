@@ -486,7 +486,7 @@ CALLS = {
         first=v.direction.or_none,
         swaps=False,
     ),
-    "RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), swaps=False),
+    "RigidCylinder": call(point=v.vector, axis=v.direction, radius=v.positive(1.0), hollow=v.flag, swaps=False),
     "PartitionBody.CreateInterfaceMarker": call(of=_item, mbs=v.mbs, interface=v.choice("pin")),
     "PartitionBody.CreateSurfaceLoad": call(
         of=_item,
