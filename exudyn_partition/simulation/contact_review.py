@@ -37,11 +37,14 @@ def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], resu
         _warn_of_steps(contact, result)
         _warn_of_few_rows(contact, result)
         _warn_of_direction(contact, result)
-        _warn_of_facets(contact, result)
         _warn_of_missing(contact, result)
         _warn_of_zone(contact, result)
     rings = {i: found for i, contact in enumerate(contacts) if (found := contact.ringing(result)) is not None}
-    _warn_of_ringing(mbs, {repr(contacts[i].name) if contacts[i].name else str(i): r for i, r in rings.items()}, result)
+    by_faces = {}
+    for i, contact in enumerate(contacts):
+        if not _warn_of_facets(contact, result) and i in rings:
+            by_faces[repr(contact.name) if contact.name else str(i)] = rings[i]
+    _warn_of_ringing(mbs, by_faces, result)
     _warn_of_yield(contacts, rings, result)
     _warn_of_open_statics(contacts, result)
 
@@ -220,12 +223,12 @@ def _damps_the_highest(item: PartitionBody) -> bool:
     return bool((damping.rates[high] >= 2 * _DAMPED * omega[high]).all())
 
 
-def _warn_of_facets(contact: PartitionContact, result: Result) -> None:
-    """Facets that pass by excite a body on its contact, near the frequency that it has there."""
+def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
+    """Facets that pass by excite a body near its frequency on the contact; returns whether they do."""
     if result.method == "static" or not any(side.surface.wanders for side in contact.law.gaps.sides):
-        return
+        return False
     if (speed := _sliding_speed(contact, result)) is None:
-        return
+        return False
     force = contact.force(result)
     for (item, _), side in zip(contact.sides, contact.law.gaps.sides, strict=True):
         rate = speed / side.surface.facet_size
@@ -241,7 +244,8 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> None:
                 ModelLimitWarning,
                 stacklevel=5,
             )
-            return
+            return True
+    return False
 
 
 def _sliding_speed(contact: PartitionContact, result: Result) -> float | None:
