@@ -193,10 +193,12 @@ class PartitionContact(ContactResults):
         InputError
             If the result is none, or of another model; if the window is not above zero.
         """
-        if window is None:
-            rings = self.ringing(result)
-            return self.force(result) if rings is None else running_mean(result.t, self.force(result), rings.window)
-        return running_mean(result.t, self.force(result), validate_positive("window", window, "s"))
+        force = self.force(result)
+        if window is not None:
+            window = validate_positive("window", window, "s")
+        elif (rings := self.ringing(result)) is not None:
+            window = rings.window
+        return force if window is None else running_mean(result.t, force, window)
 
     def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
         """First and last sample with a force, of each time of uninterrupted contact."""

@@ -270,7 +270,6 @@ class Partition:
             raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
         if material.plastic:
             plastic = plastic_region(fem, center, radius if plastic_radius is None else plastic_radius)
-            nodes = np.union1d(nodes, plastic.nodes)
         own, size = None if fem.regions is None else material, np.ptp(fem.points[facets], axis=(0, 1))
         patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own, extent=size)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)

@@ -113,8 +113,9 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     the frame (eq. 12), are six more columns. All shapes are combined such that their mass and stiffness are diagonal;
     this changes neither the space of motions nor any result. The mass is lumped, as in the paper (section 2.1).
     """
-    if len(partition.nodes) == fem.n_nodes:
-        return _all_nodal(fem, partition)
+    nodal = _impact_region(partition)
+    if len(nodal) == fem.n_nodes:
+        return _all_nodal(fem, nodal)
     body = FreeBody(fem, partition, mass="lumped")
     pairs = modes = _modes_to(body, f_cut, progress)
     if not len(modes.omega):
@@ -122,18 +123,18 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     if partition.interfaces or partition.loads:
         pairs = _with_attachments(body, modes, body.static_answers().of_attached)
     left_out = f"elastic modes above {f_cut:.6g} Hz"
-    if not len(partition.nodes):
+    if not len(nodal):
         return ReducedBasis(
             name="free",
             shapes=body.model.expand @ np.hstack([body.rigid, pairs.vectors]),
             omega=np.r_[np.zeros(6), pairs.omega],
             labels=_pair_labels(pairs, len(modes.omega)),
             rigid=_rigid_coordinates(body, len(pairs.omega)),
-            nodal=partition.nodes,
+            nodal=nodal,
             mass="lumped",
             left_out=(f"{left_out} (f_cut raises that)",),
         )
-    region = node_dofs(partition.nodes)
+    region = node_dofs(nodal)
     # The part of a rigid motion in region I is a shape, because it strains the elements between the regions.
     rigid_outside, elastic_outside = np.array(fem.rigid_modes), body.model.expand @ pairs.vectors
     rigid_outside[region] = elastic_outside[region] = 0.0
@@ -150,13 +151,31 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         omega=omega,
         labels=_labels("region I shape", omega),
         rigid=shapes.T @ (M @ rigid_outside),
-        nodal=partition.nodes,
+        nodal=nodal,
         mass="lumped",
         left_out=(f"{left_out}, outside the impact region (f_cut raises that)",),
     )
 
 
-def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
+def _impact_region(partition: Partition) -> Array:
+    """Nodes of the paper's region II, ascending: those of the partition, and of elements that may yield.
+
+    Raises
+    ------
+    InputError
+        If an interface has some of the latter.
+    """
+    zones = [patch.plastic.nodes for patch in partition.patches if patch.plastic]
+    for interface in partition.interfaces:
+        if np.isin(np.concatenate([*zones, partition.nodes[:0]]), interface.nodes).any():
+            raise InputError(
+                f"partition: a plastic zone and interface {interface.name!r} share nodes; basis 'free' keeps those of "
+                "the zone as coordinates. Make plastic_radius smaller, or take 'contact-adapted' or 'residual'"
+            )
+    return np.unique(np.concatenate([partition.nodes, *zones]))
+
+
+def _all_nodal(fem: FEModel, nodal: Array) -> ReducedBasis:
     """Build the basis of an impact region that covers the body: the full FE model with lumped mass."""
     return ReducedBasis(
         name="free",
@@ -164,7 +183,7 @@ def _all_nodal(fem: FEModel, partition: Partition) -> ReducedBasis:
         omega=np.empty(0),
         labels=(),
         rigid=np.empty((0, 6)),
-        nodal=partition.nodes,
+        nodal=nodal,
         mass="lumped",
         left_out=("all modes: the impact region covers the body",),
     )

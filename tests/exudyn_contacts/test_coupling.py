@@ -34,6 +34,7 @@ def three_bars(basis, speeds):
 
 
 @pytest.mark.parametrize(("basis", "loss"), [("contact-adapted", 5e-3), ("free", 0.05), ("craig-bampton", 0.07)])
+@pytest.mark.filterwarnings("ignore:the force rings")
 def test_a_body_is_hit_on_both_ends_at_once(basis, loss):
     """A bar between two equal ones that come from both sides: symmetric forces, it stays in place."""
     mbs, bars, contacts = three_bars(basis, (1.0, 0.0, -1.0))
@@ -48,6 +49,7 @@ def test_a_body_is_hit_on_both_ends_at_once(basis, loss):
     np.testing.assert_allclose(energy, energy[0], rtol=loss)
 
 
+@pytest.mark.filterwarnings("ignore:the force rings")
 def test_a_cradle_of_bars_whose_shapes_move_both_patches():
     """Craig-Bampton: multipliers of two contacts are one problem, with the impulses of another basis."""
     impulses = []

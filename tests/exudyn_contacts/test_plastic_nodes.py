@@ -123,3 +123,11 @@ def test_what_knows_no_nodes_that_yield_is_refused(bodies, models):
         ep.solve_dynamic(mbs, end_time=1e-6, method="implicit")
     with pytest.raises(InputError, match="knows no plastic zones"):
         ep.reduce(models[1][0], ep.Partition.ball(models[1][0], (0, 0, 0), 2e-4), basis="craig-bampton", f_cut=1e6)
+
+
+def test_a_zone_within_an_interface_is_refused(models):
+    fem, _ = models[1]
+    part = ep.Partition.ball(fem, (0, 0, 0), 2e-4, plastic_radius=4e-4)
+    beyond = np.setdiff1d(part.patches[0].plastic.nodes, part.nodes)
+    with pytest.raises(InputError, match="a plastic zone and interface 'held' share nodes"):
+        ep.reduce(fem, part | ep.Partition.interface(fem, "held", beyond), basis="free", f_cut=1e6)

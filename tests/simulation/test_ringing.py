@@ -38,6 +38,7 @@ def on_wall(rod, *, frame="inertial", damping=None, contacts=1, **options):
 
 
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
+@pytest.mark.filterwarnings("ignore:the force rings")
 def test_a_flat_rod_on_a_wall_has_saint_venant_s_impact(rod, frame):
     """Force rho c A v for 2 L / c, and the speed turns round; vibration keeps the rest."""
     result, _, contact = on_wall(rod, frame=frame)
@@ -85,6 +86,7 @@ def test_advice_that_is_followed_is_not_given_again(rod, options):
     assert "What helps" not in str(caught[0].message)
 
 
+@pytest.mark.filterwarnings("ignore:the force rings")
 def test_a_yield_warning_of_a_peak_that_rings_says_so_and_comes_once(rod, tmp_path):
     with pytest.warns(YieldWarning) as caught:
         result, _, contact = on_wall(rod, contacts=3)

@@ -70,6 +70,7 @@ def dense_limit(contact):
         (ep.RigidSphere([0, 0, 0.02], SPHERE_RADIUS), {"formulation": "penalty", "stiffness": 1e16}),
     ],
 )
+@pytest.mark.filterwarnings("ignore:the force rings")
 def test_stability_limit(adapted, surface, options, frame, monkeypatch):
     """Against dense eigenvalues, before and after a run; and runs below and above it."""
     mbs = exu.SystemContainer().AddSystem()
