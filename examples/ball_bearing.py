@@ -19,7 +19,7 @@ from models import ball_bearing as model
 from models import ball_bearing_theory as theory
 
 SPEED, RISE = 100.0, 1e-3  # of the cage [rad/s], time until it turns with that [s]
-MESH, QUICK_MESH = (0.10e-3, 0.5e-3), (0.14e-3, 0.42e-3)  # elements at the poles, radius of the patches there [m]
+MESH, QUICK_MESH = (0.10e-3, 0.5e-3), (0.16e-3, 0.42e-3)  # elements at the poles, radius of the patches there [m]
 
 
 def draw(bearing, moving, forces, by_springs, sway):
@@ -47,7 +47,7 @@ def main(argv=None):
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, a tenth of a pitch")
     parser.add_argument("--out", type=Path, default=Path("out/ball_bearing"), metavar="DIR")
     options = parser.parse_args(argv)
-    end_time, step = (1.2e-3, 2e-4) if options.quick else (11e-3, 5e-5)
+    end_time, step = (0.8e-3, 2e-4) if options.quick else (11e-3, 5e-5)
 
     begin = time.perf_counter()
     fem, part = model.ball_part(*(QUICK_MESH if options.quick else MESH))

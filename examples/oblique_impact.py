@@ -52,7 +52,7 @@ def main(argv=None):
     options = parser.parse_args(argv)
     end_time = min(options.end_time, 0.12e-3) if options.quick else options.end_time
 
-    fems, partitions, times = model.fe_models(options.quick, axes="xyz")
+    fems, partitions, times = model.fe_models(options.quick, maxh=18e-3 if options.quick else None, axes="xyz")
     bodies = [ep.reduce(fem, partition, f_cut=options.f_cut) for fem, partition in zip(fems, partitions, strict=True)]
     runs = {name: model.oblique_run(bodies, speed_along(angle), FRICTION, end_time) for name, angle in ANGLES.items()}
     along = speed_along(ANGLES[COMPARED])

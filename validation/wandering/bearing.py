@@ -23,7 +23,7 @@ from examples.models import ball_bearing_theory as theory
 from validation.contact import scenes
 
 LOAD, CLEARANCES = 2000.0, (1e-8, 2e-6, 10e-6)  # [N], along the diameter [m]; the first is as good as none
-MESH, QUICK_MESH = (0.10e-3, 0.5e-3), (0.14e-3, 0.42e-3)  # as in the example
+MESH, QUICK_MESH = (0.10e-3, 0.5e-3), (0.16e-3, 0.42e-3)  # as in the example
 SPEED, RISE, STRIBECK = 100.0, 1e-3, 4.37
 LIMITS = {"force": 0.02, "deflection": 0.02, "moving": 0.02, "stribeck": 0.01, "balance": 1e-3}
 
