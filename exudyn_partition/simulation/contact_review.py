@@ -20,7 +20,7 @@ from .result import Result, called
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
 _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
 _FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
-_ASIDE = np.radians(30)  # of a patch's line of contact: a sphere's force is then 3 % too small, at 60 degrees 13 %
+_ASIDE = np.radians(30)  # of a patch's line of contact
 _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
 _DAMPING_RADIUS = 0.5  # spectral radius, up to which steps damp ringing

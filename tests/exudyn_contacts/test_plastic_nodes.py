@@ -35,17 +35,27 @@ def bodies(models):
     return [ep.reduce(*model, basis="free", f_cut=1e6) for model in models]
 
 
-def fall(bodies, *, frame="inertial", velocity=(0, 0, -SPEED), states=None, end=END, **options):
-    """Items, contact and result of the punch on the plate."""
+def pair(bodies, *, frame="inertial", velocity=(0, 0, -SPEED), states=None, **options):
+    """Model, items and contact of the punch on the plate."""
     mbs = exu.SystemContainer().AddSystem()
     ball = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=velocity, frame=frame, name="ball")
     plate = ep.CreatePartitionBody(mbs, bodies[1], frame=frame, name="plate", plasticStates=states)
     contact = ep.CreatePartitionContact(mbs, ball, plate, passes="given", **LAGRANGE, **options)
     mbs.Assemble()
+    return mbs, (ball, plate), contact
+
+
+def solve(mbs, end, **options):
+    """Result of a run."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", YieldWarning)  # the zone of this mesh is small
-        result = ep.solve_dynamic(mbs, end_time=end, sample_period=5e-8)
-    return (ball, plate), contact, result
+        return ep.solve_dynamic(mbs, end_time=end, sample_period=5e-8, **options)
+
+
+def fall(bodies, *, end=END, **options):
+    """Items, contact and result of the punch on the plate."""
+    mbs, items, contact = pair(bodies, **options)
+    return items, contact, solve(mbs, end)
 
 
 @pytest.fixture(scope="module")
@@ -131,3 +141,18 @@ def test_a_zone_within_an_interface_is_refused(models):
     beyond = np.setdiff1d(part.patches[0].plastic.nodes, part.nodes)
     with pytest.raises(InputError, match="a plastic zone and interface 'held' share nodes"):
         ep.reduce(fem, part | ep.Partition.interface(fem, "held", beyond), basis="free", f_cut=1e6)
+
+
+def test_a_run_that_goes_on_knows_its_plastic_strain(bodies):
+    """Two halves of a run end as one."""
+    step, half, end = 2.5e-9, 1.2e-6, 1.6e-6  # 20 steps a sample
+    mbs, _, contact = pair(bodies)
+    whole = solve(mbs, end, step=step)
+    force, strain = contact.force(whole)[-1], contact.plastic_strain(whole)[-1]
+    first = solve(mbs, half, step=step)
+    before = contact.plastic_strain(first)[-1]
+    mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
+    second = solve(mbs, end, step=step, start_time=half)
+    assert contact.plastic_strain(second)[0] == before > 0
+    assert contact.plastic_strain(second)[-1] == pytest.approx(strain, rel=1e-9)
+    assert contact.force(second)[-1] == pytest.approx(force, rel=1e-9)

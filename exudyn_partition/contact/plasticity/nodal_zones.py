@@ -22,18 +22,12 @@ if TYPE_CHECKING:
 
 
 class NodalZone:
-    """State of one zone in a run. Its nodes move with the body's coordinates, so that strains are known from these.
-
-    `committed` is the state at the end of the last accepted step. `present` is that of the last evaluation.
+    """State of one zone in a run, see `yielding_patches.Zone`. Strains are known from the body's coordinates.
 
     Attributes
     ----------
-    zone : PlasticZone
-    committed, present : PlasticState
     generalised : (n,) array
         Forces of the present pseudo-forces on the last coordinates of the body [N].
-    work : float
-        Plastic work since the start of the run, until now [J].
     """
 
     def __init__(self, motion: ZoneMotion) -> None:
