@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,6 +27,7 @@ from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
 from .user_functions import RIGID, Functions, coupling_functions, inertia_functions
 
+_ORIGIN = (0.0, 0.0, 0.0)
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that counts as round-off
 # Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
 # With this start, a rotation about a coordinate axis has an error of 1e-14 rad at every angle. With a larger one,
@@ -39,7 +41,7 @@ def CreatePartitionBody(
     *,
     name: str = "",
     frame: FrameChoice | None = None,
-    referencePosition: Vector = (0.0, 0.0, 0.0),
+    referencePosition: Vector = _ORIGIN,
     referenceRotationMatrix: Sequence[Vector] | Array | None = None,
     initialVelocity: Vector = (0.0, 0.0, 0.0),
     initialAngularVelocity: Vector = (0.0, 0.0, 0.0),
@@ -52,7 +54,11 @@ def CreatePartitionBody(
     superElement: bool = False,
     color: Vector | None = None,
     superElementRigidMarkersOffsets: Sequence[Vector] | Array | None = None,
+    showMarkers: bool = True,
+    verbose: bool = False,
     referenceRotation: Sequence[Vector] | Array | None = None,
+    positionRef: Vector | None = None,
+    rotationMatrixRef: Sequence[Vector] | Array | None = None,
 ) -> PartitionBody:
     """Add a reduced body to a model.
 
@@ -112,8 +118,12 @@ def CreatePartitionBody(
     superElementRigidMarkersOffsets : (n, 3), optional
         Offsets of the markers from the points of the n interfaces, in the axes of the mesh [m]; needs
         superElement=True. Each marker is fixed to its interface, and turns with it.
-    referenceRotation : (3, 3), optional
-        Another name of `referenceRotationMatrix`.
+    showMarkers : bool
+        Whether Exudyn draws the markers of interfaces that superElement=True adds.
+    verbose : bool
+        Whether to print what the body is, and what it leaves out.
+    positionRef, referenceRotation, rotationMatrixRef :
+        Other names of `referencePosition` and `referenceRotationMatrix`, as in Exudyn's `AddObjectFFRFreducedOrder`.
 
     Returns
     -------
@@ -133,11 +143,16 @@ def CreatePartitionBody(
     if frame is None:
         frame = "floating" if superElement else "inertial"
     validate_choice("frame", frame, FRAMES)
-    position = validate_vector("referencePosition", referencePosition)
-    if referenceRotation is not None and referenceRotationMatrix is not None:
-        raise InputError("referenceRotation: is another name of referenceRotationMatrix; give only one of them")
-    turned = "referenceRotation" if referenceRotationMatrix is None else "referenceRotationMatrix"
-    matrix = referenceRotation if referenceRotationMatrix is None else referenceRotationMatrix
+    for flag, value in (("showMarkers", showMarkers), ("verbose", verbose)):
+        validate_flag(flag, value)
+    unmoved = positionRef is not None and referencePosition is _ORIGIN
+    position = validate_vector(
+        *_one_of(referencePosition=None if unmoved else referencePosition, positionRef=positionRef)
+    )
+    turned, matrix = _one_of(
+        referenceRotationMatrix=referenceRotationMatrix, referenceRotation=referenceRotation,
+        rotationMatrixRef=rotationMatrixRef if np.size(rotationMatrixRef) else None,  # [] is Exudyn's default
+    )  # fmt: skip
     rotation = None if matrix is None else _rotation_vector(turned, matrix)
     velocity = validate_vector("initialVelocity", initialVelocity)
     angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
@@ -183,8 +198,20 @@ def CreatePartitionBody(
     if superElement:
         item._super_element(mbs, color, offsets)
         for interface in body.partition.interfaces:
-            item.CreateInterfaceMarker(mbs, interface.name)
+            marker = item.CreateInterfaceMarker(mbs, interface.name)
+            if not showMarkers:
+                mbs.SetMarkerParameter(marker, "Vshow", False)
+    if verbose:
+        print(f"{name or 'body'}: {body!r}, frame {frame!r}", *item.left_out, sep="\n  left out: ")
     return item
+
+
+def _one_of(**names: object) -> tuple[str, Any]:
+    """Name and value of an argument that has several names, of which one may be given; the first if none is."""
+    given = [name for name, value in names.items() if value is not None] or [*names][:1]
+    if len(given) > 1:
+        raise InputError(f"{given[1]}: is another name of {given[0]}; give only one of them")
+    return given[0], names[given[0]]
 
 
 def _damping(damping: Ratios | None, of_mass: float, of_stiffness: float) -> Ratios | None:

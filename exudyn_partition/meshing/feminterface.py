@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
 from ..errors import InputError, MeshError
@@ -21,7 +22,9 @@ _FLIPPED = {  # order of nodes that turns an element of negative volume
     10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9],
     8: [4, 5, 6, 7, 0, 1, 2, 3],
 }
-_EQUAL = 0.01  # relative difference of mass, or of the energy of uniform strain, that curved sides may make
+_EQUAL = 1e-4  # relative difference of mass, or of the energy of uniform strain, that files of few digits may make
+_STRAIGHT = ". Linear elements must be assembled on straight sides: mesh.Curve(1) before ImportMeshFromNGsolve"
+_AROUND = 8  # nodes near the middle of an edge, one of which is its mid-side node
 
 
 def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
@@ -68,16 +71,14 @@ def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
         raise InputError(
             f"material: the mass matrix has {total:.6g} kg, elements of a volume of {abs(volume).sum():.6g} m3 with "
             f"rho = {material.rho:.6g} kg/m3 have {cell_mass.sum():.6g} kg. Expected the material, and the units, that "
-            "the matrices were made with"
+            f"the matrices were made with{_STRAIGHT if cells.shape[1] == _NODES['Tet4'] else ''}"
         )
     try:
-        model = FEModel(points, cells, mass, stiffness, cell_mass * total / cell_mass.sum(), material, {})
+        model = FEModel(points, cells, mass, stiffness, cell_mass, material, {})
     except MeshError as error:
         if cells.shape[1] != _NODES["Tet4"]:
             raise
-        raise MeshError(
-            f"{error}. Linear elements must be assembled on straight sides: mesh.Curve(1) before ImportMeshFromNGsolve"
-        ) from error
+        raise MeshError(f"{error}{_STRAIGHT}") from error
     _check_strain_energy(model, float(abs(volume).sum()))
     for nodes in fem.nodeSets:
         facets = np.flatnonzero(np.isin(model.facets, np.asarray(nodes["NodeNumbers"], dtype=np.int64)).all(axis=1))
@@ -131,13 +132,32 @@ def _cells(fem: FEMinterface, points: Array) -> Array:
         return cells
     ends = np.sort(cells[:, TET_EDGES], axis=2).reshape(-1, 2)
     edges, number = np.unique(ends, axis=0, return_inverse=True)
-    nearest = cKDTree(points[beside]).query(points[edges].mean(axis=1))[1]
-    if len(np.unique(nearest)) != len(beside) or len(edges) != len(beside):
+    middle = _one_each(points[edges].mean(axis=1), points[beside])
+    if middle is None:
         raise MeshError(
             f"fem: {len(beside)} nodes belong to no Tet4, whose {len(edges)} edges expect one mid-side node each; are "
             "the elements those of the nodes?"
         )
-    return np.hstack([cells, beside[nearest][number.reshape(-1, 6)]])
+    return np.hstack([cells, beside[middle][number.reshape(-1, 6)]])
+
+
+def _one_each(places: Array, points: Array) -> Array | None:
+    """Number of the point, (n,), that belongs to each of n places, (n, 3), or None if not all have one of their own.
+
+    The nearest point does, but in coarse meshes of curved sides; there the sum of all squared distances is smallest.
+    """
+    if len(places) != len(points):
+        return None
+    distance, near = cKDTree(points).query(places, k=min(_AROUND, len(points)))
+    if len(np.unique(near[:, 0])) == len(points):
+        return np.asarray(near[:, 0])
+    size = distance.max()
+    cost = 1 + (distance / size) ** 2  # zeros would be no candidates
+    candidates = sp.csr_matrix((cost.ravel(), near.ravel(), np.arange(0, near.size + 1, near.shape[1])))
+    try:
+        return np.asarray(min_weight_full_bipartite_matching(candidates)[1])
+    except ValueError:  # there is none
+        return None
 
 
 def _check_strain_energy(model: FEModel, volume: float) -> None:

@@ -33,11 +33,28 @@ def test_exudyn_s_names_give_the_same_motion(arm_body):
                 "massProportionalDamping": 1e3,
                 "stiffnessProportionalDamping": 1e-7,
             },
-            {"referenceRotationMatrix": TURNED},
+            {"rotationMatrixRef": TURNED, "positionRef": [1, 2, 3]},
+            {"rotationMatrixRef": [], "positionRef": [1, 2, 3], "initialVelocity": [0, 0, 0]},
         )
     ]
     np.testing.assert_array_equal(turned[0], turned[1])
     assert relative(turned[2], turned[0]) > 1e-3
+    assert relative(turned[3], turned[0]) > 1e-3
+
+
+def test_other_names_of_place_and_axes_are_those_of_exudyn(mbs, arm_body, capsys):
+    place = [0.3, 0.1, -0.2]
+    items = [
+        ep.CreatePartitionBody(mbs, arm_body, superElement=True, **options)
+        for options in (
+            {"referencePosition": place, "referenceRotationMatrix": TURNED, "showMarkers": False},
+            {"positionRef": place, "rotationMatrixRef": TURNED, "verbose": True},
+        )
+    ]
+    np.testing.assert_array_equal(items[0].position, items[1].position)
+    np.testing.assert_array_equal(items[0].kinematics.rotation, items[1].kinematics.rotation)
+    assert [mbs.GetMarker(item["head"])["Vshow"] for item in items] == [False, True]
+    assert "left out: damping of the kept modes" in capsys.readouterr().out
 
 
 def test_super_elements_float_unless_a_frame_is_given(mbs, arm_body):
@@ -103,6 +120,8 @@ def test_offset_markers_are_fixed_to_their_interfaces(arm, arm_body, frame):
             {"referenceRotation": np.eye(3), "referenceRotationMatrix": np.eye(3)},
             "another name of referenceR",
         ),
+        ({"referencePosition": [0, 0, 1], "positionRef": [0, 0, 0]}, "positionRef: is another name of referencePos"),
+        ({"referencePosition": [0, 0]}, r"referencePosition: expected shape \(3,\)"),
         ({"referenceRotationMatrix": np.eye(3)}, "referenceRotationMatrix: an inertial frame keeps"),
         ({"referenceRotationMatrix": 2 * np.eye(3), "frame": "floating"}, "referenceRotationMatrix: expected a rotat"),
         ({"damping": 0.1, "massProportionalDamping": 1.0}, "damping: expected one kind .* massProportionalDamping"),

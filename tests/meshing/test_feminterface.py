@@ -63,10 +63,18 @@ def test_bodies_with_curved_sides_vibrate_alike():
     np.testing.assert_allclose(*omega, rtol=3e-4)
 
 
+def test_mid_side_nodes_of_a_coarse_ball_are_found():
+    """The middle of an edge may be nearer to the mid-side node of another one."""
+    mesh = ep.generate_mesh(occ.Sphere(occ.Pnt(0, 0, 0), 0.01), maxh=0.005)
+    ours, theirs = ep.fe_model(mesh, ep.STEEL), ep.from_feminterface(imported(mesh, 2), ep.STEEL)
+    assert theirs.cell_volume.sum() == pytest.approx(ours.cell_volume.sum(), rel=1e-3)
+    assert theirs.mass.sum() / 3 == pytest.approx(theirs.cell_mass.sum(), rel=1e-6)
+
+
 def test_linear_functions_on_curved_elements_are_refused():
     """They have no rigid rotation, so that the matrices of such an import resist one."""
     mesh = ep.generate_mesh(shape(bore=True), maxh=0.02)
-    with pytest.raises(MeshError, match=r"stiffness: rigid motion gives forces .* mesh\.Curve"):
+    with pytest.raises(InputError, match=r"the mass matrix has .* mesh\.Curve"):
         ep.from_feminterface(imported(mesh, 1), ep.STEEL)
 
 
@@ -97,6 +105,8 @@ def test_a_mesh_and_matrices_of_abaqus(tmp_path, kind, bricks):
     ("changed", "message"),
     [
         ({"rho": 7.85e-9}, r"material: the mass matrix has .* kg"),
+        ({"rho": 1.006 * ep.STEEL.rho}, r"material: the mass matrix has .* kg"),
+        ({"E": 1.003 * ep.STEEL.E}, "material: a uniform strain along x stores .* by the stiffness matrix"),
         ({"E": 70e9}, "material: a uniform strain along x stores .* by the stiffness matrix"),
         ({"E": 210e9 * 1.1, "nu": 0.2}, "material: a uniform (strain|shear) a"),
     ],
