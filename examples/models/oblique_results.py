@@ -55,5 +55,5 @@ def figure(runs, reference, compared, friction):
         row[1].set(
             xlabel="velocity along the plate [m/s]", ylabel="velocity off the plate [m/s]", title="tip of the rod"
         )
-        ep.plot.stick(row[2], result, float(result.t[history.force.argmax()]))
+        ep.plot.stick(row[2], result)
     return fig

@@ -151,7 +151,7 @@ def CreatePartitionBody(
     )
     turned, matrix = _one_of(
         referenceRotationMatrix=referenceRotationMatrix, referenceRotation=referenceRotation,
-        rotationMatrixRef=rotationMatrixRef if np.size(rotationMatrixRef) else None,  # [] is Exudyn's default
+        rotationMatrixRef=None if isinstance(rotationMatrixRef, list) and not rotationMatrixRef else rotationMatrixRef,
     )  # fmt: skip
     rotation = None if matrix is None else _rotation_vector(turned, matrix)
     velocity = validate_vector("initialVelocity", initialVelocity)

@@ -77,6 +77,11 @@ def drawn_fields(
     return places, values
 
 
+def title_of(field: ViewField, scale: float) -> list[str]:
+    """Lines of a picture's title: the field with its unit, and what a scaled deformation makes."""
+    return [f"{field} [{UNITS[field]}]"] + [f"deformed x {scale:g}: bodies may seem to overlap"] * (scale != 1)
+
+
 def validate_scale(scale: float) -> float:
     """Check the factor on the drawn deformation."""
     if validate_positive("scale", scale) > _LARGEST_SCALE:

@@ -16,15 +16,15 @@ from .plot_input import axes_of, contact_of, name_of, plain
 _STATES = {STICK: ("sticks", "C0", "o"), SLIP: ("slips", "C3", "^")}
 
 
-def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionContact | None = None) -> Axes:
+def pressure(axes: Axes, result: Result, time: float | None = None, *, contact: PartitionContact | None = None) -> Axes:
     """Contact pressure [MPa] on the slave's patch [mm] at the sample nearest to a time.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes or None
     result : Result
-    time : float
-        Time of the pressure [s].
+    time : float, optional
+        Time of the pressure [s]. Default: that of the contact's largest force.
     contact : PartitionContact, optional
         Of a Result with several.
 
@@ -39,7 +39,7 @@ def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionConta
         If an argument has a wrong type, or the time is not within the run.
     """
     axes, contact = axes_of(axes), contact_of(result, contact)
-    sample = result.at([validate_number("time", time, "a time in s")])
+    sample = _sample(result, time, contact)
     item, number = contact.sides[0]
     patch = item.body.partition.patches[number]
     x = 1e3 * item.body.points[patch.nodes] @ _across(patch.direction)
@@ -52,15 +52,15 @@ def pressure(axes: Axes, result: Result, time: float, *, contact: PartitionConta
     return _finish(axes, contact, sample)
 
 
-def stick(axes: Axes, result: Result, time: float, *, contact: PartitionContact | None = None) -> Axes:
+def stick(axes: Axes, result: Result, time: float | None = None, *, contact: PartitionContact | None = None) -> Axes:
     """Closed rows of the slave's patch [mm] that stick and that slip, with arrows of the tangential forces on them.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes or None
     result : Result
-    time : float
-        [s]; the sample nearest to it is drawn.
+    time : float, optional
+        [s]; the sample nearest to it is drawn. Default: that of the contact's largest force.
     contact : PartitionContact, optional
         Of a Result with several.
 
@@ -74,7 +74,7 @@ def stick(axes: Axes, result: Result, time: float, *, contact: PartitionContact 
         If an argument has a wrong type, the time is not within the run, or the contact is frictionless.
     """
     axes, contact = axes_of(axes), contact_of(result, contact)
-    sample = result.at([validate_number("time", time, "a time in s")])
+    sample = _sample(result, time, contact)
     state, forces = contact.row_states(sample)[0], contact.row_tractions(sample)[0]
     item, number = contact.sides[0]
     patch = item.body.partition.patches[number]
@@ -89,6 +89,12 @@ def stick(axes: Axes, result: Result, time: float, *, contact: PartitionContact 
         axes.quiver(*x[closed].T, *arrows[closed].T, color="0.35", width=0.004, zorder=0)
     axes.legend(fontsize="small")
     return _finish(axes, contact, sample)
+
+
+def _sample(result: Result, time: float | None, contact: PartitionContact) -> Result:
+    """Sample nearest to a time [s]; for None, that of the contact's largest force."""
+    peak = float(result.t[contact.force(result).argmax()])
+    return result.at([peak if time is None else validate_number("time", time, "a time in s")])
 
 
 def _across(direction: Array) -> Array:

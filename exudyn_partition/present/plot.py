@@ -28,6 +28,7 @@ from .patch_plot import pressure, stick
 from .plot_input import (
     axes_of,
     check_samples,
+    contact_of,
     history_of,
     history_of_point,
     label_of,
@@ -73,7 +74,8 @@ def force(
     axes = axes_of(axes)
     for history, style in _layers(history_of(run, contact), reference):
         axes.plot(1e3 * history.t, history.force, label=label_of(history), **style)
-    return _finish(axes, "contact force [N]")
+    name = "" if isinstance(run, History) else contact_of(run, contact).name
+    return _finish(axes, f"force of contact {plain(name)} [N]" if name else "contact force [N]")
 
 
 def velocity(

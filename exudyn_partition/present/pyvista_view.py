@@ -21,7 +21,6 @@ from ..support.optional import require
 from .body_fields import Shown
 from .graphics import (
     COLOURS,
-    UNITS,
     WINDOW,
     ViewField,
     drawn_fields,
@@ -29,6 +28,7 @@ from .graphics import (
     peak_time,
     pieces_of,
     rigid_surfaces,
+    title_of,
     validate_pixels,
     validate_scale,
 )
@@ -93,7 +93,7 @@ def plotter(
         raise InputError(f"limits: expected the lower and the upper end of the colours, got {ends[0]:g} to {ends[1]:g}")
     pyvista = require("pyvista")
     scene = pyvista.Plotter(off_screen=True, window_size=pixels)
-    title = f"{field} [{UNITS[field]}]" + (f", deformed x {scale:g}" if scale != 1 else "")
+    title, *said = title_of(field, scale)
     for piece, place, value in zip(pieces, places, values, strict=True):
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
         surface = _surface(place, triangles)
@@ -110,7 +110,7 @@ def plotter(
         )
     for rigid in rigid_surfaces(result.contacts, np.vstack(places)):
         scene.add_mesh(_surface(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
-    scene.add_text(f"t = {frame.t[0]:.6g} s", font_size=10, color="black")
+    scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
     scene.set_background("white")
     scene.add_axes(color="black")
     return scene

@@ -31,6 +31,7 @@ _VISIBLE = 0.03  # largest deformation in the picture, relative to the size of t
 _ROUNDING = 1e-11  # a deformation below this, relative to that size, is none
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
 _ADAPTIVE = 1.01  # mean step by that in contact, above which steps are adaptive
+_OTHERS = "joints, springs and loads (ep.CreateWorkSensor tells them apart)"
 _TEMPLATE = "report_page.html"
 
 
@@ -203,7 +204,7 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
     if taken_of:
         sums.append((f"with contacts' and what {' and '.join(taken_of)} took [J]", given))
     sums += [(f"given by {name} [J]", work) for name, work in works.items()]
-    rest, givers = given - given[0] - sum(works.values()), "other items" if works else "joints, springs and loads"
+    rest, givers = given - given[0] - sum(works.values()), "other items" if works else _OTHERS
     sums.append((f"given by {givers}; else the steps' error [J]", rest))
     momentum = np.sum([item.momentum(result) for item in result.bodies], axis=0)
     sums += [(f"momentum {axis} [N s]", momentum[:, i]) for i, axis in enumerate("xyz")]

@@ -52,6 +52,7 @@ from .graphics import (
     peak_time,
     pieces_of,
     rigid_surfaces,
+    title_of,
     validate_pixels,
     validate_scale,
 )
@@ -319,7 +320,7 @@ def _graphics(
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
     rigid = rigid_surfaces(contacts, np.vstack(places), poses)
     seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in rigid)])
-    title = [f"{field} [{UNITS[field]}]"] + [f"deformed x {scale:g}: bodies may seem to overlap"] * (scale != 1)
+    title = title_of(field, scale)
     if any(contact.carrier is not None and poses(contact) is None for contact in contacts):
         title.append("not drawn: rigid surfaces that other bodies carry")
     ends = f"{least:.3g}", f"{largest:.3g}"

@@ -117,7 +117,8 @@ def test_the_pareto_front_leaves_out_what_is_dominated(comparisons):
 def test_pressure_stands_where_the_contact_is(run):
     result, *_, contact = run
     peak = float(result.t[contact.force(result).argmax()])
-    axes = ep.plot.pressure(None, result, peak)
+    axes = ep.plot.pressure(None, result)
+    assert axes.get_title() == f"t = {1e3 * peak:.4g} ms"
     values = axes.collections[0].get_array()
     assert values.max() == pytest.approx(1e-6 * contact.pressure(result.at([peak])).max())
     limits = np.array([axes.get_xlim(), axes.get_ylim()])

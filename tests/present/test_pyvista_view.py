@@ -31,7 +31,9 @@ def test_the_scene_holds_the_deformed_body_and_the_plane(run):
     np.testing.assert_allclose(drawn.points, at.place(q) + 49 * at.deformation(q), atol=1e-9)
     speed = np.linalg.norm(at.velocities(q, q_t), axis=1)
     np.testing.assert_allclose(drawn.active_scalars, speed, rtol=1e-9)
-    assert scene.scalar_bar.GetTitle() == "velocity [m/s], deformed x 50"
+    assert scene.scalar_bar.GetTitle() == "velocity [m/s]"
+    texts = [actor.GetText(2) for actor in scene.actors.values() if isinstance(actor, pyvista.CornerAnnotation)]
+    assert texts == [f"t = {frame.t[0]:.6g} s\ndeformed x 50: bodies may seem to overlap"]
     others = [scene.actors[name] for name in scene.actors if name.startswith("PolyData")]
     (plane,) = (pyvista.wrap(actor.mapper.GetInput()) for actor in others)
     np.testing.assert_allclose(plane.points[:, 2], -1e-6, atol=1e-9)

@@ -750,12 +750,15 @@ CALLS = {
     ),
     "plot.energy": call(axes=_axes, result=v.own_result, bodies=_bodies.but("empty"), contacts=_contacts),
     "plot.pressure": call(
-        axes=_axes, result=v.own_result, time=v.number.but(beyond=1.0, negative=-1.0)(STEP), contact=_plain_contact
+        axes=_axes,
+        result=v.own_result,
+        time=v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
+        contact=_plain_contact,
     ),
     "plot.stick": call(
         axes=_axes,
         result=v.own_result(Made(lambda s: s.sticking[1])),
-        time=v.number.but(beyond=1.0, negative=-1.0)(STEP),
+        time=v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
         contact=_plain_contact,
     ),
     "plot.modes": call(axes=_axes, body=v.item_or_body),
