@@ -1,8 +1,7 @@
 """A study over the impact speed of a ball: by a plain loop, by processes, by Exudyn's ParameterVariation, or by Dask.
 
-The ball is reduced once and kept in a file. One function computes an impact from a dictionary of parameters, so every
-way can call it. Each result becomes a line of a file as soon as it is there. A study that was stopped goes on with the
-speeds that this file lacks, in any of the ways. Progress goes to the log. The figure compares with Hertz.
+The ball is reduced once and kept in a file. One function of plain values computes an impact, so every way can call it.
+Each result becomes a line of a file at once. A study that was stopped goes on with the speeds that this file lacks.
 """
 
 import argparse
@@ -24,6 +23,7 @@ import exudyn_partition as ep
 
 R, MATERIAL = 0.010, replace(ep.STEEL, yield_stress=None)  # an elastic study: no word on yielding
 LOG = logging.getLogger("parameter_study")
+BALLS = {}  # by file, read once a process: models of the same body share what its contacts need
 
 
 def reduced_ball(path, h):
@@ -36,7 +36,8 @@ def reduced_ball(path, h):
 
 def impact(parameters):
     """One impact on a rigid floor: a plain function of plain values, which can run anywhere."""
-    begin, body, speed = time.perf_counter(), ep.load_body(parameters["ball"]), parameters["speed"]
+    begin, path, speed = time.perf_counter(), parameters["ball"], parameters["speed"]
+    body = BALLS[path] = BALLS.get(path) or ep.load_body(path)
     hertz = ep.hertz.impact(body.total_mass, speed, R, math.inf, MATERIAL)
     mbs = exu.SystemContainer().AddSystem()
     ball = ep.CreatePartitionBody(mbs, body, name="ball", initialVelocity=[0, 0, -speed])
@@ -87,7 +88,6 @@ def main(argv=None):
     mesh, count, h = ("quick", 4, 0.2e-3) if options.quick else ("fine", 25, 0.1e-3)
     ball, lines = options.out / f"ball_{mesh}.npz", options.out / f"results_{mesh}.jsonl"
     reduced_ball(ball, h)
-
     known, begin, speeds = records(lines), time.perf_counter(), np.linspace(0.2, 0.8, count).round(4).tolist()
     lines.write_text("".join(json.dumps(record) + "\n" for record in known.values()))
     missing = [{"speed": speed, "ball": str(ball)} for speed in speeds if speed not in known]

@@ -1,8 +1,9 @@
-"""Progress bars on the terminal; nothing is shown if there is no terminal."""
+"""Progress bars on the terminal; without a terminal, lines in the log at level INFO."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +15,9 @@ from .optional import require
 
 Progress = Callable[[float], None]  # takes the share done, 0 to 1
 
+_LOG = logging.getLogger(__name__)
+_PARTS = 10  # lines in the log of work that takes long
+
 LONG = 2.0  # work that takes longer shows a bar [s]
 
 
@@ -21,11 +25,13 @@ LONG = 2.0  # work that takes longer shows a bar [s]
 def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     """Show a bar while something runs; yields the function to call with the share done, 0 to 1.
 
+    Where stderr is no terminal, each tenth is a line in the log of `exudyn_partition`, at level INFO.
+
     Parameters
     ----------
     title : str
     after : float
-        How long it has to run before a bar appears [s].
+        How long it has to run before a bar, or a line in the log, appears [s].
 
     Raises
     ------
@@ -42,12 +48,17 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     if validate_number("after", after, "a time in s") < 0:
         raise InputError(f"after: expected a time of at least zero, got {after!r}")
     bar = terminal_bar()
-    task, begin = bar.add_task(_plain(title), total=1.0), time.perf_counter()
+    task, begin, told = bar.add_task(_plain(title), total=1.0), time.perf_counter(), 0
 
     def report(share: float) -> None:
-        if not bar.live.is_started and time.perf_counter() - begin >= after:
+        nonlocal told
+        seconds, part = time.perf_counter() - begin, int(_PARTS * validate_number("share", share))
+        if not bar.live.is_started and seconds >= after:
             bar.start()
-        bar.update(task, completed=validate_number("share", share))
+        bar.update(task, completed=share)
+        if bar.disable and part > told and seconds >= after:
+            told = part
+            _LOG.info("%s: %d %% after %.3g s", title, 100 * part // _PARTS, seconds)
 
     try:
         if not after:

@@ -24,7 +24,11 @@ def test_a_study_that_was_stopped_goes_on_in_another_way(tmp_path):
     assert first["error"]["peak_force"] < 0.03
     lines = tmp_path / "results_quick.jsonl"
     whole = lines.read_text().splitlines(keepends=True)
-    for how, kept, new in (("exudyn", "".join(whole[:2]) + whole[2][:30], 2), ("processes", "".join(whole[1:]), 1)):
+    for how, kept, new in (
+        ("exudyn", "".join(whole[:2]) + whole[2][:30], 2),
+        ("processes", "".join(whole[1:]), 1),
+        ("dask", "".join(whole[:3]), 1),
+    ):
         lines.write_text(kept)
         again = run(tmp_path, how)
         assert again["new"] == new

@@ -1,5 +1,6 @@
-"""Bars of what takes long."""
+"""Bars of what takes long, and lines in the log where there is no terminal."""
 
+import logging
 from types import SimpleNamespace
 
 import pytest
@@ -35,3 +36,13 @@ def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
     monkeypatch.setattr(progress, "LONG", long)
     ep.generate_mesh(box(1, 1, 1), maxh=0.5)
     assert bar.calls == [("mesh", None), *expected]
+
+
+@pytest.mark.parametrize(("after", "lines"), [(0.0, ["30 %", "90 %"]), (60.0, [])])
+def test_without_a_terminal_each_tenth_is_a_line_in_the_log(caplog, after, lines):
+    with caplog.at_level(logging.INFO, "exudyn_partition"), ep.progress("a long study", after=after) as report:
+        for share in (0.05, 0.31, 0.39, 0.9, 0.95):
+            report(share)
+    assert [record.getMessage().split(" after")[0] for record in caplog.records] == [
+        f"a long study: {line}" for line in lines
+    ]
