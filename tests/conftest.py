@@ -1,5 +1,6 @@
 """Small bodies that several tests share; meshes and reductions are made once a session."""
 
+import os
 from pathlib import Path
 
 import exudyn as exu
@@ -12,6 +13,15 @@ from exudyn_partition.support.compiled import compiles
 
 TESTS = Path(__file__).parent
 LONG = ("examples", "validation")  # folders of files that take a minute or more
+# Two workers fill two cores. Threads of NGSolve and BLAS wait by spinning, and would take the other worker's time.
+ONE_THREAD = ("NGS_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def pytest_configure(config):
+    """Before workers start, which inherit the environment."""
+    if getattr(config.option, "numprocesses", None):
+        for name in ONE_THREAD:
+            os.environ.setdefault(name, "1")
 
 
 def pytest_collection_modifyitems(items):

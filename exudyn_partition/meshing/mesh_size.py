@@ -116,8 +116,8 @@ def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine])
 
 def check_memory_of_mesh(
     size: float, volume: float, surface: float, maxh: float, regions: Sequence[Refine], grading: float, order: int
-) -> None:
-    """Refuse a mesh that would not fit into memory, before it is made.
+) -> float:
+    """Approximate number of elements of a mesh; refuse one that would not fit into memory, before it is made.
 
     Parameters
     ----------
@@ -144,6 +144,7 @@ def check_memory_of_mesh(
             "Take a larger maxh, or larger h and smaller radius in refine; is the shape in millimetres? Then give "
             "scale=1e-3 of fe_model"
         )
+    return n
 
 
 def check_memory_of_model(n_nodes: int, order: int) -> None:

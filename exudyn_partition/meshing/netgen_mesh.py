@@ -27,6 +27,9 @@ _SHARP = np.sin(np.radians(44.0))  # sine of a cone's half angle, below which Ne
 GRADING = 0.3
 _GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
+# Netgen's threads wait by spinning. Where other processes want the cores too, they make a small mesh ten times slower.
+_MANY = 30_000  # elements, from which threads pay; the mesh is the same
+
 # NGSolve and Netgen keep global state: two threads that mesh or assemble at once crash or mix up their results.
 ONE_AT_A_TIME = threading.RLock()
 
@@ -88,8 +91,8 @@ def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: i
         raise MeshError("shape: expected a solid, got none: its faces enclose no volume, or some are missing")
     _check_tips(shape, size)
     surface = sum(face.mass for face in shape.faces)
-    check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
-    parameters = meshing.MeshingParameters(maxh=maxh, grading=grading)
+    elements = check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
+    parameters = meshing.MeshingParameters(maxh=maxh, grading=grading, parallel_meshing=elements > _MANY)
     for region in regions:
         for x, y, z in region.points():
             parameters.RestrictH(x=x, y=y, z=z, h=region.h)
