@@ -1,6 +1,7 @@
 """What is released: versions, workflows and the pages that GitHub reads agree with the code."""
 
 import re
+import runpy
 from pathlib import Path
 
 import exudyn as exu
@@ -25,13 +26,31 @@ def test_oldest_and_newest_python_are_tested_on_every_system():
     pythons = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', PROJECT)
     oldest = re.search(r'^requires-python = ">=(.+)"$', PROJECT, re.M)[1]
     assert pythons[0] == oldest
-    runs = WORKFLOWS["tests.yml"]["jobs"]["test"]["strategy"]["matrix"]["include"]
-    assert {run["python"] for run in runs} <= set(pythons)
-    systems = {run["os"].split("-")[0] for run in runs}
-    assert systems == {"ubuntu", "windows", "macos"}
-    for system in systems:
-        ours = {(run["python"], run["resolution"]) for run in runs if run["os"].startswith(system)}
-        assert {(oldest, "lowest-direct"), (pythons[-1], "highest")} <= ours
+    matrix = WORKFLOWS["tests.yml"]["jobs"]["test"]["strategy"]["matrix"]
+    assert {system.split("-")[0] for system in matrix["os"]} == {"ubuntu", "windows", "macos"}
+    assert matrix["python"] == [oldest, pythons[-1]]
+    assert matrix["resolution"] == ["lowest-direct", "highest"]
+    assert matrix["exclude"] == [{"python": pythons[-1], "resolution": "lowest-direct"}]
+    assert {oldest, *(run["python"] for run in matrix["include"]), pythons[-1]} <= set(pythons)
+
+
+def test_a_release_knows_its_repository(monkeypatch):
+    """Every link of the README that PyPI shows leads to a file of the commit; without a repository nothing changes."""
+    names, text = runpy.run_path(str(GITHUB / "metadata.py")), (ROOT / "README.md").read_text()
+    hook, found = names["ReleaseMetadata"](str(ROOT), {}), {}
+    monkeypatch.delenv("GITHUB_REPOSITORY", raising=False)
+    hook.update(found)
+    assert found == {"readme": {"content-type": "text/markdown", "text": text}}
+    for name, value in (("REPOSITORY", "someone/partition"), ("SERVER_URL", "https://host"), ("SHA", "abc")):
+        monkeypatch.setenv(f"GITHUB_{name}", value)
+    hook.update(found)
+    assert found["urls"]["Documentation"] == "https://someone.github.io/partition/"
+    shown = found["readme"]["text"]
+    before, after = (re.findall(r"(!?)\[[^\]]*\]\(([^)]+)\)", page) for page in (text, shown))
+    for (mark, file), (_, address) in zip(before, after, strict=True):
+        kind = "raw" if mark else "blob"
+        outside = file.startswith(("http", "#"))
+        assert address == (file if outside else f"https://host/someone/partition/{kind}/abc/{file}")
 
 
 def test_workflows_only_run_what_there_is():
