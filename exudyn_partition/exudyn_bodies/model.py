@@ -37,7 +37,7 @@ class BodyItem(Protocol):
     def is_in(self, mbs: MainSystem) -> bool:
         """Whether the model still holds the body."""
 
-    def __getitem__(self, key: str) -> ItemIndex:
+    def __getitem__(self, key: str, /) -> ItemIndex:
         """Exudyn's indices by name."""
 
 

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -44,6 +46,14 @@ def found():
 
 def test_a_right_script_has_right_types(found):
     assert not [place for place in found if place[0] != "wrong"]
+
+
+def test_pyright_too_accepts_the_right_script_and_refuses_each_wrong_call():
+    pytest.importorskip("pyright")
+    said = subprocess.run([sys.executable, "-m", "pyright", str(SCRIPTS)], check=False, capture_output=True, text=True)
+    found = set(re.findall(r"(\w+)\.py:(\d+):\d+ - error", said.stdout))
+    lines = (SCRIPTS / "wrong.py").read_text().splitlines()
+    assert found == {("wrong", str(i)) for i, line in enumerate(lines, 1) if re.search(r"  # [\w-]+$", line)}
 
 
 def test_each_wrong_call_is_refused(found):

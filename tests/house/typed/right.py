@@ -14,7 +14,8 @@ import exudyn_partition as ep
 def main(out: Path) -> float:
     steel = ep.Material(E=210e9, nu=0.3, rho=7850, yield_stress=355e6)
     refine = [ep.Refine((0, 0, 0), radius=0.3e-3, h=0.1e-3), ep.Refine(np.zeros(3), 1e-3, h=0.2e-3)]
-    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01), steel, maxh=3e-3, refine=refine)
+    ball_shape = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)  # pyright: ignore[reportAttributeAccessIssue]  # lacks stubs
+    fem = ep.fe_model(ball_shape, steel, maxh=3e-3, refine=refine)
     assert_type(fem, ep.FEModel)
     part = ep.Partition.ball(fem, center=(0, 0, 0), radius=0.5e-3, axes="xyz", direction=np.array([0, 0, -1]))
     part |= ep.Partition.interface(fem, "pin", nodes="bore", kind="averaged", position=[0, 0, 0.02])
