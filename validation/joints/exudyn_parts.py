@@ -8,11 +8,12 @@ Reference: Exudyn's ObjectFFRFreducedOrder of the same mesh, with the modes of t
 Quantity: displacement of the tip and reaction, relative L2 over the run, and run times of the solver, each the least
 of five. Each scene runs with the modulus of the example, which is so low that bodies bend by up to several per cent of
 their length, and with one a hundred or a thousand times as high.
-Limits: 1e-3 for tip and reaction, or a tenth of what half the step changes if that is more. Our runs take at most 1.1
-of the time of Exudyn's. The soft bodies have no single answer: linear elastic bodies that bend so much depend on the
-frame in which they are linear, which the modes choose. `by_modes` is what our shapes, which are those of mean axes,
-change of Exudyn's own body with its Hurty-Craig-Bampton modes. By so much the soft bodies may differ. The reaction of
-the soft pendulum has no limit: joints and springs act on the inertia of the undeformed body, which `left_out` tells.
+Limits: 1e-3 for tip and reaction; our runs take at most 1.1 of the time of Exudyn's. The soft bodies miss the limit,
+and `holds` says so: they have no single answer, for linear elastic bodies that bend so much depend on the frame in
+which they are linear, which the modes choose. `by_modes` is what our shapes, which are those of mean axes, change of
+Exudyn's own body with its Hurty-Craig-Bampton modes. The script fails if a soft body differs by more, or if a stiff
+one misses its limit. The reaction of the soft pendulum may: springs act on the inertia of the undeformed body, see
+`left_out`.
 
     python -m validation.joints.exudyn_parts [--quick]
 """
@@ -35,7 +36,7 @@ from scipy.spatial import cKDTree
 import exudyn_partition as ep
 from exudyn_partition.frames.floating import FloatingKinematics
 
-LIMIT, UNRESOLVED, NOISE = 1e-3, 0.1, 1.1
+LIMIT, NOISE = 1e-3, 1.1
 KIND = exu.OutputVariableType
 RISE = 50e-3  # [s]
 SOLVERS = exu.DynamicSolverType
@@ -239,20 +240,29 @@ def row_of(name, part, end_time, soft):
     row = {"scene": f"{name}, {'soft' if soft else 'stiff'}", "modulus": part.material.E, "fe_dofs": fem.n_dofs}
     row |= {"dofs": body.n_dofs, "error": {"tip": error(y, x), "reaction": error(g, f)}}
     row["half_step"] = {"tip": error(x_half, x), "reaction": error(f_half, f)}
-    unsure = {key: UNRESOLVED * change for key, change in row["half_step"].items()}
-    if soft and part.interfaces:
-        unsure = row["by_modes"] = by_modes(part, body, end_time, x, f)
-    row["limits"] = {key: max(LIMIT, change) for key, change in unsure.items()}
-    if soft and not part.interfaces:
-        del row["limits"]["reaction"]
+    row["limits"] = {"tip": LIMIT, "reaction": LIMIT}
+    row["by_modes"] = by_modes(part, body, end_time, x, f) if soft and part.interfaces else {}
+    row["told"] = ["reaction"] if soft and not part.interfaces else []  # by `left_out`
     row |= {way: min(taken) for way, taken in times.items()}
-    right = all(row["error"][key] < limit for key, limit in row["limits"].items())
-    row["holds"] = right and row["time_s"] < NOISE * row["exudyn_time_s"]
+    row["holds"] = quick_enough(row) and all(row["error"][key] < limit for key, limit in row["limits"].items())
     return row
 
 
+def quick_enough(row):
+    """Whether our run takes no longer than that of Exudyn's own body."""
+    return row["time_s"] < NOISE * row["exudyn_time_s"]
+
+
+def explained(row):
+    """Whether errors beyond their limits are what the modes change, or what `left_out` tells."""
+    return all(
+        key in row["told"] or row["error"][key] < max(limit, row["by_modes"].get(key, 0.0))
+        for key, limit in row["limits"].items()
+    )
+
+
 def main(argv=None):
-    """Run the script; returns whether all limits hold."""
+    """Run the script; returns whether all limits hold, but for what the modes change of soft bodies."""
     quick = "--quick" in (sys.argv[1:] if argv is None else argv)
     end_time, rows = 0.2 if quick else 0.5, []
     for name, part in PARTS.items():
@@ -263,7 +273,7 @@ def main(argv=None):
     result = {"rows": rows, "limit": LIMIT, "end_time_s": end_time, "versions": ep.versions()}
     if not quick:
         Path(__file__).with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
-    return all(row["holds"] for row in rows)
+    return all(explained(row) and quick_enough(row) for row in rows)
 
 
 if __name__ == "__main__":
