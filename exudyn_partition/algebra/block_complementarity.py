@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -11,11 +12,113 @@ import scipy.sparse as sp
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .complementarity import PATIENCE, Complementarity
+from .complementarity import PATIENCE, ROUNDING, Complementarity
 
 _SETTLED = 1e-13  # change of what blocks push, relative
 _LOST = 1e-10  # of the norm of blocks: what shared fields may leave out
 _STEPS = 50  # of the iteration; then the equations are solved at once
+
+
+class FlatCore(NamedTuple):
+    """S of a `BlockComplementarity` in flat arrays, as compiled loops take it.
+
+    Parameters
+    ----------
+    starts : (n + 1,) int array
+        Which of the blocks are those of each row of blocks.
+    sources : (k,) int array
+        Column of each block.
+    spans : (k, 4) int array
+        First row and end of the rows that are not zero, first column and number of columns.
+    numbers : array
+        What lies within these; equal blocks are there once.
+    places : (k,) int array
+        Where each block begins in `numbers`.
+    """
+
+    starts: Array
+    sources: Array
+    spans: Array
+    numbers: Array
+    places: Array
+
+    @classmethod
+    def of(cls, n: int, core: Mapping[tuple[int, int], Array]) -> FlatCore:
+        """Flatten S of n blocks."""
+        pairs, spans, parts = sorted(core), [], []
+        for pair in pairs:
+            block = core[pair]
+            (top, end), (left, right) = _span(block.any(1)), _span(block.any(0))
+            spans.append((top, end, left, right - left))
+            parts.append(block[top:end, left:right])
+        starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
+        return cls(starts, np.array([k for _, k in pairs]), np.array(spans), *pooled(parts))
+
+
+def _span(there: Any) -> tuple[int, int]:
+    """First place that is marked, and the end of all that are."""
+    marked = np.flatnonzero(there)
+    return (int(marked[0]), int(marked[-1]) + 1) if len(marked) else (0, 0)
+
+
+class FlatBlocks(NamedTuple):
+    """All blocks of a problem in flat arrays, as compiled loops take them; see `BlockComplementarity`.
+
+    Parameters
+    ----------
+    starts : (n + 1,) int array
+        Where the rows of each block begin in `active`, `closed`, `lam`, `pushed` and `responses`.
+    numbers : (k,) array
+        Matrices of all blocks; equal ones are there once.
+    own, fields : (n,) int arrays
+        Where the diagonal block of F and where the transpose of W of each block begin in `numbers`.
+    core : FlatCore
+        S.
+    active : (nr,) bool array
+    closed : (nr,) int array
+        Numbers of each block's active rows in the block, from where its rows begin.
+    n_closed : (n,) int array
+        How many these are; -1 if `closed` and the factors are not those of `active`.
+    factors : array
+        Transposes of the lower factors of Cholesky of the active rows, from `places`, (n,), each.
+    places : (n,) int array
+    responses : (nr, m) array
+        -D^-1 W of the active rows.
+    G : (n, m, m) array
+        W' D^-1 W.
+    amplitudes : (n, m) array
+        c.
+    lam, pushed : (nr,) arrays
+        The answer, and h + W c.
+    iterations : (n,) int array
+        How often each block was looked at while rows of it closed.
+    """
+
+    starts: Array
+    numbers: Array
+    own: Array
+    fields: Array
+    core: FlatCore
+    active: Array
+    closed: Array
+    n_closed: Array
+    factors: Array
+    places: Array
+    responses: Array
+    G: Array
+    amplitudes: Array
+    lam: Array
+    pushed: Array
+    iterations: Array
+
+    def solve(self, h: Array) -> bool:
+        """Find lambda for h, (nr,). Only where loops are compiled.
+
+        Return False if amplitudes or active rows do not settle soon; then another method has to find them.
+        """
+        loops = kernels("algebra")
+        assert loops is not None
+        return bool(loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE))
 
 
 class BlockComplementarity:
@@ -54,6 +157,7 @@ class BlockComplementarity:
         m = blocks.shape[1]
         self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
         self._core.eliminate_zeros()
+        self._flat_core = FlatCore.of(n, core)
         self._responses: dict[int, tuple[Array, Array, Array, Array]] = {}
         self.amplitudes = np.zeros((n, m))
         self.pushed: dict[int, Array] = {}
@@ -102,6 +206,30 @@ class BlockComplementarity:
                     problems[key].take(problems[key].active ^ some)
         raise ComplementarityError(f"no active set of {rows} contact rows settled; the rows are nearly redundant")
 
+    def flat(self, own: Sequence[Array], fields: Sequence[Array]) -> FlatBlocks:
+        """Return the problem for compiled loops, without active rows.
+
+        Parameters
+        ----------
+        own : sequence of (k, k) arrays
+            Diagonal blocks of F.
+        fields : sequence of (k, m) arrays
+            W.
+        """
+        sizes = np.array([len(F) for F in own])
+        starts, places = (np.concatenate([[0], np.cumsum(each)]) for each in (sizes, sizes**2))
+        (numbers, at), (n, m), nr = (
+            pooled([*(F.T for F in own), *(W.T for W in fields)]),
+            self.amplitudes.shape,
+            int(starts[-1]),
+        )
+        return FlatBlocks(
+            starts, numbers, at[:n], at[n:], self._flat_core,
+            active=np.zeros(nr, dtype=bool), closed=np.zeros(nr, dtype=np.int64), n_closed=np.zeros(n, dtype=np.int64),
+            factors=np.empty(places[-1]), places=places, responses=np.zeros((nr, m)), G=np.zeros((n, m, m)),
+            amplitudes=np.zeros((n, m)), lam=np.zeros(nr), pushed=np.zeros(nr), iterations=np.zeros(n, dtype=np.int64),
+        )  # fmt: skip
+
     def _find_amplitudes(
         self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]
     ) -> None:
@@ -125,15 +253,15 @@ class BlockComplementarity:
 
     def _iterated(self, a: Array, G: Array, pressed: Array) -> Array | None:
         """Return c = S (a - G c) by iteration from the last amplitudes; None if it does not settle."""
-        core, c = self._core, self.amplitudes
+        c = self.amplitudes
         if loops := kernels("algebra"):
             result = c.copy()
-            settled = loops.iterate(core.indptr, core.indices, core.data, a, G, pressed, result, _SETTLED, _STEPS)
+            settled = loops.iterate(self._flat_core, a, G, pressed, result, _SETTLED, _STEPS)
             return result if settled else None
         for _ in range(_STEPS):
             forces = a.copy()
             forces[pressed] -= (G @ c[pressed, :, None])[:, :, 0]
-            before, c = c, np.asarray(core @ forces.ravel()).reshape(c.shape)
+            before, c = c, np.asarray(self._core @ forces.ravel()).reshape(c.shape)
             if abs(c - before).max() <= _SETTLED * abs(c).max():
                 return c
         return None
@@ -146,6 +274,20 @@ class BlockComplementarity:
             response = -problem.solve_active(active)
             known = self._responses[key] = problem.index, fields, response, -active.T @ response
         return known[2], known[3]
+
+
+def pooled(arrays: Sequence[Array]) -> tuple[Array, Array]:
+    """All numbers of some arrays, (k,), equal arrays once, and where each array begins, (n,)."""
+    known, size, starts, parts = dict[bytes, int](), 0, [], []
+    for array in arrays:
+        flat = np.ascontiguousarray(array, dtype=float).ravel()
+        key = flat.tobytes()
+        if key not in known:
+            known[key] = size
+            parts.append(flat)
+            size += len(flat)
+        starts.append(known[key])
+    return np.concatenate(parts), np.array(starts)
 
 
 def _last_alone(wrong: Mapping[int, Array]) -> dict[int, Array]:

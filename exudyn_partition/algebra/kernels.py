@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..support.arrays import Array
 from ..support.compiled import compiled
+
+if TYPE_CHECKING:
+    from .block_complementarity import FlatBlocks, FlatCore
 
 
 @compiled
@@ -17,6 +23,7 @@ def check_active(
     Parameters
     ----------
     F : (n, n) array
+        Symmetric.
     factor : (na, na) array
         Transpose of the lower factor of Cholesky of the active part.
     index : (na,) int array
@@ -41,34 +48,31 @@ def check_active(
     if scale == 0.0:
         for i in range(n):
             scale = max(scale, abs(h[i]))
-    lam, active, wrong = np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    lam, wrong, w = np.zeros(n), np.empty(n, np.bool_), h.copy()
+    for i in range(na):
+        push, row = x[i], index[i]
+        for k in range(n):
+            w[k] += push * F[row, k]
     count = 0
+    for row in range(n):
+        wrong[row] = w[row] < -rounding * scale
+        count += wrong[row]
     for i in range(na):
         row = index[i]
-        active[row] = True
         lam[row] = x[i]
+        count += (x[i] < 0.0) - wrong[row]
         wrong[row] = x[i] < 0.0
-        count += wrong[row]
-    for row in range(n):
-        if not active[row]:
-            w = h[row]
-            for i in range(na):
-                w += F[row, index[i]] * x[i]
-            wrong[row] = w < -rounding * scale
-            count += wrong[row]
     return lam, wrong, count
 
 
 @compiled
-def iterate(
-    starts: Array, columns: Array, core: Array, a: Array, G: Array, pressed: Array, c: Array, settled: float, steps: int
-) -> bool:
+def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settled: float, steps: int) -> bool:
     """Iterate c = S (a - G c), see `BlockComplementarity`; each block takes the newest amplitudes of the others.
 
     Parameters
     ----------
-    starts, columns, core : arrays
-        S as a csr matrix, (n m, n m).
+    core : FlatCore
+        S.
     a : (n, m) array
     G : (k, m, m) array
         Of the blocks that have forces.
@@ -86,36 +90,165 @@ def iterate(
     Whether c has settled.
     """
     n, m = c.shape
-    forces, place = a.copy(), np.full(n, -1)
+    forces, place, now = a.copy(), np.full(n, -1), np.empty(m)
     for i in range(len(pressed)):
         place[pressed[i]] = i
     for j in range(n):
-        push(forces[j], a[j], G, place[j], c[j])
-    flat = forces.ravel()
+        push(forces, a, G, place[j], c, j)
     for _ in range(steps):
         change = size = 0.0
         for j in range(n):
+            now[:] = 0.0
+            for b in range(core.starts[j], core.starts[j + 1]):
+                k, at, left, width = core.sources[b], core.places[b], core.spans[b, 2], core.spans[b, 3]
+                for r in range(core.spans[b, 0], core.spans[b, 1]):
+                    total = 0.0
+                    for p in range(width):
+                        total += core.numbers[at + p] * forces[k, left + p]
+                    now[r] += total
+                    at += width
             for r in range(m):
-                total, row = 0.0, m * j + r
-                for p in range(starts[row], starts[row + 1]):
-                    total += core[p] * flat[columns[p]]
-                change, size = max(change, abs(total - c[j, r])), max(size, abs(total))
-                c[j, r] = total
-            push(forces[j], a[j], G, place[j], c[j])
+                change, size = max(change, abs(now[r] - c[j, r])), max(size, abs(now[r]))
+                c[j, r] = now[r]
+            push(forces, a, G, place[j], c, j)
         if change <= settled * size:
             return True
     return False
 
 
 @compiled
-def push(forces: Array, a: Array, G: Array, place: int, c: Array) -> None:
-    """Set forces, (m,), to a - G c of one block; a block with place -1 has none of G."""
-    for i in range(len(a)):
-        total = a[i]
+def push(forces: Array, a: Array, G: Array, place: int, c: Array, j: int) -> None:
+    """Set forces of block j, (m,), to a - G c; a block with place -1 has none of G."""
+    for i in range(c.shape[1]):
+        total = 0.0
         if place >= 0:
-            for j in range(len(c)):
-                total -= G[place, i, j] * c[j]
-        forces[i] = total
+            for k in range(c.shape[1]):
+                total += G[place, i, k] * c[j, k]
+        forces[j, i] = a[j, i] - total
+
+
+@compiled
+def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, steps: int, patience: int) -> bool:
+    """See `FlatBlocks.solve`.
+
+    Parameters
+    ----------
+    blocks : FlatBlocks
+    h : (nr,) array
+    rounding, settled : float
+        See `check_active` and `iterate`.
+    steps : int
+        Most steps of `iterate`.
+    patience : int
+        Most steps of the active rows without progress.
+    """
+    n, m = blocks.amplitudes.shape
+    every, scale, total = np.arange(n), 0.0, 0.0
+    enters = np.zeros(n, np.bool_)
+    for j in range(n):
+        least, largest = np.inf, 0.0
+        for i in range(blocks.starts[j], blocks.starts[j + 1]):
+            least, largest, total = min(least, h[i]), max(largest, abs(h[i])), total + h[i]
+        enters[j] = least < 0.0 or blocks.n_closed[j] != 0
+        if enters[j]:
+            scale = max(scale, largest)
+    if not math.isfinite(total):
+        return False
+    fewest, left = len(h) + 1, patience
+    while left:
+        a = np.zeros((n, m))
+        for j in range(n):
+            if blocks.n_closed[j] < 0 and not factorise_block(blocks, j):
+                return False
+            start = blocks.starts[j]
+            for i in range(start, start + blocks.n_closed[j]):
+                gap = h[start + blocks.closed[i]]
+                for k in range(m):
+                    a[j, k] += gap * blocks.responses[i, k]
+        c = blocks.amplitudes
+        if not iterate(blocks.core, a, blocks.G, every, c, settled, steps):
+            return False
+        wrong = 0
+        for j in range(n):
+            wrong += check_block(blocks, j, h, rounding, scale)
+            blocks.iterations[j] += enters[j]
+        if wrong == 0:
+            return True
+        left = patience if wrong < fewest else left - 1
+        fewest = min(fewest, wrong)
+    return False
+
+
+@compiled
+def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: float) -> int:
+    """Forces on the active rows of a block; rows that violate their condition change sides. Return how many do."""
+    start, end = blocks.starts[j], blocks.starts[j + 1]
+    n, c, pushed = end - start, blocks.amplitudes[j], blocks.pushed[start:end]
+    fields = blocks.numbers[blocks.fields[j] :]
+    pushed[:] = h[start:end]
+    for k in range(len(c)):
+        amplitude = c[k]
+        if amplitude != 0.0:
+            for i in range(n):
+                pushed[i] += amplitude * fields[k * n + i]
+    na = blocks.n_closed[j]
+    F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
+    factor = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
+    index = blocks.closed[start : start + na]
+    lam, wrong, count = check_active(F, factor, index, pushed, rounding, scale)
+    blocks.lam[start:end] = lam
+    if count:
+        for i in range(n):
+            if wrong[i]:
+                blocks.active[start + i] = not blocks.active[start + i]
+        blocks.n_closed[j] = -1
+    return count
+
+
+@compiled
+def factorise_block(blocks: FlatBlocks, j: int) -> bool:
+    """Set up what belongs to the active rows of a block; whether their F is positive definite."""
+    start, end = blocks.starts[j], blocks.starts[j + 1]
+    n, m, na = end - start, blocks.amplitudes.shape[1], 0
+    index = blocks.closed[start:end]
+    for i in range(n):
+        if blocks.active[start + i]:
+            index[na] = i
+            na += 1
+    blocks.n_closed[j] = na
+    F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
+    fields = blocks.numbers[blocks.fields[j] :][: n * m].reshape(m, n)
+    U = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
+    x, G = blocks.responses[start : start + na], blocks.G[j]
+    for i in range(na):
+        for k in range(i, na):
+            U[i, k] = F[index[i], index[k]]
+        x[i] = -fields[:, index[i]]
+    for i in range(na):
+        if not U[i, i] > 0.0:
+            return False
+        root = math.sqrt(U[i, i])
+        U[i, i:] /= root
+        x[i] /= root
+        for k in range(i + 1, na):
+            share = U[i, k]
+            for p in range(k, na):
+                U[k, p] -= share * U[i, p]
+            for p in range(m):
+                x[k, p] -= share * x[i, p]
+    for i in range(na - 1, -1, -1):
+        for k in range(i + 1, na):
+            share = U[i, k]
+            for p in range(m):
+                x[i, p] -= share * x[k, p]
+        x[i] /= U[i, i]
+    G[:] = 0.0
+    for i in range(na):
+        for k in range(m):
+            share = fields[k, index[i]]
+            for p in range(m):
+                G[k, p] -= share * x[i, p]
+    return True
 
 
 @compiled

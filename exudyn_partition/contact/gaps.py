@@ -26,6 +26,7 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
 from ..surfaces.points import ContactPoints, at_points, on_nodes
 from ..surfaces.rows import directed_matrix, point_matrix
+from .pairings import LinearGaps
 from .side import Side
 
 if TYPE_CHECKING:
@@ -172,6 +173,11 @@ class Gaps:
     def constant_rows(self) -> object:
         """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
         return None if self.moving else self.held
+
+    @property
+    def linear(self) -> LinearGaps | None:
+        """Gaps of the present rows as long as these are frozen; None if they move, or where it is not known."""
+        return None
 
     @property
     def slave(self) -> Side:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..support.arrays import Array
 from ..support.compiled import compiled
+
+if TYPE_CHECKING:
+    from .frozen import FlatRows
 
 
 @compiled
@@ -101,3 +105,54 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
         tangents[i, 0, 0], tangents[i, 0, 1], tangents[i, 0, 2] = u, v, w
         tangents[i, 1, 0], tangents[i, 1, 1], tangents[i, 1, 2] = y * w - z * v, z * u - x * w, x * v - y * u
     return tangents, cosines
+
+
+@compiled
+def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
+    """Set h to the gaps at coordinates q; whether all pairs stay frozen, see `frozen.FrozenContacts`."""
+    for j in range(len(rows.starts) - 1):
+        dofs, start = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j]
+        n, nr, drifts = len(dofs), rows.starts[j + 1] - start, rows.drift_starts[j]
+        own = np.empty(n)
+        for k in range(n):
+            own[k] = q[dofs[k]]
+        drift = rows.numbers[rows.drift[j] :]
+        for i in range(rows.drift_starts[j + 1] - drifts):
+            total = -rows.drift_start[drifts + i]
+            for k in range(n):
+                total += drift[i * n + k] * own[k]
+            if not abs(total) <= rows.reach[j]:
+                return False
+        H = rows.numbers[rows.H[j] :]
+        for i in range(nr):
+            total = rows.start[start + i]
+            for k in range(n):
+                total += H[i * n + k] * own[k]
+            h[start + i] = total
+    return True
+
+
+@compiled
+def forces_of_frozen(rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, told: Array) -> None:
+    """Set generalised forces, and what the contacts tell, see `frozen.FrozenContacts`."""
+    force[:], told[:] = 0.0, 0.0
+    for j in range(len(told)):
+        dofs, start = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j]
+        n, nr, tell, least = len(dofs), rows.starts[j + 1] - start, told[j], np.inf
+        H, normals, own = rows.numbers[rows.H[j] :], rows.numbers[rows.normals[j] :], np.zeros(n)
+        for i in range(nr):
+            least, push = min(least, pushed[start + i]), lam[start + i]
+            if push != 0.0:
+                for k in range(n):
+                    own[k] += push * H[i * n + k]
+                tell[0] += push
+                tell[1] += 1.0
+                for k in range(3):
+                    tell[2 + k] += push * normals[3 * i + k]
+                tell[6] -= 0.5 * push * h[start + i]
+        tell[7] = least
+        if tell[1] == 0.0:
+            tell[5] = least
+            continue
+        for k in range(n):
+            force[dofs[k]] += own[k]

@@ -25,7 +25,7 @@ KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = wea
 
 @dataclass(frozen=True, eq=False)
 class LinearGaps:
-    """Gaps of pairs that are frozen, as long as the patches hardly slide.
+    """Gaps of pairs that are frozen, as long as three of them slide less than `reach`.
 
     Parameters
     ----------
@@ -34,15 +34,18 @@ class LinearGaps:
     start : (nr,) array
         Gaps at zero coordinates [m].
     drift : (6, n) array
-        Sliding of three pairs along two tangents, by the coordinates.
+        Sliding of three pairs along two tangents, by the coordinates; empty if pairs never change.
     drift_start : (6,) array
         That where the pairs were found [m].
+    reach : float
+        [m]
     """
 
     H: Array
     start: Array
     drift: Array
     drift_start: Array
+    reach: float
 
 
 @dataclass(eq=False)

@@ -98,7 +98,12 @@ class PatchGaps(Gaps):
 
     def _linearised(self, rows: ContactRows) -> LinearGaps:
         H, drift = self.jacobian(np.arange(len(rows))), self._drift_rows(rows)
-        return LinearGaps(H, rows.gap - H @ self._q, drift, drift @ self._q)
+        return LinearGaps(H, rows.gap - H @ self._q, drift, drift @ self._q, _HELD * self.size)
+
+    @property
+    def linear(self) -> LinearGaps | None:
+        """See `Gaps.linear`."""
+        return None if self.moving else self._frozen
 
     def stance(self) -> Array:
         """See `Gaps.stance`."""
@@ -152,7 +157,7 @@ class PatchGaps(Gaps):
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         if not self.moving:
             frozen = self._frozen
-            if largest_change(frozen.drift @ q, frozen.drift_start) <= _HELD * self.size:
+            if largest_change(frozen.drift @ q, frozen.drift_start) <= frozen.reach:
                 self._q = q
                 value: Array = frozen.start + frozen.H @ q
                 return value

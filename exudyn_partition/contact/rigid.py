@@ -14,6 +14,7 @@ from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps
+from .pairings import LinearGaps
 from .side import Side
 
 
@@ -207,6 +208,11 @@ class RigidGaps(Gaps):
     def constant_rows(self) -> object:
         """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
         return self if self.slave.normal_only else super().constant_rows
+
+    @property
+    def linear(self) -> LinearGaps | None:
+        """See `Gaps.linear`; rows on a plane stay the same, however far they slide."""
+        return None if self.moving else LinearGaps(self.H, self._gap, np.zeros((0, self.n)), np.zeros(0), 0.0)
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""

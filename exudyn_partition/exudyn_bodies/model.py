@@ -13,7 +13,16 @@ from ..plasticity.strain_history import StrainHistory
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import validate_text
-from ..support.foreign import Exudyn, ItemIndex, MainSolver, MainSystem, NodeIndex, SensorIndex
+from ..support.foreign import (
+    Exudyn,
+    ItemEntry,
+    ItemIndex,
+    MainSolver,
+    MainSystem,
+    NodeIndex,
+    SensorIndex,
+    UserFunction,
+)
 from ..support.optional import require
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
@@ -140,6 +149,11 @@ def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
     """Places of a body's coordinates in the system vector; they may change when a model is assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
     return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]
+
+
+def user_function(entry: ItemEntry | None) -> UserFunction | None:
+    """User function that Exudyn's Get...UserFunction or GetObjectParameter returns, if there is one."""
+    return entry["function"] if isinstance(entry, dict) else None
 
 
 def start_of_step(mbs: MainSystem) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..exudyn_bodies.model import user_function
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, consecutive
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
@@ -51,6 +53,66 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * (H.T @ _between(run, run) @ H)))
 
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
+
+
+def add_common_element(mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact]) -> None:
+    """Let one object over the nodes of many bodies apply the forces of the contact too, in runs by `all_at_once`.
+
+    The model has one such object, which is idle in all other runs. Exudyn calls Python for it once a step, and for the
+    contacts' own elements once each. Those stay for contacts that are solved alone, or are on floating bodies.
+    """
+    if contact.together is None or not all(member.applied_at_once for member in contact.group):
+        return
+    exu = require("exudyn")
+    common = next((other["oCommon"] for other in others if "oCommon" in other), None)
+    nodes = {} if common is None else {int(node): node for node in mbs.GetObjectParameter(common, "nodeNumbers")}
+    new = [member for member in contact.group if "oCommon" not in member]
+    nodes |= {int(node): node for member in new for node in member.nodes}
+
+    def jacobian(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, *unused: object) -> MatrixContainer:
+        return exu.MatrixContainer(sp.csr_matrix((len(q),) * 2))
+
+    if common is None:
+        common = _add_object(mbs, "", [*nodes.values()], 0, jacobian)
+    else:
+        mbs.SetObjectParameter(common, "nodeNumbers", [*nodes.values()])
+    for member in new:
+        member["oCommon"] = common
+
+
+@contextlib.contextmanager
+def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Runs) -> Iterator[None]:
+    """Let the common element apply the forces of its contacts in runs that begin meanwhile; their own are off."""
+    common = [contact for contact in contacts if all("oCommon" in member for member in contact.group)]
+    if not common:
+        yield
+        return
+    element = common[0]["oCommon"]
+    dofs = np.array(_dofs(mbs, mbs.GetObjectParameter(element, "nodeNumbers")))
+
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+        own: Array = runs.now(mbs).force_at_once(mbs)[dofs]
+        return own
+
+    mbs.SetObjectParameter(element, "forceUserFunction", force)
+    try:
+        with runs.at_once(common), switched_off(mbs, common):
+            yield
+    finally:
+        mbs.SetObjectParameter(element, "forceUserFunction", 0)
+
+
+@contextlib.contextmanager
+def switched_off(mbs: MainSystem, contacts: Sequence[PartitionContact]) -> Iterator[None]:
+    """Let no elements of their own apply the forces of these contacts meanwhile: a run only pays for calls."""
+    functions = [mbs.GetObjectParameter(contact["oContact"], "forceUserFunction") for contact in contacts]
+    for contact in contacts:
+        mbs.SetObjectParameter(contact["oContact"], "forceUserFunction", 0)
+    try:
+        yield
+    finally:
+        for contact, function in zip(contacts, functions, strict=True):
+            mbs.SetObjectParameter(contact["oContact"], "forceUserFunction", user_function(function) or 0)
 
 
 def add_links(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
 from ..contact.formulations.formulation import Law, Together
+from ..contact.frozen import FrozenContacts
 from ..contact.gaps import dense
 from ..errors import RunError
 from ..exudyn_bodies.model import latest_solver, start_of_step
@@ -36,10 +38,6 @@ class ContactRun:
 
     Attributes
     ----------
-    samples : list of (float, (na,) int array, (na,) array)
-        Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N].
-    stored : dict of float to float
-        Energy that elastic contacts store with closed rows [J], by the time.
     tangential : dict of float to ((na, 3) array, (na,) int8 array)
         With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
     plastic_strains : dict of int to StrainHistory
@@ -57,9 +55,10 @@ class ContactRun:
     """
 
     def __init__(self, name: str, law: Law, slices: Sequence[slice], t: float) -> None:
-        self.name, self.law, self.slices = name, law, [*slices]
+        self.name, self._law, self.slices = name, law, [*slices]
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self.together: Together | None = None
+        self._group: GroupRun | None = None
         self.joined = False
         self.time_s = 0.0
         self.areas = law.node_areas
@@ -68,8 +67,8 @@ class ContactRun:
         self._remembering: list[ContactRun] = []
         self._force: Array | None = None
         self._jacobian: Array | None = None
-        self.samples: list[tuple[float, Array, Array]] = []
-        self.stored: dict[float, float] = {}
+        self._samples: list[tuple[float, Array, Array]] = []
+        self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.plastic_strains = {} if law.yielding is None else {i: StrainHistory(z.zone) for i, z in law.yielding.zones}
         self.edge: tuple[float, Array] | None = None
@@ -77,6 +76,25 @@ class ContactRun:
         self._stepped_to = t
         self._start, self._at = -np.inf, t
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
+
+    @property
+    def law(self) -> Law:
+        """The contact's, in its present state."""
+        if self._group is not None:
+            self._group.tell_laws()
+        return self._law
+
+    @property
+    def samples(self) -> list[tuple[float, Array, Array]]:
+        """Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N]."""
+        if self._group is None:
+            return self._samples
+        return sorted([*self._samples, *self._group.samples(self._place)], key=lambda sample: sample[0])
+
+    @property
+    def stored(self) -> dict[float, float]:
+        """Energy that elastic contacts store with closed rows [J], by the time."""
+        return self._stored if self._group is None else self._stored | self._group.stored(self._place)
 
     def of(self, coordinates: Array) -> Array:
         """Coordinates of slave and master, (n,), of the model's."""
@@ -86,6 +104,10 @@ class ContactRun:
         """Find the forces together with those of other contacts; `members` are all, this one included."""
         self.together, self._members, self._place = together, members, members.index(self)
         self._remembering = [member for member in members if member.law.remembers]
+
+    def at_once(self, group: GroupRun) -> None:
+        """Leave the forces to the group, which finds those of all members at once."""
+        self._group = group
 
     def evaluate(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> Array:
         """Generalised contact force, (n,), in the model's present state at time t [s].
@@ -145,6 +167,8 @@ class ContactRun:
 
     def values(self, t: float, q: Array) -> list[float]:
         """Values of the sensor `sForce` at t, with the model's coordinates q there."""
+        if self._group is not None and (told := self._group.values(t)) is not None:
+            return told[self._place]
         law = self.law
         closed = law.index
         if law.yielding is not None:
@@ -156,20 +180,24 @@ class ContactRun:
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, law.row_nodes[closed]
-                if self.edge is None and (reached := law.edge_reached()) is not None:
-                    self.edge = t, reached
+                self.look_for_edge(t)
             lam = law.lam.take(closed)
-            if self.samples and self.samples[-1][0] == t:  # asked for again
-                self.samples.pop()
-            self.samples.append((t, self._closed_nodes, lam))
+            if self._samples and self._samples[-1][0] == t:  # asked for again
+                self._samples.pop()
+            self._samples.append((t, self._closed_nodes, lam))
             if law.elastic:
-                self.stored[t] = law.stored()
+                self._stored[t] = law.stored()
             if law.friction is not None:
                 self.tangential[t] = law.traction[closed], law.state[closed]
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
         return values if law.elastic else values + self._impulse.tolist()
+
+    def look_for_edge(self, t: float) -> None:
+        """Note when and where a row at the edge of its patch closes first."""
+        if self.edge is None and (reached := self.law.edge_reached()) is not None:
+            self.edge = t, reached
 
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
@@ -195,6 +223,93 @@ class ContactRun:
                 "PreStep function was replaced. Set your own with SetPreStepUserFunction before "
                 "CreatePartitionContact, or run the model by solve_dynamic"
             )
+
+
+class GroupRun:
+    """Contacts in a run whose forces are found together and applied by one element of the model.
+
+    As long as their pairs are frozen, compiled loops evaluate all of them at once. This keeps what the sensors tell,
+    and laws learn of it only when they are looked at. Else each contact is evaluated by its law.
+
+    Parameters
+    ----------
+    together : Together
+    members : sequence of ContactRun
+
+    Attributes
+    ----------
+    time_s : float
+        Time in forces so far [s].
+    """
+
+    def __init__(self, together: Together, members: Sequence[ContactRun]) -> None:
+        self.time_s = 0.0
+        self._together, self._members = together, [*members]
+        self._dofs = [member.dofs for member in members]
+        self._frozen: FrozenContacts | None = None
+        self._q: Array | None = None  # of the evaluation, if compiled loops made it
+        self._laws_know = True
+        self._told: list[list[float]] = []
+        self._told_at: float | None = None
+        self._closed: Array | None = None
+        self._kept: list[tuple[float, Array, Array, Array, Array]] = []
+        for member in members:
+            member.at_once(self)
+
+    def force(self, q: Array) -> Array:
+        """Generalised forces, (nq,), at the model's coordinates q, (nq,)."""
+        begin = time.perf_counter()
+        self._told_at = None
+        if self._q is None:
+            known, self._frozen = self._frozen, self._together.frozen(self._dofs, self._frozen)
+            self._closed = self._closed if self._frozen is known else None
+        if self._frozen is not None and self._frozen.evaluate(q):
+            self._q, self._laws_know, force = q.copy(), False, self._frozen.force
+        else:
+            self._q, self._laws_know, force = None, True, np.zeros(len(q))
+            forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
+            for dofs, own in zip(self._dofs, forces, strict=True):
+                force[dofs] += own
+        self.time_s += time.perf_counter() - begin
+        return force
+
+    def tell_laws(self) -> None:
+        """Let the laws take what compiled loops have found, if they do not know it yet."""
+        if self._laws_know or self._q is None or self._frozen is None:
+            return
+        self._laws_know, q = True, self._q
+        self._together.take(self._frozen, [member.of(q) for member in self._members])
+
+    def values(self, t: float) -> list[list[float]] | None:
+        """Values of the sensors `sForce` of all members at t; None if their laws have evaluated them."""
+        if t != self._told_at:
+            if self._q is None or self._frozen is None:
+                return None
+            self._told, self._told_at = self._frozen.told[:, :6].tolist(), t
+            self._keep(t, self._frozen)
+        return self._told
+
+    def _keep(self, t: float, frozen: FrozenContacts) -> None:
+        """Keep the forces on closed rows at time t."""
+        closed = np.flatnonzero(frozen.lam)
+        if self._closed is None or not np.array_equal(closed, self._closed):
+            self._closed, self._nodes = closed, frozen.row_nodes[closed]
+            self._bounds = np.searchsorted(closed, frozen.starts)
+            for row in closed[frozen.at_edge[closed]]:
+                self._members[int(np.searchsorted(frozen.starts, row, side="right")) - 1].look_for_edge(t)
+        if self._kept and self._kept[-1][0] == t:  # asked for again
+            self._kept.pop()
+        if len(closed):
+            self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.told[:, 6].copy()))
+
+    def samples(self, place: int) -> list[tuple[float, Array, Array]]:
+        """What was kept of a member, see `ContactRun.samples`."""
+        cut = ((t, nodes, slice(*bounds[place : place + 2]), lam) for t, nodes, bounds, lam, _ in self._kept)
+        return [(t, nodes[own], lam[own]) for t, nodes, own, lam in cut if own.start < own.stop]
+
+    def stored(self, place: int) -> dict[float, float]:
+        """Energy that a member stored while it was closed [J], by the time."""
+        return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}
 
 
 class SolverMotion:

@@ -27,7 +27,7 @@ from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
 from ..surfaces.near import near_patches
 from ..surfaces.points import ROWS, RowKind
-from .contact_elements import add_element, add_links
+from .contact_elements import add_common_element, add_element, add_links
 from .coupling import solve_together
 from .model_run import ModelRun, Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
@@ -233,6 +233,7 @@ def CreatePartitionContact(
     if masterBody is not None:
         load_carrier(mbs, lambda: runs.at_work(contact).law, masterBody)
     add_links(mbs, contact, runs)
+    add_common_element(mbs, contact, contacts)
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         run = runs.see(mbs, t).of(contact)

@@ -16,7 +16,7 @@ from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from .central_differences import MultiplierStep
 from .contact_results import ContactResults
-from .contact_run import ContactRun
+from .contact_run import ContactRun, GroupRun
 from .run_record import RunRecord, sensors_keep_all
 
 _log = logging.getLogger(__name__)
@@ -64,6 +64,7 @@ class ModelRun:
         }
         self.record = RunRecord(t, keep)
         self._steppers: list[MultiplierStep] = []
+        self._groups: list[GroupRun] = []
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
             if group[0].together is not None:
@@ -82,7 +83,11 @@ class ModelRun:
     @property
     def contact_s(self) -> float:
         """Time in contacts so far [s]."""
-        return self._stepping_s + sum(run.time_s for run in self._runs.values())
+        return (
+            self._stepping_s
+            + sum(run.time_s for run in [*self._runs.values()])
+            + sum(group.time_s for group in self._groups)
+        )
 
     @property
     def active_set_iterations(self) -> int:
@@ -122,6 +127,18 @@ class ModelRun:
     def laws(self) -> dict[int, Law]:
         """Laws of the contacts, by the identity of each contact."""
         return {key: run.law for key, run in self._runs.items()}
+
+    def evaluate_at_once(self, contacts: Sequence[ContactResults]) -> None:
+        """Find the forces of these contacts by `force_at_once` alone; they are whole groups of the model."""
+        for group in {id(contact.group): contact.group for contact in contacts}.values():
+            members = [self._runs[id(contact)] for contact in group]
+            assert members[0].together is not None
+            self._groups.append(GroupRun(members[0].together, members))
+
+    def force_at_once(self, mbs: MainSystem) -> Array:
+        """Generalised forces of these contacts, (nq,), in the model's present state."""
+        q = mbs.systemData.GetODE2Coordinates(copy=False)
+        return sum((group.force(q) for group in self._groups[1:]), self._groups[0].force(q))
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
@@ -176,6 +193,7 @@ class Runs:
     def __init__(self) -> None:
         self.joints: Joints | None = None
         self._left_to_sensors = False
+        self._at_once: Sequence[ContactResults] = ()
         self._now: ModelRun | None = None
         self._origin: dict[int, Law] = {}
         self._solver: MainSolver = None
@@ -216,6 +234,7 @@ class Runs:
         contacts: list[ContactResults] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         last, self._now = self._now, ModelRun(mbs, contacts, t, method, self.joints, keep)
+        self._now.evaluate_at_once(self._at_once)
         self._origin = self._now.go_on(mbs, [{} if last is None else last.laws, self._origin])
         return self._now
 
@@ -242,6 +261,15 @@ class Runs:
             yield
         finally:
             self._left_to_sensors = False
+
+    @contextlib.contextmanager
+    def at_once(self, contacts: Sequence[ContactResults]) -> Iterator[None]:
+        """Find the forces of these contacts by `ModelRun.force_at_once` alone, in runs that begin meanwhile."""
+        self._at_once = contacts
+        try:
+            yield
+        finally:
+            self._at_once = ()
 
     @contextlib.contextmanager
     def closing(self, joints: Joints) -> Iterator[None]:

@@ -26,12 +26,14 @@ from .model_run import runs_of
 class PartitionContact(ContactResults):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact`, the force element; `sForce`, a sensor of the total normal force [N], the number of closed rows,
-    the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an explicit run,
-    total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in space [N], the number
-    of rows that stick, of those that slip, the energy that friction has taken and what the contact stores [J].
-    `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest equivalent plastic
-    strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the slave [N m].
+    Keys: `oContact`, the force element; `oCommon`, where contacts are coupled, the element that applies the forces of
+    all of them in explicit runs by `solve_dynamic`; `sForce`, a sensor of the total normal force [N], the number of
+    closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an
+    explicit run, total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in space
+    [N], the number of rows that stick, of those that slip, the energy that friction has taken and what the contact
+    stores [J]. `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest equivalent
+    plastic strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the slave
+    [N m].
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """
@@ -57,6 +59,11 @@ class PartitionContact(ContactResults):
     def nodes(self) -> list[NodeIndex]:
         """Exudyn nodes of slave and master."""
         return [node for item, _ in self.sides for node in item.nodes]
+
+    @property
+    def applied_at_once(self) -> bool:
+        """Whether its forces may be applied together with those of others: they are elastic, and no body floats."""
+        return self.law.elastic and all(item.kinematics.linear for item, _ in self.sides)
 
     def AddMomentSensor(self, mbs: MainSystem, point: Vector = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.

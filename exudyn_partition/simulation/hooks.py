@@ -9,11 +9,12 @@ import numpy as np
 
 from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import start_of_step
+from ..exudyn_bodies.model import start_of_step, user_function
+from ..exudyn_contacts.contact_elements import all_at_once, switched_off
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..support.arrays import Array
-from ..support.foreign import ItemEntry, MainSystem, SimulationSettings, UserFunction
+from ..support.foreign import MainSystem, SimulationSettings
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
@@ -66,7 +67,7 @@ def closed_joints(mbs: MainSystem, method: Method) -> Iterator[None]:
     if method == "implicit" or not mbs.systemData.AEsize():
         yield
         return
-    own_function = _function(mbs.GetPostStepUserFunction())
+    own_function = user_function(mbs.GetPostStepUserFunction())
 
     def after_step(mbs: MainSystem, t: float) -> bool:
         runs.now(mbs).after_step(mbs, t)
@@ -86,26 +87,24 @@ def closed_joints(mbs: MainSystem, method: Method) -> Iterator[None]:
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s].
 
-    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile: a run only pays for calls.
+    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile. In explicit runs, one
+    element applies the forces of all contacts that are coupled.
     """
-    run = runs_of(mbs).begin(mbs, t, method)
-    laws = [(contact, run.of(contact).law) for contact in partition_items(mbs)[1]]
-    elements = [contact["oContact"] for contact, law in laws if law.ahead and law.yielding is None]
-    functions = [_function(mbs.GetObjectParameter(element, "forceUserFunction")) for element in elements]
-    for element in elements:
-        mbs.SetObjectParameter(element, "forceUserFunction", 0)
-    try:
-        yield
-    finally:
-        for element, function in zip(elements, functions, strict=True):
-            mbs.SetObjectParameter(element, "forceUserFunction", function)
+    contacts = partition_items(mbs)[1]
+    runs = runs_of(mbs)
+    together = all_at_once(mbs, contacts, runs) if method == "explicit" else contextlib.nullcontext()
+    with together:
+        run = runs.begin(mbs, t, method)
+        laws = [(contact, run.of(contact).law) for contact in contacts]
+        with switched_off(mbs, [contact for contact, law in laws if law.ahead and law.yielding is None]):
+            yield
 
 
 @contextlib.contextmanager
 def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, progress: Progress) -> Iterator[Watch]:
     """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
     last_start = None
-    own_function = _function(mbs.GetPreStepUserFunction())
+    own_function = user_function(mbs.GetPreStepUserFunction())
     runs = runs_of(mbs)
     next_report = start_time
 
@@ -146,7 +145,9 @@ def controlled(mbs: MainSystem, control: StepControl | None, settings: Simulatio
     if control is None:
         yield
         return
-    own_after_step, own_after_newton = map(_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction()))
+    own_after_step, own_after_newton = map(
+        user_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction())
+    )
     refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
 
     def after_step(mbs: MainSystem, t: float) -> bool:
@@ -172,11 +173,6 @@ def controlled(mbs: MainSystem, control: StepControl | None, settings: Simulatio
         mbs.SetPostNewtonUserFunction(own_after_newton or 0)
 
 
-def _function(entry: ItemEntry | None) -> UserFunction | None:
-    """User function that Exudyn's Get...UserFunction returns, if there is one."""
-    return entry["function"] if isinstance(entry, dict) else None
-
-
 @contextlib.contextmanager
 def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     """Load steps in which bodies would pass through each other are repeated, shorter, behind the model's own function.
@@ -185,7 +181,7 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     would find an equilibrium there.
     """
     exu = require("exudyn")
-    own_after_newton = _function(mbs.GetPostNewtonUserFunction())
+    own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
     contacts = [contact for contact in partition_items(mbs)[1] if not contact.law.gaps.carried]
 

@@ -97,9 +97,7 @@ class ComplianceContact(ElasticContact):
         Of frozen rows, these are all.
         """
         if not self.gaps.moving:
-            if self._held is not self.gaps.held:
-                self._iterations += self.problem.iterations
-                self._take_held()
+            self.hold()
             return self._everything
         least = h.min()
         if math.isnan(least):
@@ -110,6 +108,12 @@ class ComplianceContact(ElasticContact):
             self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])
             self._held = None  # the problem of the frozen rows is lost
         return near
+
+    def hold(self) -> None:
+        """Set up the problem of rows that have been frozen since the last answer."""
+        if self._held is not self.gaps.held:
+            self._iterations += self.problem.iterations
+            self._take_held()
 
     def take(self, gap: Array, moved: Array, near: Array, lam: Array) -> None:
         """Take forces lam on the rows `near`, (k,) [N], that were found together with those of other contacts.

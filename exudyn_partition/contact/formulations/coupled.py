@@ -14,7 +14,9 @@ from ...algebra.block_complementarity import BlockComplementarity
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
+from ...support.compiled import compiles
 from ..between import SAME, Exchange, FlexibilityBetween, Link
+from ..frozen import FrozenContacts
 from ..gaps import Standing
 from .compliance import ComplianceContact
 from .frictional_compliance import FrictionalCompliance
@@ -115,6 +117,41 @@ class CoupledContacts:
         if self._at is None or not _equal(at, self._at):
             self._at, self._forces, self._inverse = at.copy(), self._find(coordinates()), None
         return self._forces
+
+    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
+        """All contacts at once in compiled loops, which go on from here; None if pairs move, or there are no loops.
+
+        Parameters
+        ----------
+        dofs : sequence of (n,) int arrays
+            Numbers of each contact's coordinates in the model.
+        last : FrozenContacts or None
+            What this returned before. It is used again if it has the same pairs.
+        """
+        if not self._jointly or not compiles() or any(law.gaps.linear is None for law in self.laws):
+            return None
+        laws = cast("list[ComplianceContact]", self.laws)
+        if last is None or any(law.gaps.held is not held for law, held in zip(laws, last.held, strict=True)):
+            for law in laws:
+                law.hold()
+            fields = [self._rows_by_fields(j) for j in range(len(laws))]
+            blocks = self._joint.flat([law.problem.F for law in laws], fields)
+            last = FrozenContacts([law.gaps for law in laws], dofs, blocks)
+        last.guess(np.concatenate([law.lam > 0.0 for law in laws]))
+        return last
+
+    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> None:
+        """Let the laws take the state of `frozen`, whose last evaluation was at these coordinates of each contact."""
+        laws, starts = cast("list[ComplianceContact]", self.laws), frozen.starts[1:-1]
+        lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
+        for j, (law, iterations) in enumerate(zip(laws, frozen.take_iterations(), strict=True)):
+            gap = law.gaps.at(coordinates[j])
+            if lam[j].any():
+                law.take(gap, moved[j], law.near(moved[j]), lam[j])
+            else:
+                law.stay_open(gap, moved[j])
+            law.problem.iterations += int(iterations)
+        self._at = self._inverse = None
 
     def stiffness(self, law: Compliant, other: Compliant) -> Array:
         """Change of forces on closed rows of `law` by gaps of closed rows of `other`, (na, nb) [N/m].
@@ -267,6 +304,9 @@ class SharedPatches(CoupledContacts):
 
     def _prepare(self) -> None:
         self._all_links  # noqa: B018 - it is kept
+
+    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> None:
+        """See `CoupledContacts.frozen`; there are no loops for whole flexibilities."""
 
     def _begin_jointly(self) -> None:
         self._between = FlexibilityBetween(self.laws, self._all_links)

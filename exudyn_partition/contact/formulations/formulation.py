@@ -19,6 +19,7 @@ from ...frames.kinematics import Rows
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ...surfaces.points import RowKind
+from ..frozen import FrozenContacts
 from ..gaps import Gaps
 from ..plasticity.yielding_patches import Zones
 
@@ -226,6 +227,12 @@ class Together(Protocol):
 
     def for_run(self, laws: Sequence[Any]) -> Together:
         """Return the state at the start of a run with these laws."""
+
+    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
+        """All contacts at once in compiled loops, or None, see `coupled.CoupledContacts.frozen`."""
+
+    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> None:
+        """Let the laws take the state that `frozen` has found, see `coupled.CoupledContacts.take`."""
 
 
 @dataclass(frozen=True, eq=False)
