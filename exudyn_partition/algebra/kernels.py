@@ -143,17 +143,22 @@ def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, 
         Most steps of the active rows without progress.
     """
     n, m = blocks.amplitudes.shape
-    every, scale, total = np.arange(n), 0.0, 0.0
+    every, scale, total, some = np.arange(n), 0.0, 0.0, False
     enters = np.zeros(n, np.bool_)
     for j in range(n):
+        if blocks.n_closed[j] < 0 and not factorise_block(blocks, j):
+            return False
         least, largest = np.inf, 0.0
         for i in range(blocks.starts[j], blocks.starts[j + 1]):
             least, largest, total = min(least, h[i]), max(largest, abs(h[i])), total + h[i]
-        enters[j] = least < 0.0 or blocks.n_closed[j] != 0
+        enters[j] = least < 0.0 or blocks.n_closed[j] > 0
         if enters[j]:
-            scale = max(scale, largest)
+            some, scale = True, max(scale, largest)
     if not math.isfinite(total):
         return False
+    if not some:
+        blocks.amplitudes[:], blocks.lam[:], blocks.pushed[:] = 0.0, 0.0, h
+        return True
     fewest, left = len(h) + 1, patience
     while left:
         a = np.zeros((n, m))
@@ -192,6 +197,13 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
             for i in range(n):
                 pushed[i] += amplitude * fields[k * n + i]
     na = blocks.n_closed[j]
+    if na == 0:
+        blocks.lam[start:end] = 0.0
+        for i in range(n):
+            if pushed[i] < -rounding * scale:
+                blocks.active[start + i] = True
+                blocks.n_closed[j], na = -1, na + 1
+        return na
     F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
     factor = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
     index = blocks.closed[start : start + na]

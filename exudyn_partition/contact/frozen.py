@@ -26,7 +26,7 @@ class FlatRows(NamedTuple):
     numbers : array
         Matrices of all contacts; equal ones are there once.
     H, drift, normals : (n,) int arrays
-        Where these of each contact begin in `numbers`.
+        Where these of each contact begin in `numbers`; H is transposed.
     start, drift_start : arrays
     reach : (n,) array
     """
@@ -46,7 +46,7 @@ class FlatRows(NamedTuple):
     @classmethod
     def of(cls, frozen: Sequence[LinearGaps], normals: Sequence[Array], dofs: Sequence[Array]) -> FlatRows:
         """Put the rows of contacts one after the other."""
-        numbers, at = pooled([*(g.H for g in frozen), *(g.drift for g in frozen), *normals])
+        numbers, at = pooled([*(g.H.T for g in frozen), *(g.drift for g in frozen), *normals])
         H, drift, normal = at.reshape(3, -1)
         return cls(
             _starts([g.start for g in frozen]),
@@ -87,9 +87,9 @@ class FrozenContacts:
         Node of the slave's patch for each row of all.
     at_edge : (nr,) bool array
         Rows at the edge of their patch.
-    told : (n, 8) array
+    told : (n, 7) array
         Of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N], the smallest
-        gap if it is open, or zero [m], the stored energy [J], and the smallest gap with `pushed` [m].
+        gap, zero if it is closed [m], and the stored energy [J].
     """
 
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
@@ -98,7 +98,7 @@ class FrozenContacts:
         self._rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
         self.held = [each.held for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
-        self.h, self.told, self.force = np.empty(len(self.lam)), np.empty((len(gaps), 8)), np.empty(0)
+        self.h, self.told, self.force = np.empty(len(self.lam)), np.empty((len(gaps), 7)), np.empty(0)
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
         self.at_edge = np.concatenate([each.at_edge for each in gaps])
 

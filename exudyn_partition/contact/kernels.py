@@ -110,25 +110,25 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
 @compiled
 def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
     """Set h to the gaps at coordinates q; whether all pairs stay frozen, see `frozen.FrozenContacts`."""
-    for j in range(len(rows.starts) - 1):
-        dofs, start = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j]
-        n, nr, drifts = len(dofs), rows.starts[j + 1] - start, rows.drift_starts[j]
-        own = np.empty(n)
+    for j in range(len(rows.reach)):
+        dofs, gap = rows.dofs[rows.places[j] : rows.places[j + 1]], h[rows.starts[j] : rows.starts[j + 1]]
+        n, own = len(dofs), np.empty(len(dofs))
         for k in range(n):
             own[k] = q[dofs[k]]
-        drift = rows.numbers[rows.drift[j] :]
-        for i in range(rows.drift_starts[j + 1] - drifts):
-            total = -rows.drift_start[drifts + i]
+        first, end = rows.drift_starts[j], rows.drift_starts[j + 1]
+        drift = rows.numbers[rows.drift[j] :][: (end - first) * n].reshape(end - first, n)
+        for i in range(end - first):
+            total = -rows.drift_start[first + i]
             for k in range(n):
-                total += drift[i * n + k] * own[k]
+                total += drift[i, k] * own[k]
             if not abs(total) <= rows.reach[j]:
                 return False
-        H = rows.numbers[rows.H[j] :]
-        for i in range(nr):
-            total = rows.start[start + i]
-            for k in range(n):
-                total += H[i * n + k] * own[k]
-            h[start + i] = total
+        H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
+        gap[:] = rows.start[rows.starts[j] : rows.starts[j + 1]]
+        for k in range(n):
+            way = own[k]
+            for i in range(len(gap)):
+                gap[i] += way * H[k, i]
     return True
 
 
@@ -137,22 +137,23 @@ def forces_of_frozen(rows: FlatRows, h: Array, lam: Array, pushed: Array, force:
     """Set generalised forces, and what the contacts tell, see `frozen.FrozenContacts`."""
     force[:], told[:] = 0.0, 0.0
     for j in range(len(told)):
-        dofs, start = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j]
-        n, nr, tell, least = len(dofs), rows.starts[j + 1] - start, told[j], np.inf
-        H, normals, own = rows.numbers[rows.H[j] :], rows.numbers[rows.normals[j] :], np.zeros(n)
+        dofs, start, tell = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], told[j]
+        n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
+        H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
+        normals = rows.numbers[rows.normals[j] :][: 3 * nr].reshape(nr, 3)
+        own = np.zeros(n)
         for i in range(nr):
             least, push = min(least, pushed[start + i]), lam[start + i]
             if push != 0.0:
                 for k in range(n):
-                    own[k] += push * H[i * n + k]
+                    own[k] += push * H[k, i]
                 tell[0] += push
                 tell[1] += 1.0
                 for k in range(3):
-                    tell[2 + k] += push * normals[3 * i + k]
+                    tell[2 + k] += push * normals[i, k]
                 tell[6] -= 0.5 * push * h[start + i]
-        tell[7] = least
         if tell[1] == 0.0:
             tell[5] = least
-            continue
-        for k in range(n):
-            force[dofs[k]] += own[k]
+        else:
+            for k in range(n):
+                force[dofs[k]] += own[k]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -165,8 +165,8 @@ class ContactRun:
                 self._along += step * self.law.traction.sum(axis=0)
         self._stepped_to = t
 
-    def values(self, t: float, q: Array) -> list[float]:
-        """Values of the sensor `sForce` at t, with the model's coordinates q there."""
+    def values(self, t: float, q: Callable[[], Array]) -> list[float]:
+        """Values of the sensor `sForce` at t; `q` returns the model's coordinates there."""
         if self._group is not None and (told := self._group.values(t)) is not None:
             return told[self._place]
         law = self.law
@@ -176,7 +176,7 @@ class ContactRun:
                 self.plastic_strains[side].keep(t, zone.present.strain)
         if law.ahead:
             self._check_step(t)
-            law.check(self.of(q))
+            law.check(self.of(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, law.row_nodes[closed]
@@ -252,7 +252,7 @@ class GroupRun:
         self._told: list[list[float]] = []
         self._told_at: float | None = None
         self._closed: Array | None = None
-        self._kept: list[tuple[float, Array, Array, Array, Array]] = []
+        self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
         for member in members:
             member.at_once(self)
 
@@ -291,12 +291,13 @@ class GroupRun:
 
     def _keep(self, t: float, frozen: FrozenContacts) -> None:
         """Keep the forces on closed rows at time t."""
-        closed = np.flatnonzero(frozen.lam)
+        closed = np.flatnonzero(frozen.lam > 0.0)
         if self._closed is None or not np.array_equal(closed, self._closed):
             self._closed, self._nodes = closed, frozen.row_nodes[closed]
-            self._bounds = np.searchsorted(closed, frozen.starts)
-            for row in closed[frozen.at_edge[closed]]:
-                self._members[int(np.searchsorted(frozen.starts, row, side="right")) - 1].look_for_edge(t)
+            self._bounds = np.searchsorted(closed, frozen.starts).tolist()
+            at_edge = closed[frozen.at_edge[closed]]
+            for j in np.unique(np.searchsorted(frozen.starts, at_edge, side="right")) - 1:
+                self._members[j].look_for_edge(t)
         if self._kept and self._kept[-1][0] == t:  # asked for again
             self._kept.pop()
         if len(closed):
@@ -304,8 +305,12 @@ class GroupRun:
 
     def samples(self, place: int) -> list[tuple[float, Array, Array]]:
         """What was kept of a member, see `ContactRun.samples`."""
-        cut = ((t, nodes, slice(*bounds[place : place + 2]), lam) for t, nodes, bounds, lam, _ in self._kept)
-        return [(t, nodes[own], lam[own]) for t, nodes, own, lam in cut if own.start < own.stop]
+        found = []
+        for t, nodes, bounds, lam, _ in self._kept:
+            start, end = bounds[place : place + 2]
+            if start < end:
+                found.append((t, nodes[start:end], lam[start:end]))
+        return found
 
     def stored(self, place: int) -> dict[float, float]:
         """Energy that a member stored while it was closed [J], by the time."""

@@ -236,8 +236,7 @@ def CreatePartitionContact(
     add_common_element(mbs, contact, contacts)
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        run = runs.see(mbs, t).of(contact)
-        return run.values(t, mbs.systemData.GetODE2Coordinates(copy=False))
+        return runs.see(mbs, t).of(contact).values(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
 
     items = require("exudyn.itemInterface")
     contact["sForce"] = mbs.AddSensor(

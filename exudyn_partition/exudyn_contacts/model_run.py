@@ -150,7 +150,7 @@ class ModelRun:
         found: dict[int, list[float]] = {}
         for contact in self._contacts:
             run = self.of(contact)
-            found[int(contact["sForce"])] = run.values(t, q)
+            found[int(contact["sForce"])] = run.values(t, lambda: q)
             if "sFriction" in contact:
                 found[int(contact["sFriction"])] = run.friction_values()
             if "sPlastic" in contact:
@@ -220,9 +220,9 @@ class Runs:
     def see(self, mbs: MainSystem, t: float) -> ModelRun:
         """The run that reads its sensors at time t. At the start of a run, sensors come first: then a run begins."""
         if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
-            self.begin(mbs, t)
+            self._now = self.begin(mbs, t)
         self._latest = t
-        return self.now(mbs)
+        return self._now
 
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:
         """Begin a run at time t [s]. Without a method, it is that of Exudyn's solver."""

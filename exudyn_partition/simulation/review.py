@@ -45,12 +45,13 @@ def noted() -> Iterator[list[str]]:
 def reviewed(mbs: MainSystem, result: Result) -> Result:
     """Cut a result where it stops to mean anything, and say what needs saying."""
     bodies, contacts = partition_items(mbs)
-    valid = np.ones(len(result.t), dtype=bool)
+    valid, shares = np.ones(len(result.t), dtype=bool), []
     for item in bodies:
         q = item.coordinates(result)
         finite = np.asarray(np.isfinite(q).all(axis=1))
         size = np.ptp(item.body.points, axis=0).max()
         share = item.deformation(np.where(finite[:, None], q, 0.0)) / size
+        shares.append(share)
         valid &= finite & ~_unbounded(item, result, finite & (share < _LARGEST_DEFORMATION))
     if not valid.all():
         result = cut(result, int(valid.argmin()))
@@ -61,11 +62,11 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
         result = replace(result, message=f"{result.message}; {last}")
         warnings.warn(result.message, StoppedRunWarning, stacklevel=3)
     if len(result.t):
-        for item in bodies:
+        for item, share in zip(bodies, shares, strict=True):
             if item.frame == "inertial":
                 _warn_of_rotation(item, result)
             _warn_of_compression(item, result)
-            _warn_of_strain(item, result)
+            _warn_of_strain(item, result, share[: len(result.t)])
         warn_of_contacts(mbs, contacts, result)
     return result
 
@@ -97,9 +98,8 @@ def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
         )
 
 
-def _warn_of_strain(item: PartitionBody, result: Result) -> None:
-    """Strain so large that no linear answer holds for it."""
-    share = item.deformation(item.coordinates(result)) / np.ptp(item.body.points, axis=0).max()
+def _warn_of_strain(item: PartitionBody, result: Result, share: Array) -> None:
+    """Strain so large that no linear answer holds for it; `share` of the body's size, (n,), deforms."""
     if share.max() >= _LARGEST_DEFORMATION:
         when = result.t[int((share >= _LARGEST_DEFORMATION).argmax())]
         warnings.warn(
