@@ -118,7 +118,10 @@ class FlatBlocks(NamedTuple):
         """
         loops = kernels("algebra")
         assert loops is not None
-        return bool(loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE))
+        settled: bool = loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE)
+        if not settled:
+            self.amplitudes[:] = 0.0  # no guess for the next time
+        return settled
 
 
 class BlockComplementarity:

@@ -6,6 +6,7 @@ import pytest
 from exudyn_partition.algebra.block_complementarity import BlockComplementarity, shared_fields
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.errors import ComplementarityError
+from exudyn_partition.support.compiled import compiles
 
 BLOCKS, FIELDS = 4, 3
 
@@ -49,6 +50,29 @@ def test_blocks_without_forces_feel_those_of_the_others():
     pushed = fields[2] @ blocks.amplitudes[2]
     np.testing.assert_allclose(pushed, F[18:27, 9:18] @ lam, atol=1e-12)
     assert not blocks.amplitudes[3].any()
+
+
+@pytest.mark.parametrize("strength", [0.05, 0.6])
+def test_compiled_loops_have_the_same_answer_or_none(strength):
+    """All blocks at once, from the active rows of the problem before; the iteration does not settle all of them."""
+    if not compiles():
+        pytest.skip("numba does not load here")
+    own, fields, core, F = chain(strength)
+    whole = Complementarity(F)
+    flat = BlockComplementarity(BLOCKS, core).flat([*own.values()], [*fields.values()])
+    settled = 0
+    for seed in range(20):
+        h = np.random.default_rng(seed).normal(size=BLOCKS * 9) - 0.3
+        if flat.solve(h):
+            settled += 1
+            np.testing.assert_allclose(flat.lam, whole.solve(h), atol=1e-10)
+            np.testing.assert_allclose(
+                flat.pushed[9:18], h[9:18] + (F @ flat.lam)[9:18] - own[1] @ flat.lam[9:18], atol=1e-10
+            )
+    assert settled == 20 if strength < 0.1 else settled < 20
+    assert not flat.solve(np.full(BLOCKS * 9, np.nan))
+    assert flat.solve(np.ones(BLOCKS * 9))
+    assert not flat.lam.any()
 
 
 def test_gaps_that_are_not_finite_are_an_error():

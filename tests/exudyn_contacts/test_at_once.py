@@ -1,0 +1,126 @@
+"""Contacts of a chain, which one element applies in `solve_dynamic`, against the contacts' own elements."""
+
+import itertools
+
+import exudyn as exu
+import numpy as np
+import pytest
+from oracles import MARBLE_RADIUS as R
+
+import exudyn_partition as ep
+from exudyn_partition.exudyn_contacts.contact_run import ContactRun, GroupRun
+from exudyn_partition.support.compiled import compiles
+
+STEP, END = 0.1e-6, 15e-6
+
+
+def chain(marble, aside=(0.0, 0.0, 0.0), plate=None):
+    """Marbles that meet, with speeds across the line of contact, on a rigid plane below if there is one."""
+    mbs = exu.SystemContainer().AddSystem()
+    balls = [
+        ep.CreatePartitionBody(
+            mbs,
+            marble,
+            referencePosition=[0, 0, 2 * R * i],
+            initialVelocity=[v, 0, 0.6 * ((1 if plate is None else -1) - i)],
+        )
+        for i, v in enumerate(aside)
+    ]
+    between = {"slavePatch": "north", "masterPatch": "south"}
+    contacts = [ep.CreatePartitionContact(mbs, *pair, **between) for pair in itertools.pairwise(balls)]
+    if plate is not None:
+        contacts.append(ep.CreatePartitionContact(mbs, balls[0], plate, slavePatch="south"))
+    mbs.Assemble()
+    return mbs, contacts
+
+
+def by_own_elements(mbs):
+    """Run the model by Exudyn directly."""
+    settings = exu.SimulationSettings()
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write = False
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = END, round(END / STEP)
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
+    settings.solution.sensors.writePeriod = STEP
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    return ep.collect(mbs)
+
+
+def all_told(mbs, contacts, result):
+    """What the contacts tell of a run."""
+    for contact in contacts:
+        told = mbs.GetSensorStoredData(contact["sForce"]), contact.row_forces(result).toarray(), contact.energy(result)
+        yield from (*told, contact.nodal_forces(result)[0])
+
+
+@pytest.mark.usefixtures("each_path")
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")
+@pytest.mark.parametrize(
+    ("aside", "plate"),
+    [((0, 0, 0), None), ((0, 3, 0), None), ((0, 0, 0), ep.RigidPlane((0, 0, -R), (0, 0, 1)))],
+    ids=["pressed", "begin to slide", "on a plane"],
+)
+def test_forces_are_those_of_the_contacts_own_elements(marble, aside, plate):
+    """While pairs are frozen, compiled loops find them, and Python when they slide; without numba always Python."""
+    mbs, contacts = chain(marble, aside, plate)
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
+    own, own_contacts = chain(marble, aside, plate)
+    expected = by_own_elements(own)
+    assert min(contact.force(result).max() for contact in contacts) > 10.0
+    slid = [run.law.gaps.moving for run in result.runs]
+    assert slid == [any(aside)] * len(slid)
+    for found, wanted in zip(all_told(mbs, contacts, result), all_told(own, own_contacts, expected), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12 * abs(wanted[np.isfinite(wanted)]).max())
+    for run, other in zip(result.runs, expected.runs, strict=True):
+        assert [t for t, *_ in run.samples] == [t for t, *_ in other.samples]
+        assert (run.edge is None) == (other.edge is None)
+        np.testing.assert_array_equal(run.law.index, other.law.index)
+        np.testing.assert_allclose(run.law.resultant(), other.law.resultant(), rtol=1e-9, atol=1e-9)
+
+
+def test_a_run_by_exudyn_after_one_at_once_is_as_before(marble):
+    """The common element is idle again, and the contacts' own apply their forces."""
+    mbs, contacts = chain(marble)
+    assert len({int(contact["oCommon"]) for contact in contacts}) == 1
+    first = contacts[0].force(ep.solve_dynamic(mbs, end_time=END, step=STEP))
+    np.testing.assert_allclose(contacts[0].force(by_own_elements(mbs)), first, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(contacts[0].force(ep.solve_dynamic(mbs, end_time=END, step=STEP)), first)
+
+
+def test_sensors_of_moments_see_the_laws(marble):
+    """They ask a law in every sample, which takes over what the loops have found."""
+    mbs, contacts = chain(marble)
+    contacts[0].AddMomentSensor(mbs, (0.0, 1.0, 0.0))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
+    arm = contacts[0].moment_on_slave(result)[:, 0] / np.minimum(contacts[0].force_on_slave(result)[:, 2], -1e-300)
+    closed = contacts[0].force(result) > 1.0
+    assert closed.any()
+    np.testing.assert_allclose(arm[closed], -1.0, atol=1e-3)
+
+
+@pytest.mark.skipif(not compiles(), reason="numba does not load here")
+def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
+    """They are other pairs than at the start. Forces are those of the laws alone, before, during and after."""
+    mbs, contacts = chain(marble)
+    laws = [[contact.law.for_run("explicit") for contact in contacts] for _ in range(2)]
+    alone, together = (contacts[0].together.for_run(some) for some in laws)
+    runs = [ContactRun("", law, contact.slices(mbs), 0.0) for law, contact in zip(laws[1], contacts, strict=True)]
+    for run in runs:
+        run.join(together, runs)
+    group, size = GroupRun(together, runs), contacts[0].slave_facet_size
+    moved = np.zeros((3, len(marble.rigid)))
+    for step in range(700):
+        slide = size * min(max(0.001 * (step - 20), 0.0), 0.05)
+        for ball, place in enumerate(moved):
+            place[:] = marble.rigid[:, :3] @ [slide * (ball == 1), 0.0, -ball * (1e-6 + 1e-8 * np.sin(step))]
+        q = moved.ravel()
+        expected = np.zeros(len(q))
+        for run, force in zip(runs, alone.forces([run.of(q) for run in runs]), strict=True):
+            expected[run.dofs] += force
+        np.testing.assert_allclose(group.force(q), expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+        if step in (10, 100, 699):
+            assert [law.gaps.moving for law in laws[0]] == [step == 100] * 2
+            assert (group.values(float(step)) is None) == (step == 100)
+    assert all(law.gaps.searches for law in laws[0])
