@@ -120,7 +120,7 @@ class FlatBlocks(NamedTuple):
         assert loops is not None
         settled: bool = loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE)
         if not settled:
-            self.amplitudes[:] = 0.0  # no guess for the next time
+            self.active[:], self.n_closed[:], self.amplitudes[:] = False, -1, 0.0  # no guesses for the next time
         return settled
 
 

@@ -100,13 +100,14 @@ def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settle
         for j in range(n):
             now[:] = 0.0
             for b in range(core.starts[j], core.starts[j + 1]):
-                k, at, left, width = core.sources[b], core.places[b], core.spans[b, 2], core.spans[b, 3]
-                for r in range(core.spans[b, 0], core.spans[b, 1]):
+                top, end, left, width = core.spans[b]
+                block = core.numbers[core.places[b] :][: (end - top) * width].reshape(end - top, width)
+                pushing = forces[core.sources[b], left : left + width]
+                for r in range(end - top):
                     total = 0.0
                     for p in range(width):
-                        total += core.numbers[at + p] * forces[k, left + p]
-                    now[r] += total
-                    at += width
+                        total += block[r, p] * pushing[p]
+                    now[top + r] += total
             for r in range(m):
                 change, size = max(change, abs(now[r] - c[j, r])), max(size, abs(now[r]))
                 c[j, r] = now[r]
@@ -119,12 +120,14 @@ def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settle
 @compiled
 def push(forces: Array, a: Array, G: Array, place: int, c: Array, j: int) -> None:
     """Set forces of block j, (m,), to a - G c; a block with place -1 has none of G."""
-    for i in range(c.shape[1]):
-        total = 0.0
-        if place >= 0:
-            for k in range(c.shape[1]):
-                total += G[place, i, k] * c[j, k]
-        forces[j, i] = a[j, i] - total
+    forces[j] = a[j]
+    if place >= 0:
+        own, amplitudes = G[place], c[j]
+        for i in range(len(amplitudes)):
+            total = 0.0
+            for k in range(len(amplitudes)):
+                total += own[i, k] * amplitudes[k]
+            forces[j, i] -= total
 
 
 @compiled
@@ -189,21 +192,21 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
     """Forces on the active rows of a block; rows that violate their condition change sides. Return how many do."""
     start, end = blocks.starts[j], blocks.starts[j + 1]
     n, c, pushed = end - start, blocks.amplitudes[j], blocks.pushed[start:end]
-    fields = blocks.numbers[blocks.fields[j] :]
+    fields = blocks.numbers[blocks.fields[j] :][: n * len(c)].reshape(len(c), n)
     pushed[:] = h[start:end]
     for k in range(len(c)):
         amplitude = c[k]
         if amplitude != 0.0:
             for i in range(n):
-                pushed[i] += amplitude * fields[k * n + i]
-    na = blocks.n_closed[j]
+                pushed[i] += amplitude * fields[k, i]
+    na, count = blocks.n_closed[j], 0
     if na == 0:
         blocks.lam[start:end] = 0.0
         for i in range(n):
             if pushed[i] < -rounding * scale:
-                blocks.active[start + i] = True
-                blocks.n_closed[j], na = -1, na + 1
-        return na
+                blocks.active[start + i], blocks.n_closed[j] = True, -1
+                count += 1
+        return count
     F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
     factor = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
     index = blocks.closed[start : start + na]
