@@ -44,7 +44,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         run = runs.advanced(mbs, t, contact)
-        run.evaluate(mbs, t, q)
+        run.update(mbs, t, q)
         if (touching := run.touching_stiffness(mbs)) is not None:
             return exu.MatrixContainer(sp.csr_matrix(fODE2 * touching))
         if run.together is None:
@@ -142,9 +142,9 @@ def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> 
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         first, last = runs.advanced(mbs, t, contacts[0]), runs.at_work(contacts[-1])
-        first.evaluate(mbs, t)
+        first.update(mbs, t)
         if last is not first:
-            last.evaluate(mbs, t)
+            last.update(mbs, t)
         K = np.zeros((len(q), len(q)))
         if first.law.index.size and last.law.index.size:
             place = {dof: k for k, dof in enumerate(_dofs(mbs, nodes))}

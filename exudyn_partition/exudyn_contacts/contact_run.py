@@ -65,7 +65,7 @@ class ContactRun:
         self._members: list[ContactRun] = [self]
         self._place = 0  # among the members
         self._remembering: list[ContactRun] = []
-        self._force: Array | None = None
+        self._evaluation: object = None
         self._jacobian: Array | None = None
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
@@ -119,8 +119,7 @@ class ContactRun:
                 member.follow(start_of_step(mbs), t)
             data = mbs.systemData.GetODE2Coordinates(copy=False)
             forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
-            if forces[self._place] is not self._force:
-                self._force, self._jacobian = forces[self._place], None
+            self._note(forces)
             return forces[self._place]
         law = self.law
         if law.elastic:
@@ -130,6 +129,19 @@ class ContactRun:
         if law.remembers:
             self.follow(motion.start, t)
         return law.evaluate(motion)
+
+    def update(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> None:
+        """Bring the law to the model's present state at time t [s]."""
+        if self._group is None:
+            self.evaluate(mbs, t, q)
+        else:
+            self._group.force(mbs.systemData.GetODE2Coordinates(copy=False))
+            self._note(self._group.evaluated)
+
+    def _note(self, evaluation: object) -> None:
+        """Forget what belongs to another evaluation."""
+        if evaluation is not self._evaluation:
+            self._evaluation, self._jacobian = evaluation, None
 
     def row_jacobian(self) -> Array:
         """Closed rows on the coordinates, (na, n), in the state that was evaluated last; links with others share it."""
@@ -240,10 +252,12 @@ class GroupRun:
     ----------
     time_s : float
         Time in forces so far [s].
+    evaluated : object
+        Another object after each evaluation in another state.
     """
 
     def __init__(self, together: Together, members: Sequence[ContactRun]) -> None:
-        self.time_s = 0.0
+        self.time_s, self.evaluated = 0.0, object()
         self._together, self._members = together, [*members]
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
@@ -257,17 +271,20 @@ class GroupRun:
             member.at_once(self)
 
     def force(self, q: Array) -> Array:
-        """Generalised forces, (nq,), at the model's coordinates q, (nq,)."""
+        """Generalised forces of all members, (nq,), at the model's coordinates q, (nq,)."""
+        if self._q is not None and self._frozen is not None and np.array_equal(q, self._q):
+            return self._frozen.force
         begin = time.perf_counter()
         self._told_at = None
         if self._q is None:
             known, self._frozen = self._frozen, self._together.frozen(self._dofs, self._frozen)
             self._closed = self._closed if self._frozen is known else None
         if self._frozen is not None and self._frozen.evaluate(q):
-            self._q, self._laws_know, force = q.copy(), False, self._frozen.force
+            self.evaluated = self._q = q.copy()
+            self._laws_know, force = False, self._frozen.force
         else:
             self._q, self._laws_know, force = None, True, np.zeros(len(q))
-            forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
+            self.evaluated = forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
             for dofs, own in zip(self._dofs, forces, strict=True):
                 force[dofs] += own
         self.time_s += time.perf_counter() - begin

@@ -87,13 +87,11 @@ def closed_joints(mbs: MainSystem, method: Method) -> Iterator[None]:
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s].
 
-    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile. In explicit runs, one
-    element applies the forces of all contacts that are coupled.
+    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile. One element applies the
+    forces of all contacts that are coupled.
     """
-    contacts = partition_items(mbs)[1]
-    runs = runs_of(mbs)
-    together = all_at_once(mbs, contacts, runs) if method == "explicit" else contextlib.nullcontext()
-    with together:
+    contacts, runs = partition_items(mbs)[1], runs_of(mbs)
+    with all_at_once(mbs, contacts, runs):
         run = runs.begin(mbs, t, method)
         laws = [(contact, run.of(contact).law) for contact in contacts]
         with switched_off(mbs, [contact for contact, law in laws if law.ahead and law.yielding is None]):
