@@ -13,6 +13,8 @@ from ..support.compiled import kernels
 from .gaps import Gaps
 from .pairings import LinearGaps
 
+_CLEARLY = 1 - 1e-6  # rounding of what pairs have slid, relative to their reach
+
 
 class FlatRows(NamedTuple):
     """Rows of all contacts in flat arrays, see `LinearGaps`.
@@ -29,6 +31,7 @@ class FlatRows(NamedTuple):
         Where these of each contact begin in `numbers`; H is transposed.
     start, drift_start : arrays
     reach : (n,) array
+        A little less, so that pairs that stay frozen here do so in their laws too.
     """
 
     starts: Array
@@ -59,7 +62,7 @@ class FlatRows(NamedTuple):
             normal,
             np.concatenate([g.start for g in frozen]),
             np.concatenate([g.drift_start for g in frozen]),
-            np.array([g.reach for g in frozen]),
+            np.array([_CLEARLY * g.reach for g in frozen]),
         )
 
 

@@ -58,7 +58,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
 def add_common_element(mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact]) -> None:
     """Let one object over the nodes of many bodies apply the forces of the contact too, in runs by `all_at_once`.
 
-    The model has one such object, which is idle in all other runs. Exudyn calls Python for it once a step, and for the
+    The model has one such object, which is idle in all other runs. Exudyn calls Python for it once, and for the
     contacts' own elements once each. Those stay for contacts that are solved alone, or are on floating bodies.
     """
     if contact.together is None or not all(member.applied_at_once for member in contact.group):

@@ -297,6 +297,11 @@ class GroupRun:
         self._laws_know, q = True, self._q
         self._together.take(self._frozen, [member.of(q) for member in self._members])
 
+    def end(self) -> None:
+        """Leave the last state to the laws alone."""
+        self.tell_laws()
+        self._q = self._frozen = None
+
     def values(self, t: float) -> list[list[float]] | None:
         """Values of the sensors `sForce` of all members at t; None if their laws have evaluated them."""
         if t != self._told_at:

@@ -83,11 +83,8 @@ class ModelRun:
     @property
     def contact_s(self) -> float:
         """Time in contacts so far [s]."""
-        return (
-            self._stepping_s
-            + sum(run.time_s for run in [*self._runs.values()])
-            + sum(group.time_s for group in self._groups)
-        )
+        in_forces = sum(run.time_s for run in self._runs.values()) + sum(group.time_s for group in self._groups)
+        return self._stepping_s + in_forces
 
     @property
     def active_set_iterations(self) -> int:
@@ -175,6 +172,11 @@ class ModelRun:
         """Correct velocities for the joints at the end of a step."""
         for stepper in self._steppers:
             stepper.after_step(mbs, t)
+
+    def forget_loops(self) -> None:
+        """Let go of what compiled loops need, after the run: results keep the laws and the samples."""
+        for group in self._groups:
+            group.end()
 
     def forget_joints(self) -> None:
         """Let go of the joints after the run: they hold the model, and results must not."""
@@ -270,6 +272,8 @@ class Runs:
             yield
         finally:
             self._at_once = ()
+            if self._now is not None:
+                self._now.forget_loops()
 
     @contextlib.contextmanager
     def closing(self, joints: Joints) -> Iterator[None]:

@@ -27,13 +27,13 @@ class PartitionContact(ContactResults):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
     Keys: `oContact`, the force element; `oCommon`, where contacts are coupled, the element that applies the forces of
-    all of them in explicit runs by `solve_dynamic`; `sForce`, a sensor of the total normal force [N], the number of
-    closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far in an
-    explicit run, total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in space
-    [N], the number of rows that stick, of those that slip, the energy that friction has taken and what the contact
-    stores [J]. `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest equivalent
-    plastic strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the slave
-    [N m].
+    all of them in runs by `solve_dynamic` and `solve_static`; `sForce`, a sensor of the total normal force [N], the
+    number of closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far
+    in an explicit run, total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in
+    space [N], the number of rows that stick, of those that slip, the energy that friction has taken and what the
+    contact stores [J]. `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest
+    equivalent plastic strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the
+    slave [N m].
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """
