@@ -1,4 +1,4 @@
-"""FE models from Exudyn's FEMinterface: the same matrices as ours, from NGSolve and from the files of Abaqus."""
+"""FE models from Exudyn's FEMinterface: the same matrices as ours, from NGSolve, and files of Abaqus and ANSYS."""
 
 from dataclasses import replace
 
@@ -99,6 +99,30 @@ def test_a_mesh_and_matrices_of_abaqus(tmp_path, kind, bricks):
     np.testing.assert_array_equal(model.cells, ours.cells)
     assert abs(model.stiffness - ours.stiffness).max() < 1e-12 * abs(ours.stiffness).max()
     np.testing.assert_allclose(model.cell_mass, ours.cell_mass, rtol=2e-3)
+
+
+def test_a_mesh_and_matrices_of_ansys(tmp_path, bricks):
+    """Text files as ANSYS writes them: half of each matrix, in an order of its own, and commas for points."""
+    order = np.random.default_rng(0).permutation(bricks.n_nodes)  # of the nodes in the matrices
+    dofs = (3 * order[:, None] + np.arange(3)).ravel()
+    n = bricks.n_dofs
+    (tmp_path / "order").write_text("\n".join(["% nodes", f"{len(order)} 1", *map(str, order + 1)]) + "\n")
+    places = [f"{i}\t" + "\t".join(map(repr, x)).replace(".", ",") for i, x in enumerate(bricks.points.tolist(), 1)]
+    (tmp_path / "nodes.txt").write_text("\n".join(["Node Number\tX\tY\tZ", *places]) + "\n")
+    cells = [f"{i}\tHex8\t" + "\t".join(map(str, cell)) for i, cell in enumerate((bricks.cells + 1).tolist(), 1)]
+    (tmp_path / "cells.txt").write_text("\n".join(["Element Number\tElement Type\tNodes", *cells]) + "\n")
+    fem = FEMinterface()
+    fem.ReadNodalCoordinatesFromAnsys(str(tmp_path / "nodes.txt"))
+    fem.ReadElementsFromAnsys(str(tmp_path / "cells.txt"))
+    for name, matrix in (("Mass", bricks.mass), ("Stiffness", bricks.stiffness)):
+        half = sp.tril(matrix[dofs][:, dofs]).tocoo()
+        entries = [f"{i + 1} {j + 1} {x!r}" for i, j, x in zip(half.row, half.col, half.data.tolist(), strict=True)]
+        (tmp_path / name).write_text("\n".join(["%%MatrixMarket", f"{n} {n} {half.nnz}", *entries]) + "\n")
+        getattr(fem, f"Read{name}MatrixFromAnsys")(str(tmp_path / name), str(tmp_path / "order"))
+    model = ep.from_feminterface(fem, bricks.material)
+    np.testing.assert_array_equal(model.cells, bricks.cells)
+    assert abs(model.stiffness - bricks.stiffness).max() < 1e-12 * abs(bricks.stiffness).max()
+    assert abs(model.mass - bricks.mass).max() < 1e-12 * abs(bricks.mass).max()
 
 
 @pytest.mark.parametrize(
