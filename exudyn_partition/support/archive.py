@@ -285,7 +285,8 @@ def _write_member(name: str, array: Array, archive: zipfile.ZipFile, kind: int =
     """Write one array of a file, as NumPy's `savez` does."""
     data = io.BytesIO()
     np.lib.format.write_array(data, array, allow_pickle=False)
-    archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getbuffer(), kind, _LEVEL)
+    # Not a view of it: Python 3.12.1 crashes when it collects a view that the traceback of a full disk has held.
+    archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), kind, _LEVEL)
 
 
 def _member(name: str, archive: zipfile.ZipFile, kind: int = zipfile.ZIP_STORED) -> Array:
