@@ -5,7 +5,7 @@ middle, so that every contact closes. All contacts are coupled, for each ball ha
 
 Reference: the second chain, of 50 balls; shorter ones fit into the processor's cache. Quantity: processor time of a
 step in contact [us], all of the run included, over closed contacts. It is the difference of two runs, so that what
-comes before the first step does not count. The smallest of three repetitions counts. The table also has the same by
+comes before the first step does not count. The smallest of five repetitions counts. The table also has the same by
 `mbs.SolveDynamic`, where Exudyn asks each contact's own element for its forces; the time that an open contact adds to a
 step of balls that are apart, of which the time without contacts is taken; and the time to set up a contact, of the
 first model of a chain and the second.
@@ -31,8 +31,8 @@ from validation.contact import scenes
 R, SPEED, STEP = 0.010, 0.1, 5e-7  # [m], of neighbours to each other [m/s], [s]
 APART = 1e-5  # between balls that are to stay apart [m]
 CHAINS, QUICK_CHAINS = (12, 50, 200), (5, 12, 24)  # balls
-BEGIN, END = 40, 100  # steps
-REPETITIONS = 3
+BEGIN, END, END_APART = 40, 100, 400  # steps
+REPETITIONS = 5
 LIMITS = {"growth": 1.2, "share": 0.5, "symmetry": 1e-6}
 
 
@@ -80,15 +80,15 @@ def by_own_elements(mbs, steps):
     mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
 
 
-def step_us(models, run):
-    """Time of a step [us], and what the last of the runs left; `models` makes a model."""
-    spent = {BEGIN: [], END: []}
+def step_us(models, run, end=END):
+    """Time of a step up to the step `end` [us], and what the last of the runs left; `models` makes a model."""
+    spent = {BEGIN: [], end: []}
     for _ in range(REPETITIONS):
         for steps in spent:
             mbs, begin = models(), time.process_time()
             result = run(mbs, steps)
             spent[steps].append(time.process_time() - begin)
-    return 1e6 * (min(spent[END]) - min(spent[BEGIN])) / (END - BEGIN), result
+    return 1e6 * (min(spent[end]) - min(spent[BEGIN])) / (end - BEGIN), result
 
 
 def measured(body, balls, frame):
@@ -104,7 +104,9 @@ def measured(body, balls, frame):
     rows = np.array([contact.closed_rows(result)[BEGIN:] for contact in contacts])
     force = np.array([contact.force(result) for contact in contacts])
     closed = np.count_nonzero(rows) / rows.shape[1]
-    apart, alone = (step_us(lambda c=c: chain(body, balls, frame, APART, c)[0], at_once)[0] for c in (True, False))
+    apart, alone = (
+        step_us(lambda c=c: chain(body, balls, frame, APART, c)[0], at_once, END_APART)[0] for c in (True, False)
+    )
     return {
         "contacts": len(contacts),
         "closed": closed,
