@@ -99,7 +99,7 @@ class FrozenContacts:
         frozen = [each.linear for each in gaps if each.linear is not None]
         assert len(frozen) == len(gaps)
         self._rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
-        self.held = [each.held for each in gaps]
+        self._held = [each.held for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.told, self.force = np.empty(len(self.lam)), np.empty((len(gaps), 7)), np.empty(0)
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
@@ -119,14 +119,14 @@ class FrozenContacts:
         loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.told)
         return True
 
+    def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:
+        """Whether these gaps of the contacts still have the pairs that they had at first."""
+        known = zip(gaps, self._held, strict=True)
+        return all(not each.moving and each.held is held for each, held in known)
+
     def guess(self, active: Array) -> None:
         """Begin with some active rows, (nr,) bool."""
         self._blocks.active[:], self._blocks.n_closed[:] = active, -1
-
-    @property
-    def active(self) -> Array:
-        """Which rows are closed, (nr,) bool."""
-        return self._blocks.active
 
     def take_iterations(self) -> Array:
         """Iterations of the active rows of each contact since the last call, (n,)."""

@@ -295,7 +295,8 @@ class GroupRun:
         if self._laws_know or self._q is None or self._frozen is None:
             return
         self._laws_know, q = True, self._q
-        self._together.take(self._frozen, [member.of(q) for member in self._members])
+        if not self._together.take(self._frozen, [member.of(q) for member in self._members]):
+            self._q = None
 
     def end(self) -> None:
         """Leave the last state to the laws alone."""

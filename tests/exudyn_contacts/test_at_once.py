@@ -136,3 +136,8 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
             assert [law.gaps.moving for law in laws[0]] == [step == 100] * 2
             assert (group.values(float(step)) is None) == (step == 100)
     assert all(law.gaps.searches for law in laws[0])
+    # Somebody moves the pairs of a law: then the laws find the present state themselves.
+    laws[1][0].gaps.at(runs[0].of(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]])))
+    assert runs[0].law.gaps.moving
+    np.testing.assert_allclose(runs[0].law.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
+    assert group.values(700.0) is None

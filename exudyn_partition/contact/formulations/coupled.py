@@ -131,7 +131,7 @@ class CoupledContacts:
         if not self._jointly or not compiles() or any(law.gaps.linear is None for law in self.laws):
             return None
         laws = cast("list[ComplianceContact]", self.laws)
-        if last is None or any(law.gaps.held is not held for law, held in zip(laws, last.held, strict=True)):
+        if last is None or not last.has_pairs_of([law.gaps for law in laws]):
             for law in laws:
                 law.hold()
             fields = [self._rows_by_fields(j) for j in range(len(laws))]
@@ -140,8 +140,15 @@ class CoupledContacts:
         last.guess(np.concatenate([law.lam > 0.0 for law in laws]))
         return last
 
-    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> None:
-        """Let the laws take the state of `frozen`, whose last evaluation was at these coordinates of each contact."""
+    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
+        """Let the laws take the state of `frozen`, whose last evaluation was at these coordinates of each contact.
+
+        Return False if pairs have changed since, as somebody asked a law. Then the laws find the state themselves.
+        """
+        self._at = self._inverse = None
+        if not frozen.has_pairs_of([law.gaps for law in self.laws]):
+            self.forces(coordinates)
+            return False
         laws, starts = cast("list[ComplianceContact]", self.laws), frozen.starts[1:-1]
         lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
         for j, (law, iterations) in enumerate(zip(laws, frozen.take_iterations(), strict=True)):
@@ -151,7 +158,7 @@ class CoupledContacts:
             else:
                 law.stay_open(gap, moved[j])
             law.problem.iterations += int(iterations)
-        self._at = self._inverse = None
+        return True
 
     def stiffness(self, law: Compliant, other: Compliant) -> Array:
         """Change of forces on closed rows of `law` by gaps of closed rows of `other`, (na, nb) [N/m].

@@ -231,7 +231,7 @@ class Together(Protocol):
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """All contacts at once in compiled loops, or None, see `coupled.CoupledContacts.frozen`."""
 
-    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> None:
+    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """Let the laws take the state that `frozen` has found, see `coupled.CoupledContacts.take`."""
 
 
