@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from ..exudyn_bodies.model import user_function
+from ..exudyn_bodies.model import coordinate_slices, user_function
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, consecutive
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
@@ -59,9 +59,9 @@ def add_common_element(mbs: MainSystem, contact: PartitionContact, others: Seque
     """Let one object over the nodes of many bodies apply the forces of the contact too, in runs by `all_at_once`.
 
     The model has one such object, which is idle in all other runs. Exudyn calls Python for it once, and for the
-    contacts' own elements once each. Those stay for contacts that are solved alone, or are on floating bodies.
+    contacts' own elements once each. Contacts that are solved alone keep their own.
     """
-    if contact.together is None or not all(member.applied_at_once for member in contact.group):
+    if contact.together is None or not all(member.elastic for member in contact.group):
         return
     exu = require("exudyn")
     common = next((other["oCommon"] for other in others if "oCommon" in other), None)
@@ -90,9 +90,21 @@ def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Run
     element = common[0]["oCommon"]
     dofs = np.array(_dofs(mbs, mbs.GetObjectParameter(element, "nodeNumbers")))
 
+    bodies = {id(item): item for contact in common for item, _ in contact.sides}.values()
+    floating = [
+        (np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]), item.kinematics)
+        for item in bodies
+        if isinstance(item.kinematics, FloatingKinematics)
+    ]
+
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
-        own: Array = runs.now(mbs).force_at_once(mbs)[dofs]
-        return own
+        f = runs.now(mbs).force_at_once(mbs).copy()
+        now = mbs.systemData.GetODE2Coordinates(copy=False)
+        for own, kinematics in floating:
+            if f[own].any():
+                f[own] = kinematics.on_constant_mass(now[own], f[own])
+        value: Array = f[dofs]
+        return value
 
     mbs.SetObjectParameter(element, "forceUserFunction", force)
     try:

@@ -60,11 +60,6 @@ class PartitionContact(ContactResults):
         """Exudyn nodes of slave and master."""
         return [node for item, _ in self.sides for node in item.nodes]
 
-    @property
-    def applied_at_once(self) -> bool:
-        """Whether its forces may be applied together with those of others: they are elastic, and no body floats."""
-        return self.law.elastic and all(item.kinematics.linear for item, _ in self.sides)
-
     def AddMomentSensor(self, mbs: MainSystem, point: Vector = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
