@@ -14,13 +14,14 @@ from exudyn_partition.support.compiled import compiles
 STEP, END = 0.1e-6, 15e-6
 
 
-def chain(marble, aside=(0.0, 0.0, 0.0), plate=None):
+def chain(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
     """Marbles that meet, with speeds across the line of contact, on a rigid plane below if there is one."""
     mbs = exu.SystemContainer().AddSystem()
     balls = [
         ep.CreatePartitionBody(
             mbs,
             marble,
+            frame=frame,
             referencePosition=[0, 0, 2 * R * i],
             initialVelocity=[v, 0, 0.6 * ((1 if plate is None else -1) - i)],
         )
@@ -58,19 +59,24 @@ def all_told(mbs, contacts, result):
 @pytest.mark.usefixtures("each_path")
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")
 @pytest.mark.parametrize(
-    ("aside", "plate"),
-    [((0, 0, 0), None), ((0, 3, 0), None), ((0, 0, 0), ep.RigidPlane((0, 0, -R), (0, 0, 1)))],
-    ids=["pressed", "begin to slide", "on a plane"],
+    ("aside", "plate", "frame"),
+    [
+        ((0, 0, 0), None, "inertial"),
+        ((0, 3, 0), None, "inertial"),
+        ((0, 0, 0), ep.RigidPlane((0, 0, -R), (0, 0, 1)), "inertial"),
+        ((0, 0, 0), None, "floating"),
+    ],
+    ids=["pressed", "begin to slide", "on a plane", "floating"],
 )
-def test_forces_are_those_of_the_contacts_own_elements(marble, aside, plate):
+def test_forces_are_those_of_the_contacts_own_elements(marble, aside, plate, frame):
     """While pairs are frozen, compiled loops find them, and Python when they slide; without numba always Python."""
-    mbs, contacts = chain(marble, aside, plate)
+    mbs, contacts = chain(marble, aside, plate, frame)
     result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
-    own, own_contacts = chain(marble, aside, plate)
+    own, own_contacts = chain(marble, aside, plate, frame)
     expected = by_own_elements(own)
     assert min(contact.force(result).max() for contact in contacts) > 10.0
-    slid = [run.law.gaps.moving for run in result.runs]
-    assert slid == [any(aside)] * len(slid)
+    moving = [run.law.gaps.moving for run in result.runs]
+    assert moving == [any(aside) or frame == "floating"] * len(moving)
     for found, wanted in zip(all_told(mbs, contacts, result), all_told(own, own_contacts, expected), strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12 * abs(wanted[np.isfinite(wanted)]).max())
     for run, other in zip(result.runs, expected.runs, strict=True):
