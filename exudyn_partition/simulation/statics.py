@@ -190,7 +190,8 @@ def _warn_if_neutral(mbs: MainSystem) -> None:
             mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0, scalarFactor_ODE1=0.0, velocityLevel=False
         )
     system = np.array(solver.GetSystemJacobian())
-    allowed = scipy.linalg.null_space(system[len(system) - mbs.systemData.AEsize() :, :n])
+    joints = system[len(system) - mbs.systemData.AEsize() :, :n]
+    allowed = scipy.linalg.null_space(joints) if len(joints) else np.eye(n)  # SciPy 1.13 takes no empty matrix
     M, K = (allowed.T @ matrix @ allowed for matrix in (M, system[:n, :n]))
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
     slowest = int(abs(squares).argmin())
