@@ -13,7 +13,9 @@ Theory: examples/site/theory.md, "Plastic zones".
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -101,6 +103,34 @@ class PlasticState:
 FILE = Format("plastic state", 1, "SI (Pa), or the units of the body", (PlasticState,), packed=True)
 
 
+class FlowTables(NamedTuple):
+    """Numbers of a flow rule, for compiled loops.
+
+    Parameters
+    ----------
+    shear_modulus, least, back_slope : float
+        G, the excess of stress from which on a point flows, slope of the back stress [Pa].
+    strain, stress : (k,) arrays
+        Flow stress Y [Pa] by equivalent plastic strain a.
+    slope : float
+        Of the flow stress beyond the table [Pa].
+    known : (k,) array
+        Y + (3 G + H_k) a [Pa] by equivalent plastic strain.
+    stiff, last_slope : float
+        3 G + H_k, and the slope of `known` beyond the table [Pa].
+    """
+
+    shear_modulus: float
+    least: float
+    back_slope: float
+    strain: Array
+    stress: Array
+    slope: float
+    known: Array
+    stiff: float
+    last_slope: float
+
+
 class Flow:
     """Flow rule of a material.
 
@@ -125,6 +155,13 @@ class Flow:
         self._stiff = 3 * self.shear_modulus + self._back_slope
         self._known = self._stress + self._stiff * self._strain
         self._last_slope = float(np.diff(self._known[-2:])[0] / np.diff(self._strain[-2:])[0])
+
+    @cached_property
+    def tables(self) -> FlowTables:
+        """The numbers of this rule."""
+        least, slope = _ROUND_OFF * self.yield_stress, self._last_slope - self._stiff
+        yields = self._strain, self._stress, slope, self._known, self._stiff, self._last_slope
+        return FlowTables(self.shear_modulus, least, float(self._back_slope), *yields)
 
     def flow_stress(self, equivalent: Array) -> Array:
         """Flow stress, (k,) [Pa], at equivalent plastic strains, (k,)."""

@@ -5,6 +5,10 @@ Theory: examples/site/theory.md, "Plastic zones".
 
 from __future__ import annotations
 
+import copy
+from functools import cached_property
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -13,7 +17,11 @@ from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
 from ..fe.shapes import integration_gradients, integration_weights
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .flow import Flow, PlasticState
+
+if TYPE_CHECKING:
+    from typing import Self
 
 # Deviatoric strain in Mandel's notation of a displacement gradient: e_v = sum_ab _MANDEL[v, a, b] du_a/dx_b.
 _MANDEL = np.zeros((6, 3, 3))
@@ -39,8 +47,6 @@ class PlasticZone:
     ----------
     nodes : (nz,) int array
         Of the body, ascending.
-    strain : (6 g, 3 nz) csr matrix
-        E: deviatoric strains at the integration points in Mandel's notation, by displacements of the nodes.
     weight : (g,) array
         Volume of each integration point [m3].
     flow : Flow
@@ -55,15 +61,36 @@ class PlasticZone:
         derivatives = integration_gradients(region.cells.shape[1])
         jacobian = np.einsum("cka,qkj->cqaj", points[region.cells], derivatives)
         gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, k, 3)
-        cells, q, k, _ = gradient.shape
+        q, k = gradient.shape[1:3]
         self.weight = (integration_weights(k) * np.linalg.det(jacobian)).ravel()
-        values = np.einsum("vab,cqkb->cqvka", _MANDEL, gradient).reshape(-1, 3 * k)
-        columns = np.repeat(node_dofs(own.ravel()).reshape(cells, 3 * k), 6 * q, axis=0)
-        starts = 3 * k * np.arange(6 * cells * q + 1)
-        self.strain = sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=(len(values), 3 * len(self.nodes)))
-        self._force = sp.csr_matrix(self.strain.T)
+        self._gradient, self._own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
         self.border = np.repeat(np.isin(region.cells, region.border).any(axis=1), q)
         self._places = np.repeat(points[region.cells].mean(axis=1), q, axis=0)
+
+    @cached_property
+    def strain(self) -> sp.csr_matrix:
+        """E, (6 g, 3 nz): deviatoric strains at the points in Mandel's notation, by displacements of the nodes."""
+        values = np.einsum("vab,pkb->pvka", _MANDEL, self._gradient).ravel()
+        columns = np.repeat(node_dofs(self._own.ravel()).reshape(len(self), -1), 6, axis=0)
+        starts = columns.shape[1] * np.arange(6 * len(self) + 1)
+        return sp.csr_matrix((values, columns.ravel(), starts), shape=(6 * len(self), 3 * len(self.nodes)))
+
+    @cached_property
+    def _force(self) -> sp.csr_matrix:
+        return sp.csr_matrix(self.strain.T)
+
+    def part(self, chosen: Array) -> Self:
+        """Return the zone of some points only, (g,) bool, and of the nodes of their elements.
+
+        Its `nodes` are numbers among the nodes of this zone.
+        """
+        result = copy.copy(self)
+        for known in ("strain", "_force"):
+            vars(result).pop(known, None)
+        result.nodes, own = np.unique(self._own[chosen], return_inverse=True)
+        result._gradient, result._own = self._gradient[chosen], own.reshape(-1, self._own.shape[1])
+        result.weight, result.border, result._places = self.weight[chosen], self.border[chosen], self._places[chosen]
+        return result
 
     def __len__(self) -> int:
         return len(self.weight)
@@ -76,29 +103,58 @@ class PlasticZone:
         """Deviatoric stresses, (g, 6) [Pa] in Mandel's notation, by displacements of the nodes, (3 nz,) [m]."""
         return self.flow.stress(self.strains(displacement), state)
 
+    def excess(self, displacement: Array, state: PlasticState) -> Array:
+        """Von Mises stress beyond the flow stress, (g,) [Pa], by displacements of the nodes, (3 nz,) [m]."""
+        if loops := kernels("plasticity"):
+            now = state.strain, state.equivalent, state.back
+            beyond: Array = loops.excess(self._gradient, self._own, displacement, *now, self.flow.tables)
+            return beyond
+        return self.flow.excess(self.stress(displacement, state), state)
+
+    def answer(self, displacement: Array, state: PlasticState) -> tuple[PlasticState, Array, Array]:
+        """State at the end of a step, its deviatoric strains, and how much flow has changed the pseudo-forces.
+
+        Parameters
+        ----------
+        displacement : (3 nz,) array
+            Of the nodes at the end of the step [m].
+        state : PlasticState
+            At its begin.
+
+        Returns
+        -------
+        state : PlasticState
+        strain : (g, 6) array
+        change : (3 nz,) array
+            [N]
+        """
+        if loops := kernels("plasticity"):
+            before = state.strain, state.equivalent, state.back
+            at = self._gradient, self._own, displacement
+            strain, *after, change = loops.answer(*at, *before, self.flow.tables, self.weight)
+            return PlasticState(*after), strain, change
+        strain = self.strains(displacement)
+        new = self.flow.answer(strain, state)
+        return new, strain, self.pseudo_forces(new.strain - state.strain)
+
     def pseudo_forces(self, strain: Array) -> Array:
         """Forces p on the nodes, (3 nz,) [N], by which plastic strain, (g, 6), acts on the elastic body."""
         return np.asarray(self._force @ self.stress_volumes(strain).ravel())
 
-    def stress_volumes(self, strain: Array, at: Array | slice = slice(None)) -> Array:
+    def stress_volumes(self, strain: Array) -> Array:
         """Stresses 2 G e of plastic strains at all or some points, (k, 6), times the points' volume [N m]."""
-        value: Array = (2 * self.flow.shear_modulus * self.weight[at])[:, None] * strain
+        value: Array = (2 * self.flow.shear_modulus * self.weight)[:, None] * strain
         return value
 
     def own_energy(self, state: PlasticState) -> float:
         """Elastic energy of plastic strain in a body that cannot move, 1/2 e_p C e_p [J]."""
         return self.flow.shear_modulus * float(self.weight @ np.einsum("gi,gi->g", state.strain, state.strain))
 
-    def work(
-        self, before: tuple[PlasticState, Array], after: tuple[PlasticState, Array], at: Array | slice = slice(None)
-    ) -> float:
-        """Plastic work between two states with their deviatoric strains, (k, 6) [J]: by the trapezoid of stresses.
-
-        `at` are the points, (k,) int array, if these are not all.
-        """
+    def work(self, before: tuple[PlasticState, Array], after: tuple[PlasticState, Array]) -> float:
+        """Plastic work between two states with their deviatoric strains, (g, 6) [J]: by the trapezoid of stresses."""
         flow = after[0].strain - before[0].strain
         elastic = before[1] - before[0].strain + after[1] - after[0].strain
-        return self.flow.shear_modulus * float(self.weight[at] @ np.einsum("gi,gi->g", elastic, flow))
+        return self.flow.shear_modulus * float(self.weight @ np.einsum("gi,gi->g", elastic, flow))
 
     def place(self, point: int) -> Array:
         """Centre of the element of an integration point, (3,) [m], in the body's own coordinates."""

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import box
+from oracles import box, each_way
 
 import exudyn_partition as ep
 from exudyn_partition.errors import EmptyRegionError, InputError
@@ -64,6 +64,31 @@ def test_elastic_forces_of_the_zone_are_those_of_plastic_strain(model, zone):
     resultant = rigid_modes(arms).T @ p  # balanced in themselves
     assert abs(resultant[:3]).max() < 1e-9 * abs(p).sum()
     assert abs(resultant[3:]).max() < 1e-9 * abs(p).sum() * 3e-3
+
+
+@pytest.mark.parametrize("hardening", [0.0, 500e6, ((0.0, 200e6), (1e-3, 260e6), (4e-3, 300e6))])
+def test_compiled_loops_give_the_same_flow(model, hardening):
+    """Also of a part of the zone, from the state that a first step leaves behind."""
+    fem, partition = model
+    material = dataclasses.replace(MATERIAL, hardening=hardening, kinematic_hardening=1e9)
+    whole = PlasticZone(fem.points, partition.patches[0].plastic, material)
+    rng = np.random.default_rng(3)
+    chosen = rng.random(len(whole)) < 0.5
+    zone, size = whole.part(chosen), 3e-6
+    first, second = size * rng.standard_normal((2, 3 * len(whole.nodes)))
+    own = (3 * zone.nodes[:, None] + np.arange(3)).ravel()
+    np.testing.assert_allclose(zone.strains(first[own]), whole.strains(first)[chosen], atol=1e-15)
+
+    def flow():
+        state, _, change = zone.answer(first[own], PlasticState.virgin(len(zone)))
+        later, strain, more = zone.answer(second[own], state)
+        beyond = zone.excess(first[own], later)
+        return later.strain, later.equivalent, later.back, strain, change, more, beyond
+
+    compiled, plain = each_way(flow)
+    for one, other in zip(compiled, plain, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11 * abs(other).max())
+    assert 0.1 < np.mean(plain[1] > 0)
 
 
 def test_flexibility_of_the_zone_is_that_of_a_solution_for_each_force(model):

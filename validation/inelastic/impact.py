@@ -31,10 +31,11 @@ RATIOS, ELEMENTS, F_CUT, ZONE = (2.0, 10.0, 50.0), 2.0, 250e3, 1.8
 LIMITS = {"force": 0.01, "peak": 0.01, "rebound": 0.01, "work": 0.01, "balance": 1e-3}
 
 
-def scene(ratio, elements=ELEMENTS, zone=ZONE, region=1.0):
+def scene(ratio, elements=ELEMENTS, zone=ZONE, region=1.0, maxh=(2e-3, 3e-3)):
     """FE models and partitions, the speed, and the radius of the contact; the ball stands above z = 0.
 
     `region` is the radius of the impact region by that of the contact patch, which basis "free" keeps nodes in.
+    `maxh` are the largest elements of ball and plate [m].
     """
     mass = ep.hertz.effective(4 / 3 * np.pi * RADIUS**3 * STEEL.rho, WIDTH**2 * THICKNESS * ALUMINIUM.rho)
     elastic = ep.hertz.impact(mass, 1.0, RADIUS, math.inf, STEEL, ALUMINIUM)
@@ -46,8 +47,8 @@ def scene(ratio, elements=ELEMENTS, zone=ZONE, region=1.0):
     ball = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
     plate = occ.Box(occ.Pnt(-WIDTH / 2, -WIDTH / 2, -THICKNESS), occ.Pnt(WIDTH / 2, WIDTH / 2, 0))
     models = []
-    for shape, material, maxh, sign in ((ball, STEEL, 2e-3, -1), (plate, ALUMINIUM, 3e-3, 1)):
-        fem = ep.fe_model(shape, material, maxh=maxh, refine=[ep.Refine((0, 0, 0), 1.7 * a, h)], grading=0.4)
+    for shape, material, h_far, sign in ((ball, STEEL, maxh[0], -1), (plate, ALUMINIUM, maxh[1], 1)):
+        fem = ep.fe_model(shape, material, maxh=h_far, refine=[ep.Refine((0, 0, 0), 1.7 * a, h)], grading=0.4)
         plastic = {"plastic_radius": zone * a} if material.plastic else {}
         reach = 1.15 * a + h + (h if sign > 0 else 0.0)
         part = ep.Partition.ball(

@@ -167,10 +167,11 @@ class YieldingPatches(Zones):
             each = zip(self.zones, self._on_patches(rows), own, strict=True)
             answers = [zone.answer(force, part) for (_, zone), force, part in each]
             found = np.concatenate(answers)
-            if np.linalg.norm(found - p) <= self._settled * np.linalg.norm(found):
+            size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
+            if np.linalg.norm(found - p) <= self._settled * size:
                 return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
             p = anderson.guess(p, found)
-        change = np.linalg.norm(found - p) / np.linalg.norm(found)
+        change = np.linalg.norm(found - p) / size
         raise ComplementarityError(
             f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by {change:.2g}. Take "
             "smaller steps, or a finer mesh in the plastic zone"

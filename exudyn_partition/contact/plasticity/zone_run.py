@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
 from ...algebra.krylov import FreeBodyFlexibility, mass_normalised
 from ...fe.model import node_dofs
@@ -24,7 +23,9 @@ from ...support.arrays import Array
 if TYPE_CHECKING:
     from typing import Self
 
-_NEAR = 0.3  # of the yield stress: points that lack less of flowing are looked at together with those that flow
+_NEAR = 0.5  # of the yield stress: points that lack less of flowing are looked at together with those that flow
+_FEW = 16  # points, and at most as many as flow, are looked at together with those that flow
+_SPARE = 4  # times as many active points as flow are too many
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
 
 
 class _Active:
-    """Points of a zone that flow, have flowed or are near to it, and the nodes of their elements.
+    """Points of a zone that may flow in this step, and the nodes of their elements.
 
     Parameters
     ----------
@@ -96,52 +97,46 @@ class _Active:
     Attributes
     ----------
     points : (k,) int array
+    part : PlasticZone
+        The zone of these points.
     dofs : (m,) int array
         Displacements of their nodes, among those of the zone.
-    across : (m, 3 nz) array
-        Rows of `own`: between these and all nodes of the zone.
     of_patch : (m, r) array
         Flexibility between these and the rows of the patch [m/N].
     """
 
     def __init__(self, motion: ZoneMotion, chosen: Array, own: Array) -> None:
-        self.points = np.flatnonzero(chosen)
-        rows = motion.zone.strain[np.repeat(chosen, 6)]
-        self.dofs = node_dofs(np.unique(rows.indices // 3))
-        self._strain = rows[:, self.dofs]
-        self._zone, self._force = motion.zone, sp.csr_matrix(self._strain.T)
+        self.points, self.part = np.flatnonzero(chosen), motion.zone.part(chosen)
+        self.dofs = node_dofs(self.part.nodes)
         assert motion.flexibility is not None
-        self.across: Array = own.take(self.dofs, axis=0)
-        self._own = self.across.take(self.dofs, axis=1)
+        self._across: Array = own.take(self.dofs, axis=0)
+        self._own = self._across.take(self.dofs, axis=1)
         self.of_patch = motion.flexibility.of_patch[self.dofs]
         self._rows = motion.kinematics.rows[self.dofs]
 
-    def moved(self, q: Array, force: Array) -> Array:
-        """Displacements of the nodes, (m,) [m], by the last coordinates and forces on the patch, (r,) [N]."""
-        return np.asarray(self._rows @ q + self.of_patch @ force)
+    def moved(self, q: Array, before: Array) -> Array:
+        """Displacements of the nodes, (m,) [m], by the last coordinates, and those of the whole zone `before`."""
+        return np.asarray(self._rows @ q + before[self.dofs])
 
-    def strains(self, moved: Array, p: Array) -> Array:
-        """Deviatoric strains of the points, (k, 6): by displacements, (m,) [m], and by pseudo-forces p."""
-        return np.asarray(self._strain @ (moved + self._own @ p.astype(self._own.dtype))).reshape(-1, 6)
+    def answer(self, change: Array) -> Array:
+        """Displacements of the nodes, (m,) [m], by a change of the pseudo-forces on them, (m,) [N]."""
+        return np.asarray(self._own @ change.astype(self._own.dtype))
 
-    def push(self, p: Array) -> Array:
-        """Displacements of all nodes of the zone, (3 nz,) [m], by pseudo-forces, (m,) [N]."""
-        return np.asarray(p.astype(self.across.dtype) @ self.across)
+    def push(self, change: Array) -> Array:
+        """Displacements of all nodes of the zone, (3 nz,) [m], by a change of the pseudo-forces, (m,) [N]."""
+        return np.asarray(change.astype(self._across.dtype) @ self._across)
 
-    def generalised(self, p: Array) -> Array:
-        """Forces on the last coordinates of the body, (n,), of pseudo-forces, (m,) [N]."""
-        return np.asarray(self._rows.T @ p)
-
-    def pseudo_forces(self, state: PlasticState) -> Array:
-        """Pseudo-forces on these nodes, (m,) [N], of a state of these points."""
-        return np.asarray(self._force @ self._zone.stress_volumes(state.strain, self.points).ravel())
+    def generalised(self, change: Array) -> Array:
+        """Forces on the last coordinates of the body, (n,), of a change of the pseudo-forces, (m,) [N]."""
+        return np.asarray(self._rows.T @ change)
 
 
 class ZoneRun:
     """State of a plastic zone in a run.
 
     `committed` is the state at the end of the last accepted step. `present` is that of the step which is computed; it
-    begins anew from `committed` with each evaluation.
+    begins anew from `committed` with each evaluation. A step looks for the change of the pseudo-forces alone, on the
+    nodes of points that may flow in it: what earlier steps have left behind moves the zone by a constant.
 
     Attributes
     ----------
@@ -152,6 +147,10 @@ class ZoneRun:
     work : float
         Plastic work since the start of the run, until now [J].
     """
+
+    _begin: tuple[Array, PlasticState] | None  # of active points: without changes of this step
+    _found: tuple[PlasticState, Array]
+    _flows_on = False  # whether the same active points serve the step after the present state
 
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
@@ -181,25 +180,24 @@ class ZoneRun:
 
     def enter(self, state: PlasticState) -> None:
         """Take a state as that of the end of an accepted step."""
-        self.committed = state
-        self._choose(state.equivalent > 0)
+        self.committed = self.present = state
+        self._choose(np.zeros(len(self.zone), dtype=bool))
         self._at = self._committed_at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
-        self._margin, self._margin_at = -np.inf, self._at
-        self._take(state, self._active.pseudo_forces(state.at(self._active.points)))
-        self._hold()
+        self._margin, self._margin_at, self._goes_on = -np.inf, self._at, False
+        self._p = self.zone.pseudo_forces(state.strain)
+        self._moved = self.flexibility.own @ self._p if self._p.any() else np.zeros(len(self._p))
+        self.generalised = np.asarray(self.motion.kinematics.rows.T @ self._p)
+        self._energy = self._present_energy()
+        self._hold(np.zeros(len(self._p)))
 
-    def _take(self, state: PlasticState, p: Array) -> None:
-        """Enter a state with its pseudo-forces on the active nodes, (m,) [N]."""
-        self.present, self._p = state, p
-        self._moved = self._active.push(p)
-        self.generalised = self._active.generalised(p)
-        self._energy = self.zone.own_energy(state) - 0.5 * float(p @ self._moved[self._active.dofs])
+    def _present_energy(self) -> float:
+        return self.zone.own_energy(self.present) - 0.5 * float(self._p @ self._moved)
 
-    def _hold(self) -> None:
-        """Take the present state as the committed one."""
+    def _hold(self, step: Array) -> None:
+        """Take the present state as the committed one, by a step of the pseudo-forces, (3 nz,) [N]."""
         self._last = self._p, self._moved, self.generalised, self._energy
-        self._step_before = np.zeros(len(self._p))
-        self._moved_patch = self._p @ self._active.of_patch
+        self._step_before, self._begin = step, None
+        self._moved_patch = self._p @ self.flexibility.of_patch
 
     @property
     def flows(self) -> bool:
@@ -211,10 +209,10 @@ class ZoneRun:
         if self.flows:
             step = self._p - self._last[0]
             self.committed = self.present
-            self._hold()
-            self._step_before, self._margin = step, -np.inf
+            self._hold(step)
+            self._margin, self._goes_on = -np.inf, self._flows_on
         elif self._step_before.any():
-            self._step_before = np.zeros(len(self._p))
+            self._step_before, self._goes_on = np.zeros(len(self._p)), False
         self._committed_at, self._committed_work = self._at, self.work
 
     def back(self) -> None:
@@ -224,13 +222,19 @@ class ZoneRun:
 
     @property
     def guess(self) -> Array:
-        """Pseudo-forces on the active nodes at the end of the step if they change as in the step before, (m,) [N]."""
-        guess: Array = self._last[0] + self._step_before
+        """Change of the pseudo-forces on the active nodes, (m,) [N], if it is that of the step before."""
+        guess: Array = self._step_before[self._active.dofs]
         return guess
 
-    def moved_patch(self, p: Array | None = None) -> Array:
-        """Displacements of the patch's rows, (r,) [m], by pseudo-forces on active nodes; by the committed ones."""
-        moved: Array = self._moved_patch if p is None else p @ self._active.of_patch
+    def size(self, change: Array) -> float:
+        """Norm of the pseudo-forces [N] after a change on the active nodes, (m,) [N]."""
+        p = self._last[0].copy()
+        p[self._active.dofs] += change
+        return float(np.linalg.norm(p))
+
+    def moved_patch(self, change: Array | None = None) -> Array:
+        """Displacements of the patch's rows, (r,) [m], by the committed pseudo-forces, and a change on active nodes."""
+        moved: Array = self._moved_patch if change is None else self._moved_patch + change @ self._active.of_patch
         return moved
 
     def stays_elastic(self, q: Array, force: Array) -> bool:
@@ -238,40 +242,65 @@ class ZoneRun:
 
         True is certain. False means that strains must be looked at.
         """
-        self._at = q[len(q) - len(self._by_q) :].copy(), force
+        self._at, self._begin = (q[len(q) - len(self._by_q) :].copy(), force), None
         by_q, by_force = (abs(now - then) for now, then in zip(self._at, self._margin_at, strict=True))
         return bool(self._margin >= by_q @ self._by_q + by_force @ self._by_force)
 
     def look(self) -> bool:
         """Whether points begin to flow at the coordinates and forces of `stays_elastic`, with the committed state."""
+        if self._goes_on:
+            return True
         excess = self._excess(self.committed)
         if excess.max() <= 0:
             self._margin, self._margin_at = -float(excess.max()), self._at
             return False
-        self._include(excess)
+        flow = int(np.count_nonzero(excess > 0))
+        if (excess[~self._chosen] > 0).any() or len(self._active.points) > _SPARE * (flow + _FEW):
+            self._choose(self._near(excess, flow))
         return True
 
-    def answer(self, force: Array, p: Array) -> Array:
-        """Pseudo-forces on the active nodes, (m,) [N], that follow from patch forces, (r,) [N], and pseudo-forces p."""
-        self._at = self._at[0], force
-        strain = self._active.strains(self._active.moved(*self._at), p)
-        self._found = self.zone.flow.answer(strain, self.committed.at(self._active.points)), strain
-        return self._active.pseudo_forces(self._found[0])
+    def answer(self, force: Array, change: Array) -> Array:
+        """Change of the pseudo-forces on the active nodes, (m,) [N], that follows from a guess of it.
 
-    def finish(self, p: Array) -> bool:
-        """Enter the state that `answer` has found, with its pseudo-forces p. Whether no other point flows there.
+        `force`, (r,) [N], are the forces on the patch.
+        """
+        moved, before = self._beginning()
+        self._at = self._at[0], force
+        moved = moved + self._active.of_patch @ force + self._active.answer(change)
+        state, strain, led_to = self._active.part.answer(moved, before)
+        self._found = state, strain
+        return led_to
+
+    def _beginning(self) -> tuple[Array, PlasticState]:
+        """Displacements of the active nodes without patch forces and flow in this step, (m,) [m]; committed state."""
+        if self._begin is None:
+            active = self._active
+            self._begin = active.moved(self._at[0], self._last[1]), self.committed.at(active.points)
+        return self._begin
+
+    def finish(self, change: Array) -> bool:
+        """Enter the state that `answer` has found, with its change of pseudo-forces. Whether no other point flows.
 
         If one does, it is active from now on, and the answer must be found again.
         """
-        active, (state, strain) = self._active, self._found
-        self._take(self.committed.changed(active.points, state), p)
+        active, (state, strain), before = self._active, self._found, self._beginning()[1]
+        self.present = self.committed.changed(active.points, state)
+        self._p, self._moved = self._last[0].copy(), self._last[1] + active.push(change)
+        self._p[active.dofs] += change
+        self.generalised = self._last[2] + active.generalised(change)
         excess = self._excess(self.present)
         excess[active.points] = -np.inf
         if excess.max() > 0:
-            self._include(excess)
+            flow = int(np.count_nonzero(excess > 0)) + len(active.points) // 2
+            self._choose(self._chosen | self._near(excess, flow))
+            self._step_before = self._p - self._last[0]
             return False
-        before = active.strains(active.moved(*self._committed_at), self._last[0])
-        work = self.zone.work((self.committed.at(active.points), before), (state, strain), active.points)
+        self._energy = self._present_energy()
+        flow = int(np.count_nonzero(state.equivalent > before.equivalent))
+        self._flows_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
+        q, by_patch = self._committed_at
+        then = active.part.strains(active.moved(q, self._last[1]) + active.of_patch @ by_patch)
+        work = active.part.work((before, then), (state, strain))
         self.work = self._committed_work + work
         return True
 
@@ -279,22 +308,17 @@ class ZoneRun:
         """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
         q, force = self._at
         moved = self.motion.kinematics.rows @ q + self.flexibility.of_patch @ force + self._moved
-        return self.zone.flow.excess(self.zone.flow.stress(self.zone.strains(moved), state), state)
+        return self.zone.excess(moved, state)
 
-    def _include(self, excess: Array) -> None:
-        """Make points active that flow or are near to it, by their stress beyond the flow stress, (g,) [Pa]."""
-        if not (excess[~self._chosen] > 0).any():
-            return
-        old, size = self._active.dofs, len(self._step_before)
-        self._choose(self._chosen | (excess > -_NEAR * self.zone.flow.yield_stress))
-        place = np.searchsorted(self._active.dofs, old)
-        widened = np.zeros((2, len(self._active.dofs)))
-        widened[:, place] = self._last[0], self._step_before[:size]
-        self._last = widened[0], *self._last[1:]
-        self._step_before = widened[1]
+    def _near(self, excess: Array, flow: int) -> Array:
+        """Points that flow or are nearest to it, (g,) bool, by their stress beyond the flow stress, (g,) [Pa]."""
+        most = min(2 * (flow + _FEW), len(excess))
+        least = max(np.partition(excess, -most)[-most], -_NEAR * self.zone.flow.yield_stress)
+        near: Array = excess >= min(least, 0.0)
+        return near
 
     def _choose(self, chosen: Array) -> None:
-        self._chosen, self._active = chosen, _Active(self.motion, chosen, self._own)
+        self._chosen, self._active, self._begin = chosen, _Active(self.motion, chosen, self._own), None
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds, besides that of patch forces [J]."""
