@@ -93,6 +93,8 @@ class _Active:
         The points.
     own : (3 nz, 3 nz) array
         Flexibility of the zone in the precision of the large products, which are what a step costs [m/N].
+    room : (2, 3 nz * 3 nz) array
+        Memory for parts of it. New memory for each choice of points would cost ten times as much as the copies.
 
     Attributes
     ----------
@@ -105,12 +107,13 @@ class _Active:
         Flexibility between these and the rows of the patch [m/N].
     """
 
-    def __init__(self, motion: ZoneMotion, chosen: Array, own: Array) -> None:
+    def __init__(self, motion: ZoneMotion, chosen: Array, own: Array, room: Array) -> None:
         self.points, self.part = np.flatnonzero(chosen), motion.zone.part(chosen)
         self.dofs = node_dofs(self.part.nodes)
         assert motion.flexibility is not None
-        self._across: Array = own.take(self.dofs, axis=0)
-        self._own = self._across.take(self.dofs, axis=1)
+        (n, m), (first, second) = (len(own), len(self.dofs)), room
+        self._across: Array = own.take(self.dofs, axis=0, out=first[: m * n].reshape(m, n), mode="clip")
+        self._own = self._across.take(self.dofs, axis=1, out=second[: m * m].reshape(m, m), mode="clip")
         self.of_patch = motion.flexibility.of_patch[self.dofs]
         self._rows = motion.kinematics.rows[self.dofs]
 
@@ -155,7 +158,7 @@ class ZoneRun:
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
-        self._own = self.flexibility.own
+        self._set_own(self.flexibility.own)
         # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
@@ -169,9 +172,13 @@ class ZoneRun:
     def for_run(self, kind: type) -> Self:
         """Return the same zone in its start state, for another run with numbers of this dtype in large products."""
         result = copy.copy(self)
-        result._own = self.flexibility.own.astype(kind, copy=False)
+        result._set_own(self.flexibility.own.astype(kind, copy=False))
         result.reset()
         return result
+
+    def _set_own(self, own: Array) -> None:
+        """Take the zone's flexibility in the precision of large products, (3 nz, 3 nz) [m/N]."""
+        self._own, self._room = own, np.empty((2, own.size), own.dtype)
 
     def reset(self) -> None:
         """Go back to the start."""
@@ -299,7 +306,8 @@ class ZoneRun:
         flow = int(np.count_nonzero(state.equivalent > before.equivalent))
         self._flows_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
         q, by_patch = self._committed_at
-        then = active.part.strains(active.moved(q, self._last[1]) + active.of_patch @ by_patch)
+        # Nothing flows at the committed strains; this is the quick way to them.
+        then = active.part.answer(active.moved(q, self._last[1]) + active.of_patch @ by_patch, before)[1]
         work = active.part.work((before, then), (state, strain))
         self.work = self._committed_work + work
         return True
@@ -318,7 +326,7 @@ class ZoneRun:
         return near
 
     def _choose(self, chosen: Array) -> None:
-        self._chosen, self._active, self._begin = chosen, _Active(self.motion, chosen, self._own), None
+        self._chosen, self._active, self._begin = chosen, _Active(self.motion, chosen, self._own, self._room), None
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds, besides that of patch forces [J]."""
