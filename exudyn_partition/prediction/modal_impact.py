@@ -11,10 +11,12 @@ import scipy.linalg
 from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import SLIP, FrictionProblem
+from ..errors import InputError
 from ..support.arrays import Array
 from .default_step import SAFETY, STEPS_A_PERIOD, resolving_step
 
 _SAMPLES = 5000
+_MOST_STEPS = 1e6  # of an impact: a minute
 Contact = Callable[[Array, float], tuple[Array, Array]]  # coordinates and step to generalised and total forces
 
 
@@ -98,6 +100,11 @@ class Impact:
 
     def _integrate(self, contact: Contact, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
         """Integrate by velocity Verlet with the generalised forces of contact and its total force, (n,) and (k,)."""
+        if duration / largest_step > _MOST_STEPS:
+            raise InputError(
+                f"duration: {duration:g} s are {duration / largest_step:.2g} steps of {largest_step:.2g} s, which this "
+                f"impact needs, expected at most {_MOST_STEPS:g}. Give the time of the impact alone, in s"
+            )
         steps = int(np.ceil(duration / largest_step))
         step, stride = duration / steps, max(1, steps // _SAMPLES)
         squares = self.omega**2

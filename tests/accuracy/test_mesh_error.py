@@ -160,6 +160,8 @@ def test_what_is_refused(coarse):
     fem, body = coarse[0]
     with pytest.raises(InputError, match="duration: expected one"):
         ep.mesh_error(*coarse, speed=SPEED)
+    with pytest.raises(InputError, match=r"duration: 10000 s are .* steps .* expected at most 1e\+06"):
+        ep.mesh_error(*coarse, speed=SPEED, duration=1e4)
     with pytest.raises(EmptyRegionError, match="faces away from the rigid surface"):
         ep.mesh_error(coarse[0], ep.RigidPlane(normal=(0, 0, -1)), speed=SPEED, duration=END)
     with pytest.raises(PenetrationError, match="contact rows start inside the rigid surface"):
