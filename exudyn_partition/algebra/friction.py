@@ -293,7 +293,7 @@ class _ClosedRows:
     @property
     def changed(self) -> bool:
         """Whether other rows slip than those that the factors belong to."""
-        return not np.array_equal(self.slips, self._factorised)
+        return bool((self.slips != self._factorised).any())
 
     def residual(self, lam: Array) -> float:
         """Largest force that the law leaves unbalanced [N]."""
@@ -331,9 +331,12 @@ class _ClosedRows:
         turned = (c * d1)[:, None] * A[across] - (c * d2)[:, None] * A[along]
         turned[k, along] -= (1.0 - c) * d2
         turned[k, across] += (1.0 - c) * d1
-        A[across] = turned
-        A[along] = 0.0
-        A[along, along], A[along, across], A[along, 3 * rows] = d1, d2, -self._mu[rows]
+        # They are turned back to the tangents, so that the right-hand side of a step needs no turning.
+        A[along], A[across] = -d2[:, None] * turned, d1[:, None] * turned
+        for place, d in (along, d1), (across, d2):
+            A[place, along] += d * d1
+            A[place, across] += d * d2
+            A[place, 3 * rows] -= d * self._mu[rows]
         self._turn = along, across, d1, d2, c
         self._factors: tuple[Array, Array] = lapack.dgetrf(A)[:2]
         self._moves = []
@@ -341,12 +344,7 @@ class _ClosedRows:
 
     def step(self) -> Array:
         """Newton step with the present factors, (3 na,) [N], corrected by the steps made with them (Broyden)."""
-        along, across, d1, d2, _ = self._turn
-        rhs = -self._value
-        if len(along):
-            t1, t2 = rhs[along], rhs[across]
-            rhs[along], rhs[across] = d1 * t1 + d2 * t2, d1 * t2 - d2 * t1
-        step: Array = lapack.dgetrs(*self._factors, rhs, overwrite_b=1)[0]
+        step: Array = lapack.dgetrs(*self._factors, -self._value, overwrite_b=1)[0]
         for (move, square), (following, _) in pairwise(self._moves):
             step += following * (move @ step / square)
         if self._moves:
@@ -359,7 +357,8 @@ class _ClosedRows:
         """Derivative of the forces by -h with the present factors, (3 na, 3 na) [N/m]."""
         along, across, d1, d2, c = self._turn
         rhs = np.diag(self._inverse)
-        rhs[across, along], rhs[across, across] = -c * d2 * self._inverse[along], c * d1 * self._inverse[across]
-        rhs[along] = 0.0
+        scale = c * self._inverse[along]  # which is the same across
+        rhs[along, along], rhs[across, across] = scale * d2 * d2, scale * d1 * d1
+        rhs[along, across] = rhs[across, along] = -scale * d1 * d2
         stiffness: Array = lapack.dgetrs(*self._factors, rhs)[0]
         return stiffness

@@ -265,7 +265,7 @@ class TangentialRows:
                 self.gaps.sides[place],
                 used,
                 rows,
-                congruence(some, F[np.ix_(dofs, dofs)], threes=True),
+                congruence(some, F.take(dofs[:, None] * len(F) + dofs), threes=True),
             )
         return known[3]
 

@@ -87,8 +87,10 @@ class FrictionalRows(ContactLaw):
 
     def on_rows(self, remembered: Array) -> Array:
         """Forces on the present rows, (nr, 3) [N], of those remembered by the slave's nodes, (np, 4)."""
-        forces = remembered[self.gaps.row_nodes]
-        return np.column_stack([forces[:, 0], self.tangential.along(forces[:, 1:] @ self.tangential.axes.T)])
+        found = remembered[self.gaps.row_nodes]
+        forces = np.empty((len(found), 3))
+        forces[:, 0], forces[:, 1:] = found[:, 0], self.tangential.along(found[:, 1:] @ self.tangential.axes.T)
+        return forces
 
     def coefficients(self) -> Array:
         """Coefficients of friction of the present rows in this step, (nr,)."""
@@ -107,7 +109,7 @@ class FrictionalRows(ContactLaw):
         """
         nodes, slides = self.gaps.row_nodes, self.state == SLIP
         self._slipped[:], self._speed[:], self._last[:] = False, 0.0, 0.0
-        self._path[nodes[slides]] += np.linalg.norm(slips[slides], axis=1)
+        self._path[nodes[slides]] += np.hypot(*slips[slides].T)
         self._slipped[nodes] = slides
         self._speed[nodes] = np.where(slides, speeds, 0.0)
         self._last[nodes, 0] = self.forces[:, 0]
@@ -189,6 +191,7 @@ class FrictionalContact(FrictionalRows):
         """Go back to the start."""
         super().reset()
         self._start, self._answered, self._closed_before = -math.inf, False, False
+        self._slid: tuple[Array, float] | None = None  # what `_sliding` has found for the present answer
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
@@ -205,7 +208,7 @@ class FrictionalContact(FrictionalRows):
         `pushed`, (nr, 3) [m], is what the forces of other contacts add to the gaps, and have added to the tangential
         places since the last accepted step.
         """
-        self._answered = True
+        self._answered, self._slid = True, None
         if not self.tangential.held:
             self.tangential.hold()
         self.least_gap = gap.min(initial=np.inf) if pushed is None else (gap + pushed[:, 0]).min(initial=np.inf)
@@ -241,9 +244,9 @@ class FrictionalContact(FrictionalRows):
     def _remember_forces(self, step: float) -> None:
         slips = np.zeros((len(self.forces), 2))
         if self.index.size:
-            slips = self.slips()
-            self._dissipated += self._taken_by(slips)
-        self.remember(slips, np.linalg.norm(slips, axis=1) / step)
+            slips, taken = self._sliding()
+            self._dissipated += taken
+        self.remember(slips, np.hypot(*slips.T) / step)
 
     def resume(self, earlier: Law, q: Array) -> bool:
         """See `Law`: rows stick where they stuck, with the forces that they had; the dissipation begins anew."""
@@ -259,13 +262,16 @@ class FrictionalContact(FrictionalRows):
         self.tangential.hold()
         return True
 
-    def _taken_by(self, slips: Array) -> float:
-        """Energy that slips since the last accepted step, (nr, 2) [m], take [J].
+    def _sliding(self) -> tuple[Array, float]:
+        """How far rows have slipped since the last accepted step, (nr, 2) [m], and the energy that it takes [J].
 
         By the trapezoid: the force at the end of the step alone would take too much or too little.
         """
-        return -0.5 * float(np.sum(slips * (self.last_forces() + self.forces)[:, 1:]))
+        if self._slid is None:
+            slips = self.slips()
+            self._slid = slips, -0.5 * float(np.vdot(slips, (self.last_forces() + self.forces)[:, 1:]))
+        return self._slid
 
     def dissipated(self) -> float:
         """See `Law`."""
-        return self._dissipated + (self._taken_by(self.slips()) if self._answered and self.index.size else 0.0)
+        return self._dissipated + (self._sliding()[1] if self._answered and self.index.size else 0.0)
