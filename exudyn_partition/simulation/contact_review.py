@@ -123,8 +123,9 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
     warnings.warn(
         f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
         f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
-        "smaller than the facets that should resolve it, and the force is too large, by a quarter and more. Refine "
-        f"both meshes there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
+        "smaller than the facets that should resolve it, so that it is too stiff. The force of an impact is too large "
+        "then, by a quarter and more; one that a spring or a load prescribes is right in the mean. Refine both meshes "
+        f"there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
         "ep.hertz.contact_radius",
         ModelLimitWarning,
         stacklevel=5,
