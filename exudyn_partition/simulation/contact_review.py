@@ -240,8 +240,9 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
                 f"{called(contact)}: its force rings with {1e-3 * frequency:.3g} kHz{opens}, and {1e-3 * rate:.3g} "
                 f"thousand facets of {called(item)} slide by each second: probably the mesh excites the bodies on "
                 "their contact, so that they part though real ones would not. Take finer facets there, or "
-                "method='implicit' with spectral_radius=0.3 and steps that do not resolve this frequency. The page "
-                "'Contact' of the documentation has a section on ringing",
+                f"method='implicit' with spectral_radius=0.3 and steps of {1 / frequency:.2g} s or longer, which do "
+                f"not resolve this frequency; these are {result.step:.2g} s. The page 'Contact' of the documentation "
+                "has a section on ringing",
                 ModelLimitWarning,
                 stacklevel=5,
             )
