@@ -25,6 +25,7 @@ _LOG = logging.getLogger(__name__)
 
 _SHARP = np.sin(np.radians(44.0))  # sine of a cone's half angle, below which Netgen fails at the tip
 GRADING = 0.3
+_SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
 _GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
 # Netgen's threads wait by spinning. Where other processes want the cores too, they make a small mesh ten times slower.
@@ -180,6 +181,10 @@ def read_step(path: Path) -> Shape:
 
 def scaled(shape: Shape, scale: float) -> Shape:
     """Shape with all lengths times a factor."""
+    if not _SCALES[0] <= scale <= _SCALES[1]:
+        raise InputError(
+            f"scale: expected {_SCALES[0]:g} to {_SCALES[1]:g}, such as 1e-3 for millimetres, got {scale:g}"
+        )
     return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape
 
 
