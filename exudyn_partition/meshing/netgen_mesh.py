@@ -28,7 +28,7 @@ GRADING = 0.3
 _SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
 _GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
-# Netgen's threads wait by spinning. Where other processes want the cores too, they make a small mesh ten times slower.
+# Netgen's threads wait by spinning. Where other processes want the cores too, they make a small mesh much slower.
 _MANY = 30_000  # elements, from which threads pay; the mesh is the same
 
 # NGSolve and Netgen keep global state: two threads that mesh or assemble at once crash or mix up their results.

@@ -142,7 +142,7 @@ class PlasticZone:
         return np.asarray(self._force @ self.stress_volumes(strain).ravel())
 
     def stress_volumes(self, strain: Array) -> Array:
-        """Stresses 2 G e of plastic strains at all or some points, (k, 6), times the points' volume [N m]."""
+        """Stresses 2 G e of plastic strains, (g, 6), times the points' volume [N m]."""
         value: Array = (2 * self.flow.shear_modulus * self.weight)[:, None] * strain
         return value
 

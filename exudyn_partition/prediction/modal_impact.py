@@ -16,7 +16,7 @@ from ..support.arrays import Array
 from .default_step import SAFETY, STEPS_A_PERIOD, resolving_step
 
 _SAMPLES = 5000
-_MOST_STEPS = 1e6  # of an impact: a minute
+_MOST_STEPS = 1e6  # of an impact; more mean a duration in other units
 Contact = Callable[[Array, float], tuple[Array, Array]]  # coordinates and step to generalised and total forces
 
 

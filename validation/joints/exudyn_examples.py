@@ -10,8 +10,7 @@ Quantity: displacement of the tip and reaction of the joint, relative L2 over th
 Limits: 1e-3 for tip and reaction, and 1.1 of the time of Exudyn's own body. The reaction after a sudden start misses
 its limit, and `holds` says so: in the tutorial gravity acts at once, which excites vibration that steps of 1 ms do not
 resolve. `half_step` is what half the step changes of Exudyn's own reaction. The script fails if ours differs by more
-than that, or if another error misses its limit. Where Newton's method keeps its matrix ("weights", sudden), the two
-bodies need different numbers of iterations; with a new matrix in each, they need the same.
+than that, or if another error misses its limit.
 A marker of FE nodes with an offset must stop with an InputError: Exudyn turns the offset with the frame of the body,
 not with the bore. Exudyn's own modes hold the bore in the frame, ours do not.
 

@@ -16,7 +16,7 @@ from ...support.arrays import Array
 from .zone_run import ZoneMotion, ZoneRun
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
-_SETTLED_FOR_NEWTON = 1e-6  # in implicit and static steps: Newton's method does not converge on rough forces
+_SETTLED_FOR_NEWTON = 2e-7  # in implicit and static steps: Newton's method does not converge on rough forces
 _MOST = 60  # iterations
 
 

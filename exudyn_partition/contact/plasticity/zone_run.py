@@ -94,7 +94,7 @@ class _Active:
     own : (3 nz, 3 nz) array
         Flexibility of the zone in the precision of the large products, which are what a step costs [m/N].
     room : (2, 3 nz * 3 nz) array
-        Memory for parts of it. New memory for each choice of points would cost ten times as much as the copies.
+        Memory for parts of it. New memory for each choice of points would cost more than the copies.
 
     Attributes
     ----------
