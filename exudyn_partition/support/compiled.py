@@ -36,9 +36,18 @@ def kernels(layer: str) -> ModuleType | None:
 
 def compiled(function: F) -> F:
     """Return the function, which is compiled when it is called first, for the types of its arguments."""
+    return _compiled(function, **_OPTIONS)
+
+
+def inlined(function: F) -> F:
+    """Return a compiled function whose code is put where it is called: calls with arrays cost some 20 ns each."""
+    return _compiled(function, forceinline=True, **_OPTIONS)
+
+
+def _compiled(function: F, **options: object) -> F:
     njit = importlib.import_module("numba").njit
     try:
-        result: F = njit(cache=True, **_OPTIONS)(function)
+        result: F = njit(cache=True, **options)(function)
     except RuntimeError:  # no folder can be written to
-        result = njit(**_OPTIONS)(function)
+        result = njit(**options)(function)
     return result

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled
+from ..support.compiled import compiled, inlined
 
 
 @compiled
@@ -22,7 +22,7 @@ def shapes(r: float, s: float, table: Array, out: Array) -> None:
             out[j] += r * rr * table[6, j] + r * rs * table[7, j] + r * ss * table[8, j] + s * ss * table[9, j]
 
 
-@compiled
+@inlined
 def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
     """Least distance from the edges of a facet, in its coordinates, and the number of that edge; positive inside."""
     least, edge = s, 0
@@ -36,59 +36,149 @@ def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
     return least, edge
 
 
-@compiled
-def project(
-    x: float, y: float, z: float, facets: Array, f: int, x_m: Array, r: float, s: float,
-    table: Array, enough: float, steps: int, shape: Array, weights: Array, normal: Array, i: int,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Project a point on a facet, see `pairs.follow`: its coordinates there, and its gap; sets weights and normal."""
-    n, gap = facets.shape[1], 0.0
-    for left in range(steps, 0, -1):
-        shapes(r, s, table, shape)
-        mx, my, mz, ax, ay, az, bx, by, bz = x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for j in range(n):
-            node = facets[f, j]
-            px, py, pz = x_m[node, 0], x_m[node, 1], x_m[node, 2]
-            value, by_r, by_s = shape[j], shape[n + j], shape[2 * n + j]
-            mx -= value * px
-            my -= value * py
-            mz -= value * pz
-            ax += by_r * px
-            ay += by_r * py
-            az += by_r * pz
-            bx += by_s * px
-            by += by_s * py
-            bz += by_s * pz
+@inlined
+def polynomial_of(facets: Array, f: int, x_m: Array, table: Array, out: Array) -> None:
+    """Places on a facet as polynomials of its coordinates: coefficients, out[f], (6 or 10, 3)."""
+    for power in range(len(table)):
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(facets.shape[1]):
+            share, node = table[power, j], facets[f, j]
+            x += share * x_m[node, 0]
+            y += share * x_m[node, 1]
+            z += share * x_m[node, 2]
+        out[f, power, 0], out[f, power, 1], out[f, power, 2] = x, y, z
+
+
+@inlined
+def coordinate_at(c: Array, f: int, r: float, s: float, axis: int, cubic: bool) -> tuple[float, float, float]:
+    """A coordinate of a place on a facet, from `polynomial_of`, and its derivatives by r and s."""
+    value = c[f, 0, axis] + r * (c[f, 1, axis] + r * c[f, 3, axis] + s * c[f, 4, axis])
+    value += s * (c[f, 2, axis] + s * c[f, 5, axis])
+    by_r = c[f, 1, axis] + 2 * r * c[f, 3, axis] + s * c[f, 4, axis]
+    by_s = c[f, 2, axis] + r * c[f, 4, axis] + 2 * s * c[f, 5, axis]
+    if cubic:
+        value += r * r * (r * c[f, 6, axis] + s * c[f, 7, axis]) + s * s * (r * c[f, 8, axis] + s * c[f, 9, axis])
+        by_r += 3 * r * r * c[f, 6, axis] + 2 * r * s * c[f, 7, axis] + s * s * c[f, 8, axis]
+        by_s += r * r * c[f, 7, axis] + 2 * r * s * c[f, 8, axis] + 3 * s * s * c[f, 9, axis]
+    return value, by_r, by_s
+
+
+@inlined
+def newton_steps(
+    first: int, end: int, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
+    cubic: bool,
+) -> None:  # fmt: skip
+    """Set steps of Newton's method, normals and gaps of points, x (k, 3), on their facets, see `pairs.follow`.
+
+    Without branches, and with `cubic` known to the compiler, it does several points at once.
+    """
+    for i in range(first, end):
+        f, r, s = facet[i], local[i, 0], local[i, 1]
+        px, ax, bx = coordinate_at(c, f, r, s, 0, cubic)
+        py, ay, by = coordinate_at(c, f, r, s, 1, cubic)
+        pz, az, bz = coordinate_at(c, f, r, s, 2, cubic)
+        mx, my, mz = x[i, 0] - px, x[i, 1] - py, x[i, 2] - pz
         aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
         am, bm = ax * mx + ay * my + az * mz, bx * mx + by * my + bz * mz
         squared = aa * bb - ab * ab
-        dr, ds = (bb * am - ab * bm) / squared, (aa * bm - ab * am) / squared
-        if left > 1 and max(abs(dr), abs(ds)) > enough:
-            r += min(max(dr, -1.0), 1.0)
-            s += min(max(ds, -1.0), 1.0)
-            continue
+        step[i, 0], step[i, 1] = (bb * am - ab * bm) / squared, (aa * bm - ab * am) / squared
         length = math.sqrt(squared)
         nx, ny, nz = (ay * bz - az * by) / length, (az * bx - ax * bz) / length, (ax * by - ay * bx) / length
         normal[i, 0], normal[i, 1], normal[i, 2] = nx, ny, nz
-        gap = mx * nx + my * ny + mz * nz
-        for j in range(n):
-            weights[i, j] = shape[j] + dr * shape[n + j] + ds * shape[2 * n + j]
-        return r + dr, s + ds, gap
-    return r, s, gap
+        gap[i] = mx * nx + my * ny + mz * nz
 
 
 @compiled
+def settle(
+    some: Array, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
+    enough: float, steps: int, cubic: bool,
+) -> None:  # fmt: skip
+    """Go on with some points until their last steps are no more than `enough`."""
+    for i in some:
+        for _ in range(steps - 1):
+            if max(abs(step[i, 0]), abs(step[i, 1])) <= enough:
+                break
+            local[i, 0] += min(max(step[i, 0], -1.0), 1.0)
+            local[i, 1] += min(max(step[i, 1], -1.0), 1.0)
+            newton_steps(i, i + 1, x, c, facet, local, step, normal, gap, cubic)
+
+
+@inlined
+def place_all(nodes: Array, shares: Array, values: Array, result: Array) -> None:
+    """Set vectors at points, (p, 3), of those at nodes, see `points.at_points`."""
+    for i in range(len(nodes)):
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(nodes.shape[1]):
+            share, node = shares[i, j], nodes[i, j]
+            x += share * values[node, 0]
+            y += share * values[node, 1]
+            z += share * values[node, 2]
+        result[i, 0], result[i, 1], result[i, 2] = x, y, z
+
+
+@inlined
+def weigh(local: Array, step: Array, table: Array, weights: Array) -> None:
+    """Set the shape functions at points plus their change to first order by a step."""
+    for i in range(len(weights)):
+        r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
+        rr, rs, ss = r * (r + 2 * dr), r * s + dr * s + r * ds, s * (s + 2 * ds)
+        for j in range(weights.shape[1]):
+            weights[i, j] = table[0, j] + (r + dr) * table[1, j] + (s + ds) * table[2, j]
+            weights[i, j] += rr * table[3, j] + rs * table[4, j] + ss * table[5, j]
+    if len(table) == 10:
+        for i in range(len(weights)):
+            r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
+            rrr, rrs = r * r * (r + 3 * dr), r * r * (s + ds) + 2 * r * s * dr
+            rss, sss = s * s * (r + dr) + 2 * r * s * ds, s * s * (s + 3 * ds)
+            for j in range(weights.shape[1]):
+                weights[i, j] += rrr * table[6, j] + rrs * table[7, j] + rss * table[8, j] + sss * table[9, j]
+
+
+@inlined
+def turned(turns: Array, f: int, edge: int, r: float, s: float) -> tuple[float, float]:
+    """A step in the coordinates of a facet, in those of its neighbour across an edge."""
+    return (
+        turns[f, edge, 0, 0] * r + turns[f, edge, 0, 1] * s,
+        turns[f, edge, 1, 0] * r + turns[f, edge, 1, 1] * s,
+    )
+
+
+@inlined
 def cross_edge(
     facet: int, edge: int, r: float, s: float, across: Array, its_edge: Array, turns: Array, middles: Array
 ) -> tuple[int, float, float]:
     """The neighbour of a facet across an edge, and a point in its coordinates."""
     there = its_edge[facet, edge]
-    dr, ds = r - middles[edge, 0], s - middles[edge, 1]
-    return (
-        across[facet, edge],
-        middles[there, 0] + turns[facet, edge, 0, 0] * dr + turns[facet, edge, 0, 1] * ds,
-        middles[there, 1] + turns[facet, edge, 1, 0] * dr + turns[facet, edge, 1, 1] * ds,
-    )
+    dr, ds = turned(turns, facet, edge, r - middles[edge, 0], s - middles[edge, 1])
+    return across[facet, edge], middles[there, 0] + dr, middles[there, 1] + ds
+
+
+@compiled
+def cross_all(
+    some: Array, x: Array, facets: Array, x_m: Array, table: Array, made: Array, places: Array,
+    facet: Array, local: Array, step: Array, normal: Array, gap: Array,
+    across: Array, its_edge: Array, turns: Array, middles: Array, by: float, steps: int,
+) -> Array:  # fmt: skip
+    """Project some points, which have left their facets, on the neighbours; return those that are not there either."""
+    lost, n_lost, quad, cubic = np.empty_like(some), 0, facets.shape[1] == 4, len(table) == 10
+    for k in range(len(some)):
+        i = some[k]
+        f, r, s = facet[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        edge = nearest_edge(r, s, quad)[1]
+        is_lost = across[f, edge] < 0
+        if not is_lost:
+            f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
+            facet[i], local[i, 0], local[i, 1] = f, r, s
+            if not made[f]:
+                made[f] = True
+                polynomial_of(facets, f, x_m, table, places)
+            newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, cubic)
+            settle(some[k : k + 1], x, places, facet, local, step, normal, gap, by, steps, cubic)
+            is_lost = nearest_edge(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)[0] < -by
+        if is_lost:
+            lost[n_lost] = i
+            n_lost += 1
+    return lost[:n_lost]
 
 
 @compiled
@@ -102,46 +192,69 @@ def follow(
     Points that have left their facet are projected on the neighbour. Those that are not there either are told with what
     was found on the neighbour, or on their own facet if there is none.
     """
-    k, n = len(index), facets.shape[1]
+    k, n, cubic = len(index), facets.shape[1], len(table) == 10
     quad = n == 4
-    facet, local = np.empty(k, np.int64), np.empty((k, 2))
-    weights, normal, gap = np.empty((k, n)), np.empty((k, 3)), np.empty(k)
-    left, lost, shape = np.empty(k, np.int64), 0, np.empty(3 * n)
+    facet, local, last = np.empty(k, np.int64), np.empty((k, 2)), np.empty((k, 2))
+    made, places = np.zeros(len(facets), np.bool_), np.empty((len(facets), len(table), 3))
     for i in range(k):
         p = index[i]
-        x, y, z = 0.0, 0.0, 0.0
-        for j in range(nodes.shape[1]):
-            share, node = shares[i, j], nodes[i, j]
-            x += share * x_s[node, 0]
-            y += share * x_s[node, 1]
-            z += share * x_s[node, 2]
         f, last_r, last_s = all_facet[p], all_last[p, 0], all_last[p, 1]
         r, s = all_local[p, 0] + last_r, all_local[p, 1] + last_s
         depth, edge = nearest_edge(r, s, quad)
         if depth < 0.0 and not past[p] and across[f, edge] >= 0:
-            turn = turns[f, edge]
-            last_r, last_s = turn[0, 0] * last_r + turn[0, 1] * last_s, turn[1, 0] * last_r + turn[1, 1] * last_s
+            last_r, last_s = turned(turns, f, edge, last_r, last_s)
             f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
-        last_r -= r
-        last_s -= s
-        r, s, gap[i] = project(x, y, z, facets, f, x_m, r, s, table, by, steps, shape, weights, normal, i)
-        last_r += r
-        last_s += s
-        depth, edge = nearest_edge(r, s, quad)
-        if depth < -by and not past[p]:
-            last_r = last_s = 0.0
-            is_lost = across[f, edge] < 0
-            if not is_lost:
-                f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
-                r, s, gap[i] = project(x, y, z, facets, f, x_m, r, s, table, by, steps, shape, weights, normal, i)
-                is_lost = nearest_edge(r, s, quad)[0] < -by
-            if is_lost:
-                left[lost] = i
-                lost += 1
-        facet[i], local[i, 0], local[i, 1] = f, r, s
-        all_facet[p], all_local[p, 0], all_local[p, 1] = f, r, s
-        all_last[p, 0], all_last[p, 1] = last_r, last_s
-    return facet, local, weights, normal, gap, left[:lost]
+        facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = f, r, s, last_r - r, last_s - s
+        if not made[f]:
+            made[f] = True
+            polynomial_of(facets, f, x_m, table, places)
+    x, step, normal, gap = np.empty((k, 3)), np.empty((k, 2)), np.empty((k, 3)), np.empty(k)
+    place_all(nodes, shares, x_s, x)
+    if cubic:
+        newton_steps(0, k, x, places, facet, local, step, normal, gap, True)
+    else:
+        newton_steps(0, k, x, places, facet, local, step, normal, gap, False)
+    some, n_some = np.empty(k, np.int64), 0
+    for i in range(k):
+        if max(abs(step[i, 0]), abs(step[i, 1])) > by:
+            some[n_some] = i
+            n_some += 1
+    settle(some[:n_some], x, places, facet, local, step, normal, gap, by, steps, cubic)
+    n_some = 0
+    for i in range(k):
+        p, r, s = index[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        all_last[p, 0], all_last[p, 1] = last[i, 0] + r, last[i, 1] + s
+        if nearest_edge(r, s, quad)[0] < -by and not past[p]:
+            all_last[p, 0] = all_last[p, 1] = 0.0
+            some[n_some] = i
+            n_some += 1
+    lost = cross_all(
+        some[:n_some],
+        x,
+        facets,
+        x_m,
+        table,
+        made,
+        places,
+        facet,
+        local,
+        step,
+        normal,
+        gap,
+        across,
+        its_edge,
+        turns,
+        middles,
+        by,
+        steps,
+    )
+    weights = np.empty((k, n))
+    weigh(local, step, table, weights)
+    for i in range(k):
+        local[i, 0] += step[i, 0]
+        local[i, 1] += step[i, 1]
+        all_facet[index[i]], all_local[index[i], 0], all_local[index[i], 1] = facet[i], local[i, 0], local[i, 1]
+    return facet, local, weights, normal, gap, lost
 
 
 @compiled
@@ -190,13 +303,8 @@ def on_nodes(nodes: Array, weights: Array, forces: Array, n: int) -> Array:
 @compiled
 def at_points(nodes: Array, weights: Array, values: Array) -> Array:
     """Vectors at points, (p, 3), of those at nodes, see `points.at_points`."""
-    result = np.zeros((len(nodes), 3))
-    for i in range(len(nodes)):
-        for j in range(nodes.shape[1]):
-            node, weight = nodes[i, j], weights[i, j]
-            result[i, 0] += weight * values[node, 0]
-            result[i, 1] += weight * values[node, 1]
-            result[i, 2] += weight * values[node, 2]
+    result = np.empty((len(nodes), 3))
+    place_all(nodes, weights, values, result)
     return result
 
 
