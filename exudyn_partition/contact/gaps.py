@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING, _NO_INDEX = np.empty(0), np.empty(0, dtype=np.int64)
+_MANY = 50_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
@@ -127,6 +128,7 @@ class Gaps:
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _places: list[Array]
+    _near_sides: tuple[Side, ...] | None = None
     evaluated_pose = _NOTHING  # `carrier_pose` at the last evaluation of the gaps
     _placed_at: Array | None = None  # the coordinates that `_places` belong to
     _normal: Array
@@ -208,6 +210,20 @@ class Gaps:
         """Reduced body of each side."""
         return [side.kinematics.body for side in self.sides]
 
+    @property
+    def near_sides(self) -> tuple[Side, ...]:
+        """The sides; while rows are followed, only with the nodes that these need."""
+        return self._near_sides or self.sides
+
+    def follow_nodes(self, nodes: Sequence[Array] | None) -> None:
+        """Follow only some nodes of each side, (k,) int arrays, where that saves time; None: all."""
+        self._near_sides = self._placed_at = None
+        if nodes is not None:
+            self._near_sides = tuple(
+                side.following(some) if 3 * (side.n_followed - len(some)) * side.n > _MANY else side
+                for side, some in zip(self.sides, nodes, strict=True)
+            )
+
     def split(self, q: Array) -> list[Array]:
         """Split q, (n,), into the coordinates of each side."""
         n = self.sides[0].n
@@ -252,9 +268,10 @@ class Gaps:
         return self.split(self._q)
 
     def places_now(self) -> list[Array]:
-        """Places of the nodes of the patches, (np, 3) for each side [m], at the last coordinates."""
+        """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates; NaN for other nodes."""
         if self._placed_at is not self._q:
-            self._places, self._placed_at = self.places(self._q), self._q
+            parts = zip(self.near_sides, self.split(self._q), strict=True)
+            self._places, self._placed_at = [side.place(part) for side, part in parts], self._q
         return self._places
 
     def jacobian(self, index: Array) -> Rows:
@@ -262,7 +279,7 @@ class Gaps:
         if not self.moving:
             return self.H[index]
         mean, parts = self.points.mean[index], []
-        for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
+        for (nodes, weights), side, q in zip(self.shares, self.near_sides, self.split(self._q), strict=True):
             G = directed_matrix(nodes, weights, self.normals, len(side.surface.points))
             parts.append(side.on_coordinates(q, mean @ G))
         return joined(parts)
@@ -291,7 +308,7 @@ class Gaps:
         if not self.moving:
             value: Array = lam @ self.H
             return value
-        parts = zip(self.sides, self.split(self._q), self.nodal_forces(lam), strict=True)
+        parts = zip(self.near_sides, self.split(self._q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
     def resultant(self, lam: Array) -> Array:

@@ -77,6 +77,7 @@ class PatchGaps(Gaps):
         self._since, self._apart = 0, False
         self._searched_at: Array | None = None
         self._stood_at: Array | None = None
+        self.follow_nodes(None)
         if self.moving or self.held is not self._start:
             self._hold(self._start, self._start_q)
             self.moving = not self._linear
@@ -85,6 +86,7 @@ class PatchGaps(Gaps):
 
     def _hold(self, rows: ContactRows, q: Array) -> None:
         """Freeze these pairs; their gaps belong to coordinates q, (n,)."""
+        self.follow_nodes(None)
         self._take(rows.points, rows.at_edge)
         self._meet(rows.master, rows.weights, rows.normals)
         self.unpaired = rows.unpaired
@@ -166,18 +168,21 @@ class PatchGaps(Gaps):
         x_s, x_m = self.places_now()
         self._here = here = self._placed(x_s, x_m)
         if self._searched_at is None or largest_change(here, self._searched_at) > self._reach:
-            self._search(x_s, x_m, here)
+            self._search(self._everywhere(), here)
         if self._apart:
             return np.empty(0)
         gap = self._follow(x_s, x_m) if self._narrowed else None
+        if gap is not None and math.isnan(gap.sum()):  # a point has come to a facet that is not followed
+            self._search(self._everywhere(), here)
+            gap = None
         if gap is None or self._others_close(gap, here):
-            gap = self._narrow(x_s, x_m, here)
+            gap = self._narrow(self._everywhere(), here)
         self._since += 1
         if self._since >= _PATIENCE and self._linear:
             self._since = 0
             # Only if they touch: patches that are apart may meet with other pairs.
             if self._stands_still(here) and gap.min(initial=np.inf) < _HELD * self.size:
-                rows = self.project(x_s, x_m)[0]
+                rows = self.project(*self._everywhere())[0]
                 self._hold(rows, q)
                 return rows.gap
         return gap
@@ -190,7 +195,7 @@ class PatchGaps(Gaps):
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
-        return self._follow(*self.places(q))
+        return self._follow(*self.places_now())
 
     def surface_gap(self, q: Array) -> float:
         """See `Gaps.surface_gap`."""
@@ -204,10 +209,10 @@ class PatchGaps(Gaps):
         self.at(q)
         if not self.moving:
             return super().closing(q, q_t, q_tt)
-        x_s, x_m = self.places(q)
+        x_s, x_m = places = self.places(q)
         gap = np.empty(0)
         if not self._apart:
-            gap = self._narrow(x_s, x_m, self._placed(x_s, x_m), _NEAR * self.size)
+            gap = self._narrow(places, self._placed(x_s, x_m), _NEAR * self.size)
             self._narrowed = False  # forces need fewer rows
         H = self.jacobian(np.arange(len(gap)))
         beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
@@ -246,8 +251,9 @@ class PatchGaps(Gaps):
         least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
         return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
 
-    def _search(self, x_s: Array, x_m: Array, here: Array) -> None:
-        """Find the pairs of all points."""
+    def _search(self, places: list[Array], here: Array) -> None:
+        """Find the pairs of all points, by the places of all nodes of each side."""
+        x_s, x_m = places
         self.searches += 1
         self._every, least = self.project(x_s, x_m)
         self.unpaired = self._every.unpaired
@@ -259,15 +265,16 @@ class PatchGaps(Gaps):
             points, index = self._every.points.of_rows(np.empty(0, dtype=np.int64))
             self._take(points, self._every.at_edge[:0])
             self._meet(self._every.master[index], self._every.weights[index], self._every.normals[index])
+            self.follow_nodes(self._witnesses)
             return
         self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
         # Places of the slave's nodes in the frame of its three witness nodes: they tell how rigid motion changes gaps.
         origin, axes = _triangle_frame(x_s[self._witnesses[0]])
         self._arms = (x_s[self._every.points.row_nodes] - origin) @ axes
 
-    def _narrow(self, x_s: Array, x_m: Array, here: Array, near: float | None = None) -> Array:
+    def _narrow(self, places: list[Array], here: Array, near: float | None = None) -> Array:
         """Set the present rows to those that may close next, or those with gaps below `near` [m]; return their gaps."""
-        every = self._every
+        (x_s, x_m), every = places, self._every
         self._pairs.rest()
         found, gap = self._followed(every.points, np.arange(len(every.facet)), x_s, x_m)
         row_gap = every.points.average(gap)
@@ -284,8 +291,26 @@ class PatchGaps(Gaps):
         self._rigidly = np.hstack([normals, turning])[order]
         self._from, self._pose = row_gap[order], _pose(here)
         self._narrowed = True
+        self._follow_around(found.facet[self._followed_points])
         value: Array = row_gap[chosen]
         return value
+
+    def _follow_around(self, facets: Array) -> None:
+        """Follow the nodes of the present points, and those of the master around these facets, (p,) int array."""
+        slave, master = (side.surface for side in self.sides)
+        near = np.zeros(len(master.points), dtype=bool)
+        near[master.facets[facets]] = True
+        near[master.facets[near[master.facets].any(axis=1)]] = True
+        near[self._witnesses[1]] = True
+        own = np.zeros(len(slave.points), dtype=bool)
+        own[self.points.nodes] = own[self._witnesses[0]] = True
+        self.follow_nodes([np.flatnonzero(own), np.flatnonzero(near)])
+
+    def _everywhere(self) -> list[Array]:
+        """Places of all nodes of the sides at the last coordinates."""
+        if self._near_sides is not None:
+            self.follow_nodes(None)
+        return self.places_now()
 
     def _others_close(self, gap: Array, here: Array) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.
@@ -309,7 +334,7 @@ class PatchGaps(Gaps):
 
     def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
         """Projections of some of the pairs, and their gaps, (p,) [m]."""
-        found, gone = self._pairs.follow(points, index, x_s, x_m)
+        found, gone = self._pairs.follow(points, index, x_s, x_m, lambda: self.places(self._q)[1])
         return found, np.where(gone, self.size, found.gap) if gone.any() else found.gap
 
     def _meet_followed(self, found: Projection) -> None:

@@ -50,6 +50,11 @@ class Side:
         return self.kinematics.body.n_dofs
 
     @property
+    def n_followed(self) -> int:
+        """Number of nodes of the patch that are followed."""
+        return len(self.surface.points if self.active is None else self.active)
+
+    @property
     def normal_only(self) -> bool:
         """Whether the flexibility is that of nodes along the line of contact, for normals of any direction."""
         return len(np.asarray(self.flexibility)) == len(self.surface.points)
@@ -74,9 +79,11 @@ class Side:
         Nodes keep their numbers. The time of its methods depends on the number of nodes that it follows.
         """
         own = self.surface.facets[facets]
-        active = np.union1d(own, nodes)
-        near = self.kinematics.at(self.kinematics.nodes[active])
-        return replace(self, surface=replace(self.surface, facets=own), active=active, near=near)
+        return replace(self, surface=replace(self.surface, facets=own)).following(np.union1d(own, nodes))
+
+    def following(self, nodes: Array) -> Side:
+        """Return the side that follows some nodes of its patch, (k,) int array; its facets stay the same."""
+        return replace(self, active=nodes, near=self.kinematics.some(nodes))
 
     def place(self, q: Array) -> Array:
         """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed."""

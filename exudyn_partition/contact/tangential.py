@@ -82,7 +82,7 @@ class TangentialRows:
         gaps = self.gaps
         self._from, self._pose = gaps.coordinates, gaps.evaluated_pose
         self._places = gaps.places_now() if soon and gaps.moving else None
-        self._places_of = gaps.sides
+        self._places_of = gaps.near_sides
 
     def hold_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
@@ -136,8 +136,8 @@ class TangentialRows:
         if not gaps.moving:
             moved = np.concatenate(gaps.coordinates) - np.concatenate(self._from)
             return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
-        if self._places is None or self._places_of is not gaps.sides:  # others follow other nodes
-            self._places, self._places_of = gaps.places(np.concatenate(self._from)), gaps.sides
+        if self._places is None or self._places_of is not gaps.near_sides:  # others follow other nodes
+            self._places, self._places_of = gaps.places(np.concatenate(self._from)), gaps.near_sides
         now = gaps.places_now()
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]
@@ -188,7 +188,7 @@ class TangentialRows:
 
     def _rows_on_coordinates(self, index: Array) -> Rows:
         gaps, parts = self.gaps, []
-        for place, (side, q) in enumerate(zip(gaps.sides, gaps.coordinates, strict=True)):
+        for place, (side, q) in enumerate(zip(gaps.near_sides, gaps.coordinates, strict=True)):
             used, weights = self._node_weights(place, index)
             G = sp.csr_matrix(_directed(weights, self.tangents[index]))
             columns = node_dofs(used)[G.indices]
@@ -305,7 +305,7 @@ class TangentialRows:
         x, x_m = self.gaps.places_now()
         apart = at_points(nodes[active], weights[active], x)
         apart += at_points(master_nodes[active], master_weights[active], x_m)
-        followed = self.gaps.sides[1].active
+        followed = self.gaps.near_sides[1].active
         held = np.arange(len(x_m)) if followed is None else followed
         arms = x_m[held] - x_m[held].mean(axis=0)
         inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
@@ -319,7 +319,7 @@ class TangentialRows:
         gaps = self.gaps
         if not gaps.moving:
             return np.asarray(self._all_rows().T @ lam.ravel())
-        parts = zip(gaps.sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
+        parts = zip(gaps.near_sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
 

@@ -44,7 +44,7 @@ class WanderingGaps(PatchGaps):
 
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""
-        self.sides, self._parted_at, self._placed_at = self._paired, None, None
+        self.sides, self._parted_at = self._paired, None
         super().reset()
 
     def at(self, q: Array) -> Array:
@@ -69,7 +69,8 @@ class WanderingGaps(PatchGaps):
             self._near_points = near.points(self._all)
         both = zip(self._paired, (near.slave_facets, near.master_facets), self._witnesses, strict=True)
         self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
-        self._placed_at = self._searched_at = None
+        self.follow_nodes(None)
+        self._searched_at = None
         self._parted_at = self._placed(*self.places_now())
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
 

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
+from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from .inertia_forces import Inertia
@@ -87,6 +88,12 @@ class FloatingKinematics:
         """See `Kinematics.at`."""
         result = copy.copy(self)
         result._of(nodes)
+        return result
+
+    def some(self, index: Array) -> FloatingKinematics:
+        """See `Kinematics.some`."""
+        result = copy.copy(self)
+        result.nodes, result.arms, result.rows = self.nodes[index], self.arms[index], self.rows[node_dofs(index)]
         return result
 
     def frame(self, q: Array) -> tuple[Array, Array]:

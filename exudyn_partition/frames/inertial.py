@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import scipy.sparse as sp
 
+from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from .kinematics import NO_NODES
@@ -36,6 +39,13 @@ class InertialKinematics:
     def at(self, nodes: Array) -> InertialKinematics:
         """See `Kinematics.at`."""
         return InertialKinematics(self.body, self.position, nodes)
+
+    def some(self, index: Array) -> InertialKinematics:
+        """See `Kinematics.some`."""
+        result = copy.copy(self)
+        result.nodes, result.arms, result._start = self.nodes[index], self.arms[index], self._start[index]
+        result.rows = self.rows[node_dofs(index)]
+        return result
 
     def frame(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics.frame`; the origin is the centre of mass at the start."""

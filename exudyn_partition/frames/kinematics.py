@@ -62,6 +62,9 @@ class Kinematics(Protocol):
     def at(self, nodes: Array) -> Kinematics:
         """Kinematics of other nodes, (k,) int array."""
 
+    def some(self, index: Array) -> Kinematics:
+        """Kinematics of some of its nodes, (k,) int array of their places in `nodes`."""
+
     @property
     def from_basis(self) -> sp.csr_matrix:
         """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import reduce
 from types import ModuleType
 
@@ -47,7 +48,14 @@ class MovingPairs:
         """Forget the last motion of the points."""
         self._last[:] = 0.0
 
-    def follow(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
+    def follow(
+        self,
+        points: ContactPoints,
+        index: Array,
+        x_s: Array,
+        x_m: Array,
+        everywhere: Callable[[], Array] | None = None,
+    ) -> tuple[Projection, Array]:
         """Project some points again, and tell which points are past the edge.
 
         Parameters
@@ -59,19 +67,25 @@ class MovingPairs:
         x_s : (ns, 3) array
             Places of the slave's nodes [m].
         x_m : (np, 3) array
-            Places of the master's nodes [m].
+            Places of the master's nodes [m]; NaN where they are not followed.
+        everywhere : callable, optional
+            Places of all nodes of the master, for points that must be searched. Default: x_m.
 
         Returns
         -------
         Projection, (k,) bool array
         """
         if loops := kernels("surfaces"):
-            pairs = self._follow_compiled(loops, points, index, x_s, x_m)
+            pairs, lost = self._follow_compiled(loops, points, index, x_s, x_m)
         else:
-            pairs = self._follow(index, points.at(x_s), x_m)
+            pairs, lost = self._follow(index, points.at(x_s), x_m)
+        if len(lost):
+            x = at_points(points.nodes[lost], points.weights[lost], x_s)
+            self._search(index, pairs, lost, x, x_m if everywhere is None else everywhere())
         return pairs, self._gone.take(index)
 
-    def _follow(self, index: Array, x: Array, x_m: Array) -> Projection:
+    def _follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
+        """Follow points, x (k, 3), over edges; the second result are those that must be searched."""
         facet, last = self.facet.take(index), self._last.take(index, axis=0)
         local = self.local.take(index, axis=0) + last
         left = self._on_patch(index, _outside(local, self.facets.shape[1]))
@@ -79,34 +93,27 @@ class MovingPairs:
             facet[left], local[left], last[left] = self._cross(facet[left], local[left], last[left])
         pairs = follow(x, x_m.take(self.facets.take(facet, axis=0), axis=0), facet, local)
         last += pairs.local - local
-        left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], _FOLLOWED))
+        lost = left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], _FOLLOWED))
         if len(left):
             last[left] = 0.0
             lost = self._cross_again(pairs, left, x[left], x_m)
-            self._search(index, pairs, lost, x[lost], x_m)
         self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
-        return pairs
+        return pairs, lost
 
     def _follow_compiled(
         self, loops: ModuleType, points: ContactPoints, index: Array, x_s: Array, x_m: Array
-    ) -> Projection:
-        """Do the same as `_follow`, compiled; only points that are on no neighbour are searched here."""
+    ) -> tuple[Projection, Array]:
+        """Do the same as `_follow`, compiled."""
         own = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
         state = self.facet, self.local, self._last, self._past
         found = loops.follow(points.nodes, points.weights, x_s, index, x_m, *own, *state, _FOLLOWED, _STEPS)
-        (facet, local, weights, normal, gap, lost), offset = found, np.zeros(len(index))
-        pairs = Projection(facet, local, weights, normal, gap, offset)
-        if len(lost):
-            x = at_points(points.nodes[lost], points.weights[lost], x_s)
-            self._search(index, pairs, lost, x, x_m)
-            self.facet[index[lost]], self.local[index[lost]] = pairs.facet[lost], pairs.local[lost]
-        return pairs
+        facet, local, weights, normal, gap, lost = found
+        return Projection(facet, local, weights, normal, gap, np.zeros(len(index))), lost
 
     def _search(self, index: Array, pairs: Projection, lost: Array, x: Array, x_m: Array) -> None:
         """Project the points `lost`, x (k, 3), on all facets; find out which of them are past the edge."""
-        if not len(lost):
-            return
         pairs.put(lost, closest_points(x, x_m[self.facets]))
+        self.facet[index[lost]], self.local[index[lost]] = pairs.facet[lost], pairs.local[lost]
         offset = np.where(self._at_rim(pairs.facet[lost], pairs.local[lost]), pairs.offset[lost], 0.0)
         self._past[index[lost]] = offset > _ON_EDGE * self.size
         self._gone[index[lost]] = offset > EDGE_TOLERANCE * self.size
