@@ -10,16 +10,16 @@ Theory: examples/site/theory.md, "Rows of gaps".
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
-from ..algebra.products import congruence, largest_change
-from ..fe.model import node_dofs
+from ..algebra.products import largest_change
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
@@ -27,7 +27,7 @@ from ..support.arrays import Array, consecutive
 from ..surfaces.points import ContactPoints, at_points, on_nodes
 from ..surfaces.rows import directed_matrix, point_matrix
 from .pairings import LinearGaps
-from .side import Side
+from .side import LoadedNodes, Side
 
 if TYPE_CHECKING:
     from typing import Self
@@ -125,6 +125,7 @@ class Gaps:
     _flexible_at: Standing | None = None
     _flexible_index: Array  # some present rows, and the flexibility between them
     _flexible_some: Array
+    _loaded: Mapping[int, LoadedNodes] = MappingProxyType({})
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
     _q: Array
     _places: list[Array]
@@ -358,23 +359,21 @@ class Gaps:
         raise NotImplementedError
 
     def _all_flexibility(self) -> Array:
-        row, point, share = self.points.triplets
         n_rows = len(self.row_nodes)
         F = np.zeros((n_rows, n_rows))
-        for (nodes, weights), side, q in zip(self.shares, self.sides, self.split(self._q), strict=True):
-            if side.flexibility is None:
-                continue
-            nodes, weights = nodes[point], share[:, None] * weights[point]
-            present = np.bincount(nodes.ravel(), minlength=len(side.surface.points)) > 0
-            used, column = np.flatnonzero(present), (np.cumsum(present) - 1)[nodes]
-            if not side.normal_only:
-                along = side.kinematics.in_frame(q, self.normals[point])
-                used, column = node_dofs(used), (3 * column[:, :, None] + np.arange(3)).reshape(len(row), -1)
-                weights = (weights[:, :, None] * along[:, None, :]).reshape(len(row), -1)
-            cells = (column + len(used) * row[:, None]).ravel()
-            rows = np.bincount(cells, weights.ravel(), minlength=n_rows * len(used)).reshape(n_rows, len(used))
-            F += congruence(rows, np.asarray(side.flexibility)[np.ix_(used, used)])
+        for place, (side, q) in enumerate(zip(self.sides, self.split(self._q), strict=True)):
+            if side.flexibility is not None:
+                F += self._part_of(place).flexibility(q, self.points, self.shares[place], self.normals)
         return F
+
+    def _part_of(self, place: int) -> LoadedNodes:
+        """One side's nodes that carry rows; those of the last time if they are the same."""
+        side, nodes = self.sides[place], self.shares[place][0]
+        known = self._loaded.get(place)
+        if known is None or not known.are_of(side, nodes):
+            known = LoadedNodes.of(side, nodes)
+            self._loaded = {**self._loaded, place: known}  # runs do not share it
+        return known
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""

@@ -62,6 +62,23 @@ def others_close(gap: Array, start: Array, rigidly: Array, pose: Array, here: Ar
 
 
 @compiled
+def rows_along(
+    starts: Array, columns: Array, shares: Array, nodes: Array, weights: Array, along: Array, n: int
+) -> Array:  # fmt: skip
+    """Rows on d values of each of n nodes, (nr, d n): means of points, along a vector of each point, (p, d)."""
+    d = along.shape[1]
+    result = np.zeros((len(starts) - 1, d * n))
+    for row in range(len(starts) - 1):
+        for k in range(starts[row], starts[row + 1]):
+            point = columns[k]
+            for j in range(nodes.shape[1]):
+                node, weight = nodes[point, j], shares[k] * weights[point, j]
+                for axis in range(d):
+                    result[row, d * node + axis] += weight * along[point, axis]
+    return result
+
+
+@compiled
 def directed_rows(
     starts: Array, columns: Array, shares: Array, index: Array, nodes: Array, weights: Array,
     normals: Array, tangents: Array, n: int,

@@ -8,11 +8,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
+from ..algebra.products import congruence
 from ..fe.model import node_dofs
 from ..frames.kinematics import Kinematics, Rows
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..support.compiled import kernels
+from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
 from .plasticity.zone_run import ZoneMotion
 
@@ -126,3 +129,64 @@ class Side:
         q = self.kinematics.moved(np.zeros(self.n), way)
         q[:3] += point + distance * normal - self.kinematics.place(q).mean(axis=0)
         return q
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedNodes:
+    """Nodes of a side's patch that carry the present rows, with the flexibility between them.
+
+    Parameters
+    ----------
+    side : Side
+    column : (np,) int array
+        The number of each node of the patch among these nodes; -1 for others.
+    n : int
+        How many they are.
+    F : (d n, d n) array
+        Their part of `side.flexibility` [m/N].
+    """
+
+    side: Side
+    column: Array
+    n: int
+    F: Array
+
+    @classmethod
+    def of(cls, side: Side, nodes: Array) -> LoadedNodes:
+        """Those of points that some nodes carry, (p, k) int array."""
+        column = np.full(len(side.surface.points), -1)
+        column[nodes] = 0
+        used = np.flatnonzero(column == 0)
+        column[used] = np.arange(len(used))
+        dofs = used if side.normal_only else node_dofs(used)
+        return cls(side, column, len(used), np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
+
+    def are_of(self, side: Side, nodes: Array) -> bool:
+        """Whether they are nodes of this side, and those that carry some points, (p, k), are among them."""
+        return side is self.side and bool(self.column[nodes].min(initial=0) >= 0)
+
+    def flexibility(self, q: Array, points: ContactPoints, shares: tuple[Array, Array], normals: Array) -> Array:
+        """Part of this side in the flexibility of rows, (nr, nr) [m/N], at its coordinates q, (n_dofs,).
+
+        Parameters
+        ----------
+        q : (n_dofs,) array
+        points : ContactPoints
+            Of the rows.
+        shares : (p, k) int array, (p, k) array
+            Nodes of the points, and their signed weights in the gap.
+        normals : (p, 3) array
+        """
+        nodes, weights = self.column[shares[0]], shares[1]
+        along = np.ones((len(normals), 1)) if self.side.normal_only else self.side.kinematics.in_frame(q, normals)
+        if loops := kernels("contact"):
+            mean = points.mean
+            rows = loops.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, along, self.n)
+        else:
+            row, point, share = points.triplets
+            columns = along.shape[1] * nodes[point][:, :, None] + np.arange(along.shape[1])
+            cells = columns + len(self.F) * row[:, None, None]
+            values = (share[:, None] * weights[point])[:, :, None] * along[point][:, None, :]
+            size = len(points.area) * len(self.F)
+            rows = np.bincount(cells.ravel(), values.ravel(), minlength=size).reshape(-1, len(self.F))
+        return congruence(rows, self.F)
