@@ -87,12 +87,6 @@ _COEFFICIENTS = {n: np.array(p, dtype=float) for n, p in _POLYNOMIALS.items()} |
 TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _COEFFICIENTS.items()}
 _BENDS = np.stack([_derivative(_derivative(_COEFFICIENTS[10].T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))], axis=2)
 
-# Coefficients of the second derivatives by rr, rs and ss of all shape functions, (6 or 10, 3n).
-BEND_TABLES = {
-    n: np.ascontiguousarray(np.hstack([_derivative(_derivative(p.T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))]))
-    for n, p in _COEFFICIENTS.items()
-}
-
 # Second derivatives by rr, rs and ss, the same everywhere in a facet that is not cubic, (n, 3).
 _SECOND_DERIVATIVES = {n: p[:, 3:] * [2, 1, 2] for n, p in _COEFFICIENTS.items() if n != 10}
 

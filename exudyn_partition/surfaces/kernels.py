@@ -10,18 +10,6 @@ from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
 
 
-@compiled
-def shapes(r: float, s: float, table: Array, out: Array) -> None:
-    """Shape functions and their derivatives by r and s, out (3n,), from the table of their coefficients."""
-    rr, rs, ss = r * r, r * s, s * s
-    for j in range(len(out)):
-        out[j] = table[0, j] + r * table[1, j] + s * table[2, j]
-        out[j] += rr * table[3, j] + rs * table[4, j] + ss * table[5, j]
-    if len(table) == 10:
-        for j in range(len(out)):
-            out[j] += r * rr * table[6, j] + r * rs * table[7, j] + r * ss * table[8, j] + s * ss * table[9, j]
-
-
 @inlined
 def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
     """Least distance from the edges of a facet, in its coordinates, and the number of that edge; positive inside."""
@@ -308,7 +296,7 @@ def at_points(nodes: Array, weights: Array, values: Array) -> Array:
     return result
 
 
-@compiled
+@inlined
 def clipped(
     r: float, s: float, dr: float, ds: float, rr: float, rs: float, ss: float, domain: Array
 ) -> tuple[float, float]:
@@ -334,51 +322,48 @@ def clipped(
 Vector = tuple[float, float, float]
 
 
-@compiled
+@inlined
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled
-def place_on(facets: Array, f: int, shape: Array, point: Vector) -> tuple[Vector, Vector, Vector]:
-    """Tangents on a facet, and the vector from the place there to the point."""
-    n = facets.shape[1]
-    mx, my, mz, ax, ay, az, bx, by, bz = point[0], point[1], point[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(n):
-        px, py, pz = facets[f, j, 0], facets[f, j, 1], facets[f, j, 2]
-        value, by_r, by_s = shape[j], shape[n + j], shape[2 * n + j]
-        mx -= value * px
-        my -= value * py
-        mz -= value * pz
-        ax += by_r * px
-        ay += by_r * py
-        az += by_r * pz
-        bx += by_s * px
-        by += by_s * py
-        bz += by_s * pz
-    return (ax, ay, az), (bx, by, bz), (mx, my, mz)
+@inlined
+def place_on(c: Array, f: int, r: float, s: float, point: Vector, cubic: bool) -> tuple[Vector, Vector, Vector]:
+    """Tangents on a facet, and the vector from the place there to the point; see `coordinate_at`."""
+    px, ax, bx = coordinate_at(c, f, r, s, 0, cubic)
+    py, ay, by = coordinate_at(c, f, r, s, 1, cubic)
+    pz, az, bz = coordinate_at(c, f, r, s, 2, cubic)
+    return (ax, ay, az), (bx, by, bz), (point[0] - px, point[1] - py, point[2] - pz)
 
 
-@compiled
+@inlined
+def bends_on(c: Array, f: int, r: float, s: float, miss: Vector, cubic: bool) -> tuple[float, float, float]:
+    """Second derivatives rr, rs and ss of a place on a facet, times a vector."""
+    rr = rs = ss = 0.0
+    for axis in range(3):
+        by_rr, by_rs, by_ss = 2 * c[f, 3, axis], c[f, 4, axis], 2 * c[f, 5, axis]
+        if cubic:
+            by_rr += 6 * r * c[f, 6, axis] + 2 * s * c[f, 7, axis]
+            by_rs += 2 * r * c[f, 7, axis] + 2 * s * c[f, 8, axis]
+            by_ss += 2 * r * c[f, 8, axis] + 6 * s * c[f, 9, axis]
+        rr += miss[axis] * by_rr
+        rs += miss[axis] * by_rs
+        ss += miss[axis] * by_ss
+    return rr, rs, ss
+
+
+@inlined
 def closest_on(
-    facets: Array, f: int, point: Vector, domain: Array, table: Array, bend_table: Array,
-    steps: int, converged: float, convex: float, shape: Array, bends: Array,
-) -> tuple[float, float]:  # fmt: skip
+    c: Array, f: int, point: Vector, domain: Array, steps: int, converged: float, convex: float, cubic: bool
+) -> tuple[float, float]:
     """Coordinates of the closest point of a facet, see `surface.closest_points`."""
-    n = facets.shape[1]
     r, s = float(np.mean(domain[:, 0])), float(np.mean(domain[:, 1]))
     for _ in range(steps):
-        shapes(r, s, table, shape)
-        a, b, miss = place_on(facets, f, shape, point)
+        a, b, miss = place_on(c, f, r, s, point, cubic)
         aa, ab, bb, am, bm = dot(a, a), dot(a, b), dot(b, b), dot(a, miss), dot(b, miss)
-        rr, rs, ss = aa, ab, bb
-        shapes(r, s, bend_table, bends)
-        for j in range(n):
-            arm = dot((facets[f, j, 0], facets[f, j, 1], facets[f, j, 2]), miss)
-            rr -= bends[j] * arm
-            rs -= bends[n + j] * arm
-            ss -= bends[2 * n + j] * arm
+        bend_rr, bend_rs, bend_ss = bends_on(c, f, r, s, miss, cubic)
+        rr, rs, ss = aa - bend_rr, ab - bend_rs, bb - bend_ss
         squared, det = aa * bb - ab * ab, rr * ss - rs * rs
         if not (det > convex * squared and rr > convex * aa):
             rr, rs, ss, det = aa, ab, bb, squared
@@ -393,31 +378,35 @@ def closest_on(
 
 @compiled
 def closest(
-    points: Array, facets: Array, nearest: Array, domain: Array, table: Array, bend_table: Array,
+    points: Array, facets: Array, nearest: Array, domain: Array, table: Array,
     steps: int, converged: float, convex: float, same: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
-    """Closest points on the nearest facets, (k, c), of each point: what `surface.Projection` holds."""
-    k, n = len(points), facets.shape[1]
+    """Closest points on the nearest facets, (k, c), of each point: what `surface.Projection` holds.
+
+    `facets`, (nf, n, 3), are the places of their nodes.
+    """
+    k, (nf, n, _), cubic = len(points), facets.shape, len(table) == 10
     facet, local, weights = np.zeros(k, np.int64), np.zeros((k, 2)), np.zeros((k, n))
     normal, gap, offset = np.zeros((k, 3)), np.zeros(k), np.zeros(k)
-    shape, bends = np.empty(3 * n), np.empty(3 * n)
     places, distances = np.empty((nearest.shape[1], 2)), np.empty(nearest.shape[1])
+    made, c = np.zeros(nf, np.bool_), np.empty((nf, len(table), 3))
+    nodes, flat = np.arange(nf * n).reshape(nf, n), facets.reshape(nf * n, 3)
     for i in range(k):
         point = points[i, 0], points[i, 1], points[i, 2]
-        for c, f in enumerate(nearest[i]):
-            r, s = closest_on(facets, f, point, domain, table, bend_table, steps, converged, convex, shape, bends)
-            shapes(r, s, table, shape)
-            miss = place_on(facets, f, shape, point)[2]
-            places[c, 0], places[c, 1], distances[c] = r, s, dot(miss, miss)
+        for j in range(nearest.shape[1]):
+            f = nearest[i, j]
+            if not made[f]:
+                made[f] = True
+                polynomial_of(nodes, f, flat, table, c)
+            r, s = closest_on(c, f, point, domain, steps, converged, convex, cubic)
+            miss = place_on(c, f, r, s, point, cubic)[2]
+            places[j, 0], places[j, 1], distances[j] = r, s, dot(miss, miss)
         best, least = 0, distances.min() * (1 + same)
         while distances[best] > least:
             best += 1
         f, r, s = nearest[i, best], places[best, 0], places[best, 1]
-        shapes(r, s, table, shape)
-        a, b, miss = place_on(facets, f, shape, point)
+        a, b, miss = place_on(c, f, r, s, point, cubic)
         facet[i], local[i, 0], local[i, 1] = f, r, s
-        for j in range(n):
-            weights[i, j] = shape[j]
         x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
         length = math.sqrt(x * x + y * y + z * z)
         x, y, z = x / length, y / length, z / length
@@ -425,4 +414,5 @@ def closest(
         gap[i] = away = dot(miss, (x, y, z))
         aside = (miss[0] - away * x, miss[1] - away * y, miss[2] - away * z)
         offset[i] = math.sqrt(dot(aside, aside))
+    weigh(local, np.zeros_like(local), table, weights)
     return facet, local, weights, normal, gap, offset

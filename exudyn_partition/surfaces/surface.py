@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.patches import Patch
-from ..fe.shapes import BEND_TABLES, TABLES, corners_of, curvature, shape_functions
+from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array
 from ..support.compiled import kernels
 
@@ -192,7 +192,7 @@ def closest_points(points: Array, facets: Array) -> Projection:
     _, nearest = cKDTree(facet_corners(facets).mean(axis=1)).query(points, k=candidates)
     nearest = np.asarray(nearest).reshape(-1)
     if loops := kernels("surfaces"):
-        own = facets, nearest.reshape(k, candidates), corners_of(facets), TABLES[n_nodes], BEND_TABLES[n_nodes]
+        own = facets, nearest.reshape(k, candidates), corners_of(facets), TABLES[n_nodes]
         return Projection(*loops.closest(points, *own, _NEWTON_STEPS, _CONVERGED, _CONVEX, _SAME))
     targets = np.repeat(points, candidates, axis=0)
     nodes = facets[nearest]
