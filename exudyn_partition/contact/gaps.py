@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING, _NO_INDEX = np.empty(0), np.empty(0, dtype=np.int64)
-_MANY = 50_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
+MANY = 50_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
@@ -221,7 +221,7 @@ class Gaps:
         self._near_sides = self._placed_at = None
         if nodes is not None:
             self._near_sides = tuple(
-                side.following(some) if 3 * (side.n_followed - len(some)) * side.n > _MANY else side
+                side.following(some) if 3 * (side.n_followed - len(some)) * side.n > MANY else side
                 for side, some in zip(self.sides, nodes, strict=True)
             )
 

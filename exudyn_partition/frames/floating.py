@@ -18,7 +18,9 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
+from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .inertia_forces import Inertia
 from .inertial import InertialKinematics, node_fields
 from .kinematics import NO_NODES
@@ -150,6 +152,9 @@ class FloatingKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
+        if q.ndim == 1 and isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
+            found: Array = loops.places(q, self.origin, self.rotation, self.node_axes, self.arms, self.rows)
+            return found
         r, A = self.frame(q)
         place: Array = r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
         return place
@@ -175,6 +180,9 @@ class FloatingKinematics:
 
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`; the torque is in the node's axes."""
+        if isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
+            found: Array = loops.generalised(q, self.rotation, self.node_axes, self.arms, self.rows, forces)
+            return found
         local, arms, rows = forces @ self.frame(q)[1], self.arms, self.rows
         if isinstance(rows, np.ndarray) and rows.size > LARGE:
             loaded = np.flatnonzero(forces.any(axis=1))
@@ -201,6 +209,10 @@ class FloatingKinematics:
 
         `InertiaForces` does the same for inertia and elastic forces.
         """
+        if isinstance(self.inertia, InertiaIntegrals) and (loops := kernels("frames")):
+            integrals = self.inertia.inertia, self.inertia.cross, self.inertia.tensor
+            found: Array = loops.on_constant_mass(*integrals, q[6:], force)
+            return found
         q_tt = self.accelerations(q, force)
         return np.concatenate([force[:3], self.inertia.tensor @ q_tt[3:6], q_tt[6:]])
 

@@ -1,11 +1,114 @@
-"""Compiled inertia forces of a floating frame; `inertia_forces` does the same by NumPy."""
+"""Compiled motion and inertia forces of a floating frame; `floating` and `inertia_forces` do the same by NumPy."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled
+from ..support.compiled import compiled, inlined
+
+
+@inlined
+def _axes(q: Array, rotation: Array, node_axes: Array) -> Array:
+    """Axes of the body in space, (3, 3), see `FloatingKinematics.frame`."""
+    x, y, z = rotation[0] + q[3], rotation[1] + q[4], rotation[2] + q[5]
+    angle = math.sqrt(x * x + y * y + z * z)
+    a, b = 1.0, 0.5
+    if angle > 0.0:
+        half = math.sin(angle / 2) / angle
+        a, b = math.sin(angle) / angle, 2 * half * half
+    turn, axes = np.empty((3, 3)), np.zeros((3, 3))
+    turn[0, 0], turn[1, 1], turn[2, 2] = 1 - b * (y * y + z * z), 1 - b * (x * x + z * z), 1 - b * (x * x + y * y)
+    turn[0, 1], turn[1, 0] = b * x * y - a * z, b * x * y + a * z
+    turn[0, 2], turn[2, 0] = b * x * z + a * y, b * x * z - a * y
+    turn[1, 2], turn[2, 1] = b * y * z - a * x, b * y * z + a * x
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                axes[i, j] += turn[i, k] * node_axes[j, k]
+    return axes
+
+
+@inlined
+def _moved(arms: Array, rows: Array, q: Array, node: int, axis: int) -> float:
+    """A component of a node's arm in the deformed body."""
+    place: float = arms[node, axis]
+    for k in range(rows.shape[1]):
+        place += rows[3 * node + axis, k] * q[6 + k]
+    return place
+
+
+@compiled
+def places(q: Array, origin: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
+    """Places of nodes, (k, 3) [m], see `FloatingKinematics.place`."""
+    axes, result = _axes(q, rotation, node_axes), np.empty((len(arms), 3))
+    for node in range(len(arms)):
+        x, y, z = _moved(arms, rows, q, node, 0), _moved(arms, rows, q, node, 1), _moved(arms, rows, q, node, 2)
+        for i in range(3):
+            result[node, i] = origin[i] + q[i] + axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+    return result
+
+
+@compiled
+def generalised(q: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array, forces: Array) -> Array:
+    """Generalised forces, (n,), of forces on nodes, (k, 3), see `FloatingKinematics.generalised`."""
+    axes, n = _axes(q, rotation, node_axes), rows.shape[1]
+    result, tx, ty, tz = np.zeros(6 + n), 0.0, 0.0, 0.0
+    for node in range(len(arms)):
+        f, g, h = forces[node, 0], forces[node, 1], forces[node, 2]
+        if f == 0.0 and g == 0.0 and h == 0.0:
+            continue
+        result[0] += f
+        result[1] += g
+        result[2] += h
+        u = axes[0, 0] * f + axes[1, 0] * g + axes[2, 0] * h
+        v = axes[0, 1] * f + axes[1, 1] * g + axes[2, 1] * h
+        w = axes[0, 2] * f + axes[1, 2] * g + axes[2, 2] * h
+        x, y, z = _moved(arms, rows, q, node, 0), _moved(arms, rows, q, node, 1), _moved(arms, rows, q, node, 2)
+        tx += y * w - z * v
+        ty += z * u - x * w
+        tz += x * v - y * u
+        for k in range(n):
+            result[6 + k] += u * rows[3 * node, k] + v * rows[3 * node + 1, k] + w * rows[3 * node + 2, k]
+    for i in range(3):
+        result[3 + i] = tx * node_axes[0, i] + ty * node_axes[1, i] + tz * node_axes[2, i]
+    return result
+
+
+@compiled
+def on_constant_mass(integrals: Array, cross: Array, tensor: Array, z: Array, force: Array) -> Array:
+    """See `FloatingKinematics.on_constant_mass`; `integrals` and `cross` as in `inertia_force`."""
+    n, J, C = len(z), np.empty(6), np.zeros((3, len(z)))
+    for c in range(6):
+        J[c] = integrals[c, 0, 0]
+        for i in range(n):
+            entry = integrals[c, i + 1, 0] + integrals[c, 0, i + 1]
+            for k in range(n):
+                entry += integrals[c, i + 1, k + 1] * z[k]
+            J[c] += entry * z[i]
+    A, torque = np.empty((3, 3)), np.empty(3)
+    A[0, 0], A[1, 1], A[2, 2] = J[0], J[1], J[2]
+    A[1, 2], A[0, 2], A[0, 1] = J[3], J[4], J[5]
+    for a in range(3):
+        for i in range(n):
+            for k in range(n):
+                C[a, i] -= cross[a, i, k] * z[k]
+    for a in range(3):
+        torque[a] = force[3 + a]
+        for i in range(n):
+            torque[a] -= C[a, i] * force[6 + i]
+            for b in range(a, 3):
+                A[a, b] -= C[a, i] * C[b, i]
+    omega_t, result = _solved(A, torque), force.copy()
+    for a in range(3):
+        result[3 + a] = 0.0
+        for b in range(3):
+            result[3 + a] += tensor[a, b] * omega_t[b]
+        for i in range(n):
+            result[6 + i] -= C[a, i] * omega_t[a]
+    return result
 
 
 @compiled

@@ -1,10 +1,13 @@
 """Contact with compiled loops against the same contact in NumPy: forces to rounding."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
-from oracles import each_way, floating, inertial, moved, relative
+from oracles import each_way, floating, inertial, moved, relative, without_numba
 
 from exudyn_partition.algebra.coulomb import Coulomb
+from exudyn_partition.contact import gaps
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -33,6 +36,22 @@ def test_forces_are_the_same(round_body, flat_body, kind, frame):
     compiled, plain = each_way(forces)
     assert relative(compiled, plain) < 1e-9
     assert 0 < np.count_nonzero(plain.any(axis=1)) < len(plain)
+
+
+@pytest.mark.parametrize("frame", [inertial, floating])
+@pytest.mark.parametrize("compiled", [True, False])
+def test_following_only_the_nodes_that_rows_need_changes_no_force(round_body, flat_body, frame, compiled, monkeypatch):
+    sides, found = (frame(round_body), inertial(flat_body)), []
+    for many in (0, 10**9):
+        monkeypatch.setattr(gaps, "MANY", many)
+        with nullcontext() if compiled else without_numba():
+            law = FrictionalCompliance(PatchGaps(*sides), Coulomb(0.3))
+            forces = [law.respond(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
+            followed = [side.n_followed for side in law.gaps.near_sides]
+        assert (followed < [side.n_followed for side in law.gaps.sides]) is (many == 0)
+        found.append(np.array(forces))
+    assert relative(*found) < 1e-9
+    assert found[0].any()
 
 
 def test_forces_with_friction_are_the_same(round_body, flat_body):

@@ -123,3 +123,23 @@ def test_compiled_forces_are_those_of_numpy(plank):
     assert not np.array_equal(compiled, plain)  # sums in another order: both ways ran
     for one, other in zip(*each_way(lambda: forces.derivatives(omega, z, z_t)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12 * abs(other).max())
+
+
+def test_compiled_motion_is_that_of_numpy(plank):
+    fem, part = plank
+    kinematics = in_frame(ep.reduce(fem, part, f_cut=20e3))
+    rng = np.random.default_rng(1)
+    q = np.r_[0.1, 0.2, 0.3, 0.4, -2.0, 0.7, state(kinematics.body)[1]]
+    forces, outer = rng.normal(size=kinematics.arms.shape), rng.normal(size=len(q))
+    forces[::2] = 0.0
+
+    def motion():
+        return (
+            kinematics.place(q),
+            kinematics.place(np.zeros(len(q))),
+            kinematics.generalised(q, forces),
+            kinematics.on_constant_mass(q, outer),
+        )
+
+    for compiled, plain in zip(*each_way(motion), strict=True):
+        np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12 * abs(plain).max())
