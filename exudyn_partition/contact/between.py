@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from ..algebra.block_complementarity import shared_fields
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
-from .gaps import Standing
+from .side import Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
 

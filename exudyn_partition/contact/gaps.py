@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -19,51 +18,23 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
-from ..algebra.products import largest_change
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
+from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints, at_points, on_nodes
 from ..surfaces.rows import directed_matrix, point_matrix
 from .pairings import LinearGaps
-from .side import LoadedNodes, Side
+from .side import LoadedNodes, Side, Standing
 
 if TYPE_CHECKING:
     from typing import Self
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
-_NOTHING, _NO_INDEX = np.empty(0), np.empty(0, dtype=np.int64)
+_NOTHING = np.empty(0)
 MANY = 50_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
-
-
-@dataclass(frozen=True, eq=False)
-class Standing:
-    """Where the rows of a contact stand. What changes slowly with it is kept while it stays nearly the same.
-
-    Parameters
-    ----------
-    rows : object
-        Another object if other rows are present.
-    sides : object
-        Another object if a side has another flexibility.
-    stance : array
-        Places of the sides to each other, see `Gaps.stance`.
-    axis : int
-        Which axis the tangents follow.
-    """
-
-    rows: object
-    sides: object
-    stance: Array
-    axis: int = 0
-
-    def nearly(self, other: Standing | None, by: float) -> bool:
-        """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
-        if other is None or other.rows is not self.rows or other.sides is not self.sides or other.axis != self.axis:
-            return False
-        return largest_change(self.stance, other.stance) <= by
 
 
 class Gaps:
@@ -123,7 +94,7 @@ class Gaps:
     _all: ContactPoints  # of the slave
     _flexibility: Array  # of all present rows
     _flexible_at: Standing | None = None
-    _flexible_index: Array  # some present rows, and the flexibility between them
+    _flexible_index: Array | None = None  # some present rows, and the flexibility between them
     _flexible_some: Array
     _loaded: Mapping[int, LoadedNodes] = MappingProxyType({})
     shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
@@ -291,6 +262,10 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
+        if loops := kernels("contact"):
+            mean, sides = self.points.mean, zip(self.shares, self.sides, strict=True)
+            rows = mean.indptr, mean.indices, mean.data, lam, self.normals
+            return [loops.rows_on_nodes(*rows, *shares, len(side.surface.points)) for shares, side in sides]
         return self.on_nodes(self.points.spread(lam)[:, None] * self.normals)
 
     def on_nodes(self, forces: Array) -> list[Array]:
@@ -334,8 +309,9 @@ class Gaps:
         standing = self.standing()
         if not standing.nearly(self._flexible_at, SAME):
             self._flexibility, self._flexible_at = self._all_flexibility(), standing
-            self._flexible_index = _NO_INDEX
-        if not len(index) or not np.array_equal(index, self._flexible_index):
+            self._flexible_index = None
+        known = self._flexible_index
+        if index is not known and (known is None or not np.array_equal(index, known)):
             self._flexible_index = index
             self._flexible_some = self._flexibility.take(index, axis=0).take(index, axis=1)
         return self._flexible_some

@@ -41,8 +41,18 @@ def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
 
 
 @compiled
-def others_close(gap: Array, start: Array, rigidly: Array, pose: Array, here: Array, bulge: float, most: float) -> bool:
-    """Whether rows that are not followed may close, see `patch_gaps.PatchGaps._others_close`."""
+def row_gaps(
+    starts: Array, columns: Array, shares: Array, of_points: Array,
+    start: Array, rigidly: Array, pose: Array, here: Array, bulge: float, most: float,
+) -> tuple[Array, bool]:  # fmt: skip
+    """Gaps of the rows, (nr,), means of those of their points, (p,), and whether rows that are not followed may close.
+
+    See `patch_gaps.PatchGaps._others_close`.
+    """
+    gap = np.zeros(len(starts) - 1)
+    for row in range(len(gap)):
+        for k in range(starts[row], starts[row + 1]):
+            gap[row] += shares[k] * of_points[columns[k]]
     axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
     for i in range(3):
         change[i] = here[0, i] - pose[i]
@@ -58,7 +68,40 @@ def others_close(gap: Array, start: Array, rigidly: Array, pose: Array, here: Ar
             off = max(off, abs(gap[row] - rigid))
         else:
             nearest = min(nearest, rigid)
-    return nearest - 2 * off < min(max(least, -bulge * least), most)
+    return gap, nearest - 2 * off < min(max(least, -bulge * least), most)
+
+
+@compiled
+def same_rows(h: Array, limit: float, index: Array) -> bool:
+    """Whether the rows with h below a limit are these, in ascending order."""
+    found = 0
+    for row in range(len(h)):
+        if h[row] < limit:
+            if found == len(index) or index[found] != row:
+                return False
+            found += 1
+    return found == len(index)
+
+
+@compiled
+def rows_on_nodes(
+    starts: Array, columns: Array, shares: Array, lam: Array, normals: Array, nodes: Array, weights: Array, n: int
+) -> Array:
+    """Forces on n nodes, (n, 3), of forces on rows, (nr,), along the normals of their points, (p, 3)."""
+    pushed, result = np.zeros(len(nodes)), np.zeros((n, 3))
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for k in range(starts[row], starts[row + 1]):
+                pushed[columns[k]] += shares[k] * lam[row]
+    for i in range(len(nodes)):
+        if pushed[i] != 0.0:
+            x, y, z = pushed[i] * normals[i, 0], pushed[i] * normals[i, 1], pushed[i] * normals[i, 2]
+            for j in range(nodes.shape[1]):
+                node, weight = nodes[i, j], weights[i, j]
+                result[node, 0] += weight * x
+                result[node, 1] += weight * y
+                result[node, 2] += weight * z
+    return result
 
 
 @compiled

@@ -36,6 +36,7 @@ _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluations are frozen again
 _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
+_NO_GAPS = np.empty(0)
 _NEAR = 1.0  # of a facet's size: larger gaps are not followed between searches, as closest points jump there
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 
@@ -165,17 +166,17 @@ class PatchGaps(Gaps):
                 return value
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
-        x_s, x_m = self.places_now()
-        self._here = here = self._placed(x_s, x_m)
+        places = self.places_now()
+        self._here = here = self._placed(places)
         if self._searched_at is None or largest_change(here, self._searched_at) > self._reach:
             self._search(self._everywhere(), here)
         if self._apart:
             return np.empty(0)
-        gap = self._follow(x_s, x_m) if self._narrowed else None
-        if gap is not None and math.isnan(gap.sum()):  # a point has come to a facet that is not followed
+        gap, enough = self._follow(places, here) if self._narrowed else (_NO_GAPS, False)
+        if math.isnan(gap.sum()):  # a point has come to a facet that is not followed
             self._search(self._everywhere(), here)
-            gap = None
-        if gap is None or self._others_close(gap, here):
+            enough = False
+        if not enough:
             gap = self._narrow(self._everywhere(), here)
         self._since += 1
         if self._since >= _PATIENCE and self._linear:
@@ -195,7 +196,7 @@ class PatchGaps(Gaps):
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
-        return self._follow(*self.places_now())
+        return self._follow(self.places_now(), self._here)[0]
 
     def surface_gap(self, q: Array) -> float:
         """See `Gaps.surface_gap`."""
@@ -212,7 +213,7 @@ class PatchGaps(Gaps):
         x_s, x_m = places = self.places(q)
         gap = np.empty(0)
         if not self._apart:
-            gap = self._narrow(places, self._placed(x_s, x_m), _NEAR * self.size)
+            gap = self._narrow(places, self._placed(places), _NEAR * self.size)
             self._narrowed = False  # forces need fewer rows
         H = self.jacobian(np.arange(len(gap)))
         beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
@@ -231,9 +232,9 @@ class PatchGaps(Gaps):
         between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
         return between if between > 0 else self.project(x_s, x_m)[1]
 
-    def _placed(self, x_s: Array, x_m: Array) -> Array:
+    def _placed(self, places: list[Array]) -> Array:
         """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
-        some, others = self._witnesses
+        (x_s, x_m), (some, others) = places, self._witnesses
         if loops := kernels("contact"):
             here: Array = loops.seen_from(x_s, some, x_m, others)
         else:
@@ -274,9 +275,9 @@ class PatchGaps(Gaps):
 
     def _narrow(self, places: list[Array], here: Array, near: float | None = None) -> Array:
         """Set the present rows to those that may close next, or those with gaps below `near` [m]; return their gaps."""
-        (x_s, x_m), every = places, self._every
+        (_, x_m), every = places, self._every
         self._pairs.rest()
-        found, gap = self._followed(every.points, np.arange(len(every.facet)), x_s, x_m)
+        found, gap = self._followed(every.points, np.arange(len(every.facet)), places)
         row_gap = every.points.average(gap)
         if near is None:
             near = min(_needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
@@ -318,24 +319,27 @@ class PatchGaps(Gaps):
         Their gaps are estimated from rigid motion. Deformation and curvature make an error. For rows that are not
         followed, the error is taken as twice the largest error of the followed rows.
         """
-        most = _NEAR * self.size
-        if loops := kernels("contact"):
-            return bool(loops.others_close(gap, self._from, self._rigidly, self._pose, here, BULGE, most))
         rigid = self._from + self._rigidly @ (_pose(here) - self._pose)
         off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
         nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
-        return bool(nearest < min(_needed(gap), most))
+        return bool(nearest < min(_needed(gap), _NEAR * self.size))
 
-    def _follow(self, x_s: Array, x_m: Array) -> Array:
-        """Gaps of the present rows, (nr,) [m]."""
-        found, gap = self._followed(self.points, self._followed_points, x_s, x_m)
+    def _follow(self, places: list[Array], here: Array) -> tuple[Array, bool]:
+        """Gaps of the present rows, (nr,) [m], and whether these are all that can close."""
+        found, of_points = self._followed(self.points, self._followed_points, places)
         self._meet_followed(found)
-        return self.points.average(gap)
+        if loops := kernels("contact"):
+            mean, change = self.points.mean, (self._from, self._rigidly, self._pose, here)
+            rows = mean.indptr, mean.indices, mean.data, of_points
+            gap, others = loops.row_gaps(*rows, *change, BULGE, _NEAR * self.size)
+            return gap, not others
+        gap = self.points.average(of_points)
+        return gap, not self._others_close(gap, here)
 
-    def _followed(self, points: ContactPoints, index: Array, x_s: Array, x_m: Array) -> tuple[Projection, Array]:
+    def _followed(self, points: ContactPoints, index: Array, places: list[Array]) -> tuple[Projection, Array]:
         """Projections of some of the pairs, and their gaps, (p,) [m]."""
-        found, gone = self._pairs.follow(points, index, x_s, x_m, lambda: self.places(self._q)[1])
-        return found, np.where(gone, self.size, found.gap) if gone.any() else found.gap
+        found, gone = self._pairs.follow(points, index, places[0], places[1], lambda: self.places(self._q)[1])
+        return found, np.where(gone, self.size, found.gap) if self._pairs.any_gone else found.gap
 
     def _meet_followed(self, found: Projection) -> None:
         self._meet(self.sides[1].surface.facets.take(found.facet, axis=0), found.weights, found.normal)

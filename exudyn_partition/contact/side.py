@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..algebra.products import congruence
+from ..algebra.products import congruence, largest_change
 from ..fe.model import node_dofs
 from ..frames.kinematics import Kinematics, Rows
 from ..plasticity.flow import PlasticState
@@ -92,7 +92,8 @@ class Side:
         """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed."""
         if self.near is None:
             return self.kinematics.place(q)
-        places = np.full(self.surface.points.shape, np.nan)
+        places = np.empty(self.surface.points.shape)
+        places.fill(np.nan)
         places[self.active] = self.near.place(q)
         return places
 
@@ -190,3 +191,31 @@ class LoadedNodes:
             size = len(points.area) * len(self.F)
             rows = np.bincount(cells.ravel(), values.ravel(), minlength=size).reshape(-1, len(self.F))
         return congruence(rows, self.F)
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Where the rows of a contact stand. What changes slowly with it is kept while it stays nearly the same.
+
+    Parameters
+    ----------
+    rows : object
+        Another object if other rows are present.
+    sides : object
+        Another object if a side has another flexibility.
+    stance : array
+        Places of the sides to each other, see `Gaps.stance`.
+    axis : int
+        Which axis the tangents follow.
+    """
+
+    rows: object
+    sides: object
+    stance: Array
+    axis: int = 0
+
+    def nearly(self, other: Standing | None, by: float) -> bool:
+        """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
+        if other is None or other.rows is not self.rows or other.sides is not self.sides or other.axis != self.axis:
+            return False
+        return largest_change(self.stance, other.stance) <= by

@@ -22,8 +22,8 @@ from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import at_points
 from ..surfaces.surface import cross
-from .gaps import Gaps, Standing, dense, joined
-from .side import Side
+from .gaps import Gaps, dense, joined
+from .side import Side, Standing
 
 _SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility

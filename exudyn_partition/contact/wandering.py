@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..algebra.products import largest_change
 from ..support.arrays import Array
 from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
 from ..surfaces.points import ContactPoints
@@ -60,8 +61,8 @@ class WanderingGaps(PatchGaps):
     def _part_if_moved(self) -> None:
         """Find the parts that are near each other, unless they are known."""
         if self._parted_at is not None:
-            here = self._placed(*self.places_now())
-            if abs(here - self._parted_at).max() <= self._part_reach:
+            here = self._placed(self.places_now())
+            if largest_change(here, self._parted_at) <= self._part_reach:
                 return
         near = self._near_parts(self._q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)
@@ -71,7 +72,7 @@ class WanderingGaps(PatchGaps):
         self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
         self.follow_nodes(None)
         self._searched_at = None
-        self._parted_at = self._placed(*self.places_now())
+        self._parted_at = self._placed(self.places_now())
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
 
     def _near_parts(self, q: Array) -> NearParts:

@@ -24,22 +24,26 @@ def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
     return least, edge
 
 
-@inlined
-def polynomial_of(facets: Array, f: int, x_m: Array, table: Array, out: Array) -> None:
-    """Places on a facet as polynomials of its coordinates: coefficients, out[f], (6 or 10, 3)."""
-    for power in range(len(table)):
-        x, y, z = 0.0, 0.0, 0.0
-        for j in range(facets.shape[1]):
-            share, node = table[power, j], facets[f, j]
-            x += share * x_m[node, 0]
-            y += share * x_m[node, 1]
-            z += share * x_m[node, 2]
-        out[f, power, 0], out[f, power, 1], out[f, power, 2] = x, y, z
+@compiled
+def find_polynomials(which: Array, facets: Array, x_m: Array, table: Array, known: Array, out: Array) -> None:
+    """Places on some facets as polynomials of their coordinates: coefficients, out (nf, 6 or 10, 3)."""
+    for f in which:
+        if known[f]:
+            continue
+        known[f] = True
+        for power in range(len(table)):
+            x, y, z = 0.0, 0.0, 0.0
+            for j in range(facets.shape[1]):
+                share, node = table[power, j], facets[f, j]
+                x += share * x_m[node, 0]
+                y += share * x_m[node, 1]
+                z += share * x_m[node, 2]
+            out[f, power, 0], out[f, power, 1], out[f, power, 2] = x, y, z
 
 
 @inlined
 def coordinate_at(c: Array, f: int, r: float, s: float, axis: int, cubic: bool) -> tuple[float, float, float]:
-    """A coordinate of a place on a facet, from `polynomial_of`, and its derivatives by r and s."""
+    """A coordinate of a place on a facet, from `find_polynomials`, and its derivatives by r and s."""
     value = c[f, 0, axis] + r * (c[f, 1, axis] + r * c[f, 3, axis] + s * c[f, 4, axis])
     value += s * (c[f, 2, axis] + s * c[f, 5, axis])
     by_r = c[f, 1, axis] + 2 * r * c[f, 3, axis] + s * c[f, 4, axis]
@@ -143,7 +147,7 @@ def cross_edge(
 
 @compiled
 def cross_all(
-    some: Array, x: Array, facets: Array, x_m: Array, table: Array, made: Array, places: Array,
+    some: Array, x: Array, facets: Array, x_m: Array, table: Array, known: Array, places: Array,
     facet: Array, local: Array, step: Array, normal: Array, gap: Array,
     across: Array, its_edge: Array, turns: Array, middles: Array, by: float, steps: int,
 ) -> Array:  # fmt: skip
@@ -157,9 +161,7 @@ def cross_all(
         if not is_lost:
             f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
             facet[i], local[i, 0], local[i, 1] = f, r, s
-            if not made[f]:
-                made[f] = True
-                polynomial_of(facets, f, x_m, table, places)
+            find_polynomials(facet[i : i + 1], facets, x_m, table, known, places)
             newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, cubic)
             settle(some[k : k + 1], x, places, facet, local, step, normal, gap, by, steps, cubic)
             is_lost = nearest_edge(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)[0] < -by
@@ -183,7 +185,7 @@ def follow(
     k, n, cubic = len(index), facets.shape[1], len(table) == 10
     quad = n == 4
     facet, local, last = np.empty(k, np.int64), np.empty((k, 2)), np.empty((k, 2))
-    made, places = np.zeros(len(facets), np.bool_), np.empty((len(facets), len(table), 3))
+    known, places = np.zeros(len(facets), np.bool_), np.empty((len(facets), len(table), 3))
     for i in range(k):
         p = index[i]
         f, last_r, last_s = all_facet[p], all_last[p, 0], all_last[p, 1]
@@ -193,9 +195,7 @@ def follow(
             last_r, last_s = turned(turns, f, edge, last_r, last_s)
             f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
         facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = f, r, s, last_r - r, last_s - s
-        if not made[f]:
-            made[f] = True
-            polynomial_of(facets, f, x_m, table, places)
+    find_polynomials(facet, facets, x_m, table, known, places)
     x, step, normal, gap = np.empty((k, 3)), np.empty((k, 2)), np.empty((k, 3)), np.empty(k)
     place_all(nodes, shares, x_s, x)
     if cubic:
@@ -217,25 +217,9 @@ def follow(
             some[n_some] = i
             n_some += 1
     lost = cross_all(
-        some[:n_some],
-        x,
-        facets,
-        x_m,
-        table,
-        made,
-        places,
-        facet,
-        local,
-        step,
-        normal,
-        gap,
-        across,
-        its_edge,
-        turns,
-        middles,
-        by,
-        steps,
-    )
+        some[:n_some], x, facets, x_m, table, known, places, facet, local, step, normal, gap,
+        across, its_edge, turns, middles, by, steps,
+    )  # fmt: skip
     weights = np.empty((k, n))
     weigh(local, step, table, weights)
     for i in range(k):
@@ -389,15 +373,12 @@ def closest(
     facet, local, weights = np.zeros(k, np.int64), np.zeros((k, 2)), np.zeros((k, n))
     normal, gap, offset = np.zeros((k, 3)), np.zeros(k), np.zeros(k)
     places, distances = np.empty((nearest.shape[1], 2)), np.empty(nearest.shape[1])
-    made, c = np.zeros(nf, np.bool_), np.empty((nf, len(table), 3))
-    nodes, flat = np.arange(nf * n).reshape(nf, n), facets.reshape(nf * n, 3)
+    known, c = np.zeros(nf, np.bool_), np.empty((nf, len(table), 3))
+    find_polynomials(nearest.ravel(), np.arange(nf * n).reshape(nf, n), facets.reshape(nf * n, 3), table, known, c)
     for i in range(k):
         point = points[i, 0], points[i, 1], points[i, 2]
         for j in range(nearest.shape[1]):
             f = nearest[i, j]
-            if not made[f]:
-                made[f] = True
-                polynomial_of(nodes, f, flat, table, c)
             r, s = closest_on(c, f, point, domain, steps, converged, convex, cubic)
             miss = place_on(c, f, r, s, point, cubic)[2]
             places[j, 0], places[j, 1], distances[j] = r, s, dot(miss, miss)

@@ -35,6 +35,11 @@ class MovingPairs:
         Facet of each point.
     local : (p, 2) array
         Closest points in the facets' coordinates.
+
+    Attributes
+    ----------
+    any_gone : bool
+        Whether some points are past the edge of the patch.
     """
 
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
@@ -43,6 +48,8 @@ class MovingPairs:
         self._middles, self._turns = _middles(master.facets), _turns(master)
         self.facet, self.local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
+        self.any_gone = False
+        self._compiled = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
 
     def rest(self) -> None:
         """Forget the last motion of the points."""
@@ -104,9 +111,8 @@ class MovingPairs:
         self, loops: ModuleType, points: ContactPoints, index: Array, x_s: Array, x_m: Array
     ) -> tuple[Projection, Array]:
         """Do the same as `_follow`, compiled."""
-        own = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
         state = self.facet, self.local, self._last, self._past
-        found = loops.follow(points.nodes, points.weights, x_s, index, x_m, *own, *state, _FOLLOWED, _STEPS)
+        found = loops.follow(points.nodes, points.weights, x_s, index, x_m, *self._compiled, *state, _FOLLOWED, _STEPS)
         facet, local, weights, normal, gap, lost = found
         return Projection(facet, local, weights, normal, gap, np.zeros(len(index))), lost
 
@@ -117,6 +123,7 @@ class MovingPairs:
         offset = np.where(self._at_rim(pairs.facet[lost], pairs.local[lost]), pairs.offset[lost], 0.0)
         self._past[index[lost]] = offset > _ON_EDGE * self.size
         self._gone[index[lost]] = offset > EDGE_TOLERANCE * self.size
+        self.any_gone = bool(self._gone.any())
 
     def _on_patch(self, index: Array, left: Array) -> Array:
         """Those of the points `left`, numbers in `index`, that are not past the edge of the patch."""

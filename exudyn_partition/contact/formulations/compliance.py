@@ -13,8 +13,10 @@ from ...algebra.complementarity import Complementarity, regularised
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, Gaps, Standing
+from ...support.compiled import kernels
+from ..gaps import BULGE, Gaps
 from ..plasticity.yielding_patches import YieldingPatches
+from ..side import Standing
 from .formulation import Law, Method, Motion
 from .law import ElasticContact
 
@@ -47,6 +49,7 @@ class ComplianceContact(ElasticContact):
 
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
+    _near: Array | None = None  # rows that could close at the last answer
     _regularised_of: Array | None = None  # the flexibility that `_regularised` is made of
     _regularised: Array
     problem: Complementarity
@@ -88,21 +91,22 @@ class ComplianceContact(ElasticContact):
         if self.gaps.moving and self.least_gap >= 0.0:
             self.open_rows()
             return
-        near = self.near(h)
+        near = self.near(h, self.least_gap)
         self._take_forces(near, self.problem.solve(h if near is self._everything else h[near], self.least_gap))
 
-    def near(self, h: Array) -> Array:
+    def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
 
-        Of frozen rows, these are all.
+        `least` is the smallest gap. Of frozen rows, these are all.
         """
         if not self.gaps.moving:
             self.hold()
             return self._everything
-        least = h.min()
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        near = np.flatnonzero(h < -BULGE * least)
+        loops, limit, near = kernels("contact"), -BULGE * least, self._near
+        if near is None or loops is None or not loops.same_rows(h, limit, near):
+            near = self._near = np.flatnonzero(h < limit)
         F = self._flexibility(near)
         if self.problem.F is not F:
             self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])

@@ -17,7 +17,7 @@ from ...support.arrays import Array, consecutive
 from ...support.compiled import compiles
 from ..between import SAME, Exchange, FlexibilityBetween, Link
 from ..frozen import FrozenContacts
-from ..gaps import Standing
+from ..side import Standing
 from .compliance import ComplianceContact
 from .frictional_compliance import FrictionalCompliance
 
@@ -154,7 +154,7 @@ class CoupledContacts:
         for j, (law, iterations) in enumerate(zip(laws, frozen.take_iterations(), strict=True)):
             gap = law.gaps.at(coordinates[j])
             if lam[j].any():
-                law.take(gap, moved[j], law.near(moved[j]), lam[j])
+                law.take(gap, moved[j], law.near(moved[j], moved[j].min()), lam[j])
             else:
                 law.stay_open(gap, moved[j])
             law.problem.iterations += int(iterations)
@@ -213,7 +213,7 @@ class CoupledContacts:
             if not entering:
                 break
             for j in entering:
-                near[j] = laws[j].near(pushed[j])
+                near[j] = laws[j].near(pushed[j], pushed[j].min())
             lam = self._solve(laws, near, gaps)
             pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
         else:

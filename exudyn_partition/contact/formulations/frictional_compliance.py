@@ -13,8 +13,9 @@ from ...algebra.coulomb import Coulomb
 from ...algebra.friction import FrictionProblem
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, Gaps, Standing, dense
+from ..gaps import BULGE, Gaps, dense
 from ..plasticity.yielding_patches import YieldingPatches
+from ..side import Standing
 from ..tangential import directions
 from .formulation import Law, Method
 from .frictional import FrictionalContact

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from exudyn_partition.contact.formulations.coupled import CoupledContacts
-from exudyn_partition.contact.gaps import Standing
+from exudyn_partition.contact.side import Standing
 from exudyn_partition.errors import ComplementarityError
 
 
