@@ -2,8 +2,9 @@
 
 The share of a small cube around a point that lies within a solid, and the middle of that share, tell on which side the
 solid is, and whether the point lies on a smooth surface. Heights of the surface above its tangent plane, on two
-circles, give its curvatures; so poles of spheres need no special care. Near the pole of a spline surface, such as OCC's
-Ellipsoid, OCC may miss the nearest point: heights that fit no paraboloid are refused, and so are tips of cones.
+circles, give its curvatures; so poles of spheres need no special care. Heights are where straight lines enter the
+solid: near poles and seams of spline surfaces, such as OCC's Ellipsoid, OCC finds these, but often not the nearest
+point. Heights that fit no paraboloid are refused, as at tips of cones.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from ..contact.rigid import RigidSurface
 from ..errors import EmptyRegionError, InputError
-from ..meshing.netgen_mesh import distances, share_of_cube
+from ..meshing.netgen_mesh import depths, distances, scaled, share_of_cube
 from ..support.arrays import Array
 from ..support.foreign import Shape
 
@@ -31,9 +32,10 @@ _ROUNDS = 6  # of circles that become as large as the contact
 _LARGEST = 0.25  # radius of the contact, by the smallest side of the bodies
 _FAR = 10.0  # distance, by the smallest side, from which on a unit may have slipped
 _TOUCHES = 1e-6  # a point is on a surface if it is nearer than this, by the radius of the circles
-_TURNS = 4  # of a normal; each leaves its error times the radius of the circles over that of the surface
+_TURNS = 2  # of a normal; each leaves the square of its error
 _MISFIT = 0.1  # of heights above the fitted paraboloid, by its largest height; 0.22 at the tip of a cone
 _FLAT = 1e-5  # misfit that rounding makes on planes, by the radius of the circles
+_SIDE = 100.0  # smallest side of a shape, enlarged or not, in which OCC is asked
 _MARCHES = 4  # towards the surface; each leaves the square of its slope
 
 
@@ -168,6 +170,9 @@ class _Probe(Protocol):
     def normal(self, foot: Array, reach: float, name: str) -> Array:
         """Outward unit normal there, (3,)."""
 
+    def depths(self, starts: Array, way: Array, reach: float) -> Array:
+        """Ways from points, (k, 3) [m], along a unit vector to the surface, (k,) [m], below 4 times `reach`."""
+
 
 class _OfRigid:
     """A rigid surface."""
@@ -191,16 +196,25 @@ class _OfRigid:
         value: Array = self._surface.project(foot[None])[1][0]
         return value
 
+    def depths(self, starts: Array, way: Array, reach: float) -> Array:
+        """See `_Probe`."""
+        depth = np.zeros(len(starts))
+        for _ in range(_MARCHES):
+            depth += self.distance(starts + depth[:, None] * way)
+        return depth
+
 
 class _OfShape:
     """The surface of a shape."""
 
     def __init__(self, shape: Shape) -> None:
-        self._shape = shape
+        # OCC takes points that are 1e-7 apart as one, in any unit. In metres that is as much as the heights here.
+        self._scale = _SIDE / float(sides_of(shape).min())
+        self._shape = scaled(shape, self._scale)
 
     def distance(self, points: Array) -> Array:
         """See `_Probe`."""
-        value: Array = distances(self._shape, points)
+        value: Array = distances(self._shape, self._scale * points) / self._scale
         return value
 
     def foot(self, point: Array, reach: float) -> Array:
@@ -213,16 +227,31 @@ class _OfShape:
 
     def normal(self, foot: Array, reach: float, name: str) -> Array:
         """See `_Probe`."""
-        share, middle = share_of_cube(self._shape, foot, reach)
+        share, middle = share_of_cube(self._shape, self._scale * foot, self._scale * reach)
         if abs(share - 0.5) > _SMOOTH:
             raise InputError(
                 f"contact: expected a point on a smooth surface, got an edge or a corner of {name} at {foot} m: "
                 f"{share:.0%} of a small cube there is solid. Round the edge, or mesh it yourself and take reduce_pair"
             )
-        normal: Array = (foot - middle) / np.linalg.norm(foot - middle)
+        normal: Array = self._scale * foot - middle
+        normal /= np.linalg.norm(normal)
         for _ in range(_TURNS):
-            normal = self._slope(foot + reach * normal, 0.1 * reach)
+            tangents = np.linalg.svd(normal[None])[2][1:]
+            starts = foot + reach * np.vstack([tangents, -tangents]) + 2 * reach * normal
+            ahead, behind = self.depths(starts, -normal, reach).reshape(2, 2)
+            normal = normal + (ahead - behind) / (2 * reach) @ tangents
+            normal /= np.linalg.norm(normal)
         return normal
+
+    def depths(self, starts: Array, way: Array, reach: float) -> Array:
+        """See `_Probe`."""
+        found = depths(self._shape, self._scale * starts, way, self._scale * 4 * reach) / self._scale
+        if np.isnan(found).any():
+            raise InputError(
+                f"contact: expected smooth surfaces around the point, got none within {4 * reach:.3g} m of {starts[0]} "
+                "m: an edge is near. Round it, or mesh these bodies yourself and take reduce_pair"
+            )
+        return found
 
     def _slope(self, point: Array, step: float) -> Array:
         """Unit vector along which the distance grows, by central differences."""
@@ -241,10 +270,7 @@ def relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal: 
     gap = np.zeros(len(x))
     for probe, foot, outward in zip(probes, feet, (normal, -normal), strict=True):
         start = foot + places.T @ tangents + reach * outward
-        way = np.zeros(len(x))
-        for _ in range(_MARCHES):  # straight down to the surface, by the distance each time
-            way += probe.distance(start - way[:, None] * outward)
-        gap += way - reach
+        gap += probe.depths(start, -outward, reach) - reach
     # A tilt tells that the first point to touch lies aside, by little.
     terms = np.column_stack([x**2 / 2, x * y, y**2 / 2, x, y])
     found = np.linalg.lstsq(terms, gap, rcond=None)[0]
@@ -252,9 +278,8 @@ def relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal: 
     if misfit > max(_MISFIT * curved, _FLAT * reach):
         raise InputError(
             f"contact: expected surfaces with curvatures at {feet[0]} m, got heights that are off a paraboloid by "
-            f"{misfit / curved:.0%}: there is the tip of a cone or the pole of a spline, or curvature changes within "
-            f"{reach:.3g} m. Round the tip, draw the pole as a sphere, or mesh these bodies yourself and take "
-            "reduce_pair"
+            f"{misfit / curved:.0%}: there is the tip of a cone, or curvature changes within {reach:.3g} m. Round the "
+            "tip, or mesh these bodies yourself and take reduce_pair"
         )
     xx, xy, yy = found[:3]
     return np.array([[xx, xy], [xy, yy]])

@@ -219,6 +219,29 @@ def distances(shape: Shape, points: Array) -> Array:
     return np.array([min(face.Distance(vertex) for face in shape.faces) for vertex in vertices])
 
 
+def depths(shape: Shape, starts: Array, way: Array, length: float) -> Array:
+    """Depths at which lines enter a shape, (k,) [m]; nan for those that miss it.
+
+    Parameters
+    ----------
+    shape : netgen.occ.TopoDS_Shape
+    starts : (k, 3) array
+        [m]
+    way : (3,) array
+        Unit vector along the lines.
+    length : float
+        Of the lines [m].
+    """
+    occ = require("netgen.occ")
+    found = np.full(len(starts), np.nan)
+    for i, start in enumerate(starts):
+        ends = (occ.Pnt(*map(float, end)) for end in (start, start + length * way))
+        inside = [np.array([v.p.x, v.p.y, v.p.z]) for edge in (occ.Segment(*ends) * shape).edges for v in edge.vertices]
+        if inside:
+            found[i] = ((np.array(inside) - start) @ way).min()
+    return found
+
+
 def share_of_cube(shape: Shape, center: Array, side: float) -> tuple[float, Array]:
     """Share of a cube's volume that lies within a shape, and the middle of that share, (3,) [m]."""
     occ = require("netgen.occ")

@@ -48,6 +48,22 @@ def test_curvatures_and_normal_of_known_surfaces(shapes, rigid, radii):
     assert found.radius == pytest.approx(np.sqrt(np.prod(radii)), rel=0.01)
 
 
+@pytest.mark.parametrize("axis", [0, 2])
+def test_curvatures_at_seam_and_pole_of_an_ellipsoid(axis):
+    """OCC draws it as a spline: seam and pole are at the ends of these axes."""
+    radii = np.array([2e-3, 1e-3, 3e-3])
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.9])
+    way = occ.Axis(occ.Pnt(0, 0, 0), occ.Dir(*turn.as_rotvec()))
+    shape = occ.Ellipsoid(occ.Axes((0, 0, 0), occ.Z, occ.X), *radii[[2, 0, 1]])
+    shape = shape.Rotate(way, np.rad2deg(turn.magnitude()))
+    end = turn.apply(np.eye(3)[axis])
+    plane = ep.RigidPlane(radii[axis] * end, -end)
+    found = place((shape,), radii[axis] * end, plane, force=20.0)
+    others = np.delete(radii, axis)
+    np.testing.assert_allclose(found.curvatures, np.sort(radii[axis] / others**2), rtol=0.01)
+    np.testing.assert_allclose(found.normal, end, atol=1e-3)
+
+
 def test_an_ellipse_has_the_area_of_its_circle():
     """Its axes are those of Hertz: of crossed cylinders of 10 and 5 mm, with the exact integrals, a / b = 1.5985."""
     long, short = place((ALONG, ACROSS)).semi_axes(1e-3)
@@ -81,9 +97,9 @@ def test_the_tip_of_a_cone_is_refused():
     """The fitted curvature would grow without end as the circles shrink. OCC needs long for a real one."""
     slope, down = 0.2, np.array([0.0, 0.0, -1.0])
 
-    def distance(points):
-        return (slope * np.hypot(points[:, 0], points[:, 1]) - points[:, 2]) / np.hypot(1, slope)
+    def depths(starts, way, reach):
+        return slope * np.hypot(starts[:, 0], starts[:, 1]) - starts[:, 2]
 
-    plane = SimpleNamespace(distance=lambda points: points[:, 2])
-    with pytest.raises(InputError, match=r"off a paraboloid by 22%: there is the tip of a cone .*Round the tip"):
-        relative_curvature([SimpleNamespace(distance=distance), plane], [np.zeros(3)] * 2, down, 1e-4)
+    plane = SimpleNamespace(depths=lambda starts, way, reach: starts[:, 2])
+    with pytest.raises(InputError, match=r"off a paraboloid by 22%: there is the tip of a cone, .*Round the tip"):
+        relative_curvature([SimpleNamespace(depths=depths), plane], [np.zeros(3)] * 2, down, 1e-4)
