@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +18,15 @@ from .model import BodyItem, coordinate_slices
 Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
 
 RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
+
+
+@lru_cache
+def _velocities_at(places: tuple[int, ...], n: int) -> Array | slice:
+    """Places of rotation and n elastic coordinates among the model's, from those of the body's nodes."""
+    rigid, *modal = places
+    if modal == [rigid + RIGID]:
+        return slice(rigid + 3, rigid + RIGID + n)  # is read where it lies
+    return np.concatenate([np.arange(rigid + 3, rigid + RIGID), *(np.arange(n) + at for at in modal)])
 
 
 def _runs_verlet(mbs: MainSystem, t: float) -> bool:
@@ -48,8 +58,7 @@ def inertia_functions(
         forces are updated, because they change fast and their change is known.
         """
         data = mbs.systemData
-        rigid, *modal = (mbs.GetNodeODE2Index(node) for node in nodes)
-        own = np.concatenate([np.arange(rigid + 3, rigid + RIGID), *(np.arange(len(z)) + at for at in modal)])
+        own = _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), len(z))
         q, q_t, q_tt = (
             get(start_of_step, copy=False)[own]
             for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
