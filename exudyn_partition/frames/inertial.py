@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .kinematics import NO_NODES
 
 
@@ -74,6 +75,9 @@ class InertialKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
+        if q.ndim == 1 and isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
+            found: Array = loops.moved_places(self._start, self.rows, q)
+            return found
         place: Array = self._start + self.displacements(q)
         return place
 
@@ -93,6 +97,9 @@ class InertialKinematics:
 
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`."""
+        if isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
+            found: Array = loops.on_shapes(self.rows, forces)
+            return found
         generalised: Array = self.rows.T @ forces.ravel()
         return generalised
 

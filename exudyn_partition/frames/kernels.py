@@ -1,4 +1,4 @@
-"""Compiled motion and inertia forces of a floating frame; `floating` and `inertia_forces` do the same by NumPy."""
+"""Compiled motion of bodies, and inertia forces of floating frames; the modules beside do the same by NumPy."""
 
 from __future__ import annotations
 
@@ -38,6 +38,31 @@ def _moved(arms: Array, rows: Array, q: Array, node: int, axis: int) -> float:
     for k in range(rows.shape[1]):
         place += rows[3 * node + axis, k] * q[6 + k]
     return place
+
+
+@compiled
+def moved_places(start: Array, rows: Array, q: Array) -> Array:
+    """Places of nodes, (k, 3) [m], see `InertialKinematics.place`."""
+    result = np.empty_like(start)
+    for node in range(len(start)):
+        for axis in range(3):
+            total = start[node, axis]
+            for k in range(len(q)):
+                total += rows[3 * node + axis, k] * q[k]
+            result[node, axis] = total
+    return result
+
+
+@compiled
+def on_shapes(rows: Array, forces: Array) -> Array:
+    """Generalised forces, (n,), of forces on nodes, (k, 3), see `InertialKinematics.generalised`."""
+    result = np.zeros(rows.shape[1])
+    for node in range(len(forces)):
+        x, y, z = forces[node, 0], forces[node, 1], forces[node, 2]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            for k in range(len(result)):
+                result[k] += x * rows[3 * node, k] + y * rows[3 * node + 1, k] + z * rows[3 * node + 2, k]
+    return result
 
 
 @compiled
