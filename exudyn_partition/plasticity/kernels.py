@@ -24,29 +24,21 @@ def _between(x: float, at: Array, values: Array, slope: float) -> float:
 
 
 @compiled
-def _strain(gradient: Array, nodes: Array, moved: Array, found: Array) -> None:
-    """Deviatoric strain of a point, `found` (6,), by the gradients, (k, 3), of its nodes' functions."""
-    H = np.zeros((3, 3))
-    for n in range(len(nodes)):
-        for a in range(3):
-            u = moved[3 * nodes[n] + a]
-            for b in range(3):
-                H[a, b] += u * gradient[n, b]
-    mean = (H[0, 0] + H[1, 1] + H[2, 2]) / 3
-    for a in range(3):
-        found[a] = H[a, a] - mean
-    found[3] = math.sqrt(0.5) * (H[1, 2] + H[2, 1])
-    found[4] = math.sqrt(0.5) * (H[0, 2] + H[2, 0])
-    found[5] = math.sqrt(0.5) * (H[0, 1] + H[1, 0])
-
-
-@compiled
-def _length(found: Array, plastic: Array, back: Array, shear: float) -> float:
-    """Length of the deviatoric stress about the back stress."""
-    square = 0.0
-    for v in range(6):
-        square += (2 * shear * (found[v] - plastic[v]) - back[v]) ** 2
-    return math.sqrt(square)
+def _strain(gradient: Array, nodes: Array, moved: Array, i: int) -> tuple[float, float, float, float, float, float]:
+    """Deviatoric strain of point i. Views of its rows, or an array to fill, would cost more than the sums."""
+    xx = yy = zz = yz = xz = xy = 0.0
+    for n in range(nodes.shape[1]):
+        first = 3 * nodes[i, n]
+        u, v, w = moved[first], moved[first + 1], moved[first + 2]
+        x, y, z = gradient[i, n, 0], gradient[i, n, 1], gradient[i, n, 2]
+        xx += u * x
+        yy += v * y
+        zz += w * z
+        yz += v * z + w * y
+        xz += u * z + w * x
+        xy += u * y + v * x
+    mean, root = (xx + yy + zz) / 3, math.sqrt(0.5)
+    return xx - mean, yy - mean, zz - mean, root * yz, root * xz, root * xy
 
 
 @compiled
@@ -66,12 +58,16 @@ def excess(
         The state.
     flow : FlowTables
     """
-    points = len(nodes)
-    result, found = np.empty(points), np.empty(6)
-    for i in range(points):
-        _strain(gradient[i], nodes[i], moved, found)
-        length = _length(found, plastic[i], back[i], flow.shear_modulus)
-        result[i] = math.sqrt(1.5) * length - _between(equivalent[i], flow.strain, flow.stress, flow.slope)
+    result, double = np.empty(len(nodes)), 2 * flow.shear_modulus
+    for i in range(len(nodes)):
+        xx, yy, zz, yz, xz, xy = _strain(gradient, nodes, moved, i)
+        square = (double * (xx - plastic[i, 0]) - back[i, 0]) ** 2
+        square += (double * (yy - plastic[i, 1]) - back[i, 1]) ** 2
+        square += (double * (zz - plastic[i, 2]) - back[i, 2]) ** 2
+        square += (double * (yz - plastic[i, 3]) - back[i, 3]) ** 2
+        square += (double * (xz - plastic[i, 4]) - back[i, 4]) ** 2
+        square += (double * (xy - plastic[i, 5]) - back[i, 5]) ** 2
+        result[i] = math.sqrt(1.5 * square) - _between(equivalent[i], flow.strain, flow.stress, flow.slope)
     return result
 
 
@@ -90,23 +86,26 @@ def answer(
 
     `weight`, (g,), are volumes; the other arguments are those of `excess`.
     """
-    points = len(nodes)
-    strains, force, stress = np.empty((points, 6)), np.zeros(len(moved)), np.empty((3, 3))
+    strains, force, stress = np.empty((len(nodes), 6)), np.zeros(len(moved)), np.empty((3, 3))
     new, after, pulled = plastic.copy(), equivalent.copy(), back.copy()
-    for i in range(points):
-        found = strains[i]
-        _strain(gradient[i], nodes[i], moved, found)
-        length = _length(found, plastic[i], back[i], flow.shear_modulus)
-        trial = math.sqrt(1.5) * length
+    double = 2 * flow.shear_modulus
+    for i in range(len(nodes)):
+        xx, yy, zz, yz, xz, xy = _strain(gradient, nodes, moved, i)
+        strains[i, 0], strains[i, 1], strains[i, 2] = xx, yy, zz
+        strains[i, 3], strains[i, 4], strains[i, 5] = yz, xz, xy
+        square = 0.0
+        for v in range(6):
+            square += (double * (strains[i, v] - plastic[i, v]) - back[i, v]) ** 2
+        trial = math.sqrt(1.5 * square)
         if trial - _between(equivalent[i], flow.strain, flow.stress, flow.slope) <= flow.least:
             continue
         after[i] = _between(trial + flow.stiff * equivalent[i], flow.known, flow.strain, 1 / flow.last_slope)
-        share = math.sqrt(1.5) * (after[i] - equivalent[i]) / length
+        share = 1.5 * (after[i] - equivalent[i]) / trial
         for v in range(6):
-            step = share * (2 * flow.shear_modulus * (found[v] - plastic[i, v]) - back[i, v])
+            step = share * (double * (strains[i, v] - plastic[i, v]) - back[i, v])
             new[i, v] += step
             pulled[i, v] += 2 / 3 * flow.back_slope * step
-        volume = 2 * flow.shear_modulus * weight[i]
+        volume = double * weight[i]
         for a in range(3):
             stress[a, a] = volume * (new[i, a] - plastic[i, a])
         for v in range(3, 6):

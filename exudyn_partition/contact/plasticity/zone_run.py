@@ -23,7 +23,7 @@ from ...support.arrays import Array
 if TYPE_CHECKING:
     from typing import Self
 
-_NEAR = 0.5  # of the yield stress: points that lack less of flowing are looked at together with those that flow
+_NEAR = 0.2  # of the yield stress: points that lack less of flowing are looked at together with those that flow
 _FEW = 16  # points, and at most as many as flow, are looked at together with those that flow
 _SPARE = 4  # times as many active points as flow are too many
 
@@ -83,6 +83,44 @@ def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
     return FreeBodyFlexibility(body.stiffness, body.mass, rigid)(force[:, None])[:, 0]
 
 
+class _Ordered:
+    """Flexibility of a zone with the nodes of active points first, so that the products of a step need no copy of it.
+
+    Parameters
+    ----------
+    given : (3 nz, 3 nz) array
+        The flexibility [m/N].
+    kind : type
+        Of the numbers in the products.
+
+    Attributes
+    ----------
+    nodes, place : (nz,) int arrays
+        Numbers of the nodes in their order, and the place of each node in it.
+    own : (3 nz, 3 nz) array
+        Flexibility in this order [m/N]. Only the rows of the first nodes are filled, so that others take no memory.
+    """
+
+    def __init__(self, given: Array, kind: type) -> None:
+        self._given, self._filled = given, 0
+        self.nodes, self.place = np.arange(len(given) // 3), np.arange(len(given) // 3)
+        self.own: Array = np.empty(given.shape, kind)
+
+    def bring(self, nodes: Array) -> None:
+        """Let some nodes, (k,), be the first ones."""
+        front, places = np.arange(len(nodes)), self.place[nodes]
+        leave, come = np.setdiff1d(front, places), places[places >= len(nodes)]
+        now, then = np.concatenate([leave, come]), np.concatenate([come, leave])
+        self.nodes[now] = self.nodes[then]
+        self.place[self.nodes[now]] = now
+        rows = self.own[: 3 * self._filled]
+        rows[:, node_dofs(now)] = rows[:, node_dofs(then)]
+        order, new = node_dofs(self.nodes), np.union1d(leave, front[self._filled :])
+        for row in node_dofs(new):
+            self.own[row] = self._given[order[row]].take(order)
+        self._filled = len(nodes)
+
+
 class _Active:
     """Points of a zone that may flow in this step, and the nodes of their elements.
 
@@ -91,10 +129,8 @@ class _Active:
     motion : ZoneMotion
     chosen : (g,) bool array
         The points.
-    own : (3 nz, 3 nz) array
-        Flexibility of the zone in the precision of the large products, which are what a step costs [m/N].
-    room : (2, 3 nz * 3 nz) array
-        Memory for parts of it. New memory for each choice of points would cost more than the copies.
+    ordered : _Ordered
+        Flexibility of the zone. Its order serves one choice of points only.
 
     Attributes
     ----------
@@ -103,31 +139,44 @@ class _Active:
         The zone of these points.
     dofs : (m,) int array
         Displacements of their nodes, among those of the zone.
-    of_patch : (m, r) array
-        Flexibility between these and the rows of the patch [m/N].
     """
 
-    def __init__(self, motion: ZoneMotion, chosen: Array, own: Array, room: Array) -> None:
+    def __init__(self, motion: ZoneMotion, chosen: Array, ordered: _Ordered) -> None:
         self.points, self.part = np.flatnonzero(chosen), motion.zone.part(chosen)
         self.dofs = node_dofs(self.part.nodes)
+        ordered.bring(self.part.nodes)
+        self._ordered, self._back = ordered, node_dofs(ordered.place)
+        self._first = self._back[self.dofs]
         assert motion.flexibility is not None
-        (n, m), (first, second) = (len(own), len(self.dofs)), room
-        self._across: Array = own.take(self.dofs, axis=0, out=first[: m * n].reshape(m, n), mode="clip")
-        self._own = self._across.take(self.dofs, axis=1, out=second[: m * m].reshape(m, m), mode="clip")
-        self.of_patch = motion.flexibility.of_patch[self.dofs]
+        self._of_patch = motion.flexibility.of_patch[self.dofs].astype(ordered.own.dtype)
         self._rows = motion.kinematics.rows[self.dofs]
 
     def moved(self, q: Array, before: Array) -> Array:
         """Displacements of the nodes, (m,) [m], by the last coordinates, and those of the whole zone `before`."""
         return np.asarray(self._rows @ q + before[self.dofs])
 
+    def by_patch(self, force: Array) -> Array:
+        """Displacements of the nodes, (m,) [m], by forces on the rows of the patch, (r,) [N]."""
+        return np.asarray(self._of_patch @ force.astype(self._of_patch.dtype))
+
+    def at_patch(self, change: Array) -> Array:
+        """Displacements of the rows of the patch, (r,) [m], by a change of the pseudo-forces, (m,) [N]."""
+        return np.asarray(change.astype(self._of_patch.dtype) @ self._of_patch)
+
+    def _answer(self, change: Array, most: int | None) -> Array:
+        """Displacements of the first dofs in their order, at most so many, by a change of the pseudo-forces, (m,)."""
+        own = self._ordered.own[: len(change), :most]
+        force = np.empty(len(change), own.dtype)
+        force[self._first] = change
+        return np.asarray(force @ own)
+
     def answer(self, change: Array) -> Array:
         """Displacements of the nodes, (m,) [m], by a change of the pseudo-forces on them, (m,) [N]."""
-        return np.asarray(self._own @ change.astype(self._own.dtype))
+        return self._answer(change, len(change))[self._first]
 
     def push(self, change: Array) -> Array:
         """Displacements of all nodes of the zone, (3 nz,) [m], by a change of the pseudo-forces, (m,) [N]."""
-        return np.asarray(change.astype(self._across.dtype) @ self._across)
+        return self._answer(change, None)[self._back]
 
     def generalised(self, change: Array) -> Array:
         """Forces on the last coordinates of the body, (n,), of a change of the pseudo-forces, (m,) [N]."""
@@ -152,13 +201,14 @@ class ZoneRun:
     """
 
     _begin: tuple[Array, PlasticState] | None  # of active points: without changes of this step
+    _strain: tuple[_Active, Array] | None  # of active points, at the end of the last accepted step
     _found: tuple[PlasticState, Array]
     _flows_on = False  # whether the same active points serve the step after the present state
 
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
-        self._set_own(self.flexibility.own)
+        self._ordered = _Ordered(self.flexibility.own, float)
         # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
@@ -172,13 +222,9 @@ class ZoneRun:
     def for_run(self, kind: type) -> Self:
         """Return the same zone in its start state, for another run with numbers of this dtype in large products."""
         result = copy.copy(self)
-        result._set_own(self.flexibility.own.astype(kind, copy=False))
+        result._ordered = _Ordered(self.flexibility.own, kind)
         result.reset()
         return result
-
-    def _set_own(self, own: Array) -> None:
-        """Take the zone's flexibility in the precision of large products, (3 nz, 3 nz) [m/N]."""
-        self._own, self._room = own, np.empty((2, own.size), own.dtype)
 
     def reset(self) -> None:
         """Go back to the start."""
@@ -193,8 +239,9 @@ class ZoneRun:
         self._margin, self._margin_at, self._goes_on = -np.inf, self._at, False
         self._p = self.zone.pseudo_forces(state.strain)
         self._moved = self.flexibility.own @ self._p if self._p.any() else np.zeros(len(self._p))
+        self._moved_patch = self._p @ self.flexibility.of_patch
         self.generalised = np.asarray(self.motion.kinematics.rows.T @ self._p)
-        self._energy = self._present_energy()
+        self._energy, self._strain = self._present_energy(), None
         self._hold(np.zeros(len(self._p)))
 
     def _present_energy(self) -> float:
@@ -204,7 +251,6 @@ class ZoneRun:
         """Take the present state as the committed one, by a step of the pseudo-forces, (3 nz,) [N]."""
         self._last = self._p, self._moved, self.generalised, self._energy
         self._step_before, self._begin = step, None
-        self._moved_patch = self._p @ self.flexibility.of_patch
 
     @property
     def flows(self) -> bool:
@@ -215,11 +261,14 @@ class ZoneRun:
         """Accept the present state."""
         if self.flows:
             step = self._p - self._last[0]
-            self.committed = self.present
+            self.committed, self._strain = self.present, (self._active, self._found[1])
+            self._moved_patch = self.moved_patch(step[self._active.dofs])
             self._hold(step)
             self._margin, self._goes_on = -np.inf, self._flows_on
-        elif self._step_before.any():
-            self._step_before, self._goes_on = np.zeros(len(self._p)), False
+        else:
+            self._strain = None
+            if self._step_before.any():
+                self._step_before, self._goes_on = np.zeros(len(self._p)), False
         self._committed_at, self._committed_work = self._at, self.work
 
     def back(self) -> None:
@@ -241,7 +290,7 @@ class ZoneRun:
 
     def moved_patch(self, change: Array | None = None) -> Array:
         """Displacements of the patch's rows, (r,) [m], by the committed pseudo-forces, and a change on active nodes."""
-        moved: Array = self._moved_patch if change is None else self._moved_patch + change @ self._active.of_patch
+        moved: Array = self._moved_patch if change is None else self._moved_patch + self._active.at_patch(change)
         return moved
 
     def stays_elastic(self, q: Array, force: Array) -> bool:
@@ -273,7 +322,7 @@ class ZoneRun:
         """
         moved, before = self._beginning()
         self._at = self._at[0], force
-        moved = moved + self._active.of_patch @ force + self._active.answer(change)
+        moved = moved + self._active.by_patch(force) + self._active.answer(change)
         state, strain, led_to = self._active.part.answer(moved, before)
         self._found = state, strain
         return led_to
@@ -305,12 +354,17 @@ class ZoneRun:
         self._energy = self._present_energy()
         flow = int(np.count_nonzero(state.equivalent > before.equivalent))
         self._flows_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
-        q, by_patch = self._committed_at
-        # Nothing flows at the committed strains; this is the quick way to them.
-        then = active.part.answer(active.moved(q, self._last[1]) + active.of_patch @ by_patch, before)[1]
-        work = active.part.work((before, then), (state, strain))
+        work = active.part.work((before, self._committed_strain(before)), (state, strain))
         self.work = self._committed_work + work
         return True
+
+    def _committed_strain(self, before: PlasticState) -> Array:
+        """Deviatoric strains of the active points, (k, 6), at the end of the last accepted step, with their state."""
+        if self._strain is None or self._strain[0] is not self._active:
+            active, (q, by_patch) = self._active, self._committed_at
+            moved = active.moved(q, self._last[1]) + active.by_patch(by_patch)
+            self._strain = active, active.part.answer(moved, before)[1]  # nothing flows; this is the quick way
+        return self._strain[1]
 
     def _excess(self, state: PlasticState) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
@@ -326,7 +380,7 @@ class ZoneRun:
         return near
 
     def _choose(self, chosen: Array) -> None:
-        self._chosen, self._active, self._begin = chosen, _Active(self.motion, chosen, self._own, self._room), None
+        self._chosen, self._active, self._begin = chosen, _Active(self.motion, chosen, self._ordered), None
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds, besides that of patch forces [J]."""
