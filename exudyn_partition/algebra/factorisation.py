@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -48,8 +48,8 @@ class Factorisation:
 
     Parameters
     ----------
-    matrix : (n, n) sparse matrix
-        Symmetric.
+    matrix : (n, n) sparse matrix, or function
+        Symmetric. A function makes it, so that it is gone before the factors need the memory.
     by : {"pardiso", "superlu"}, optional
         Default: the first that is installed.
 
@@ -59,7 +59,7 @@ class Factorisation:
         If the matrix is singular.
     """
 
-    def __init__(self, matrix: sp.spmatrix, by: str | None = None) -> None:
+    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix], by: str | None = None) -> None:
         fast = by == "pardiso" if by else library() is not None
         self._factors: Pardiso | SuperLU = Pardiso(matrix) if fast else SuperLU(matrix)
 
@@ -92,8 +92,8 @@ class SuperLU:
 
     Parameters
     ----------
-    matrix : (n, n) sparse matrix
-        Symmetric.
+    matrix : (n, n) sparse matrix, or function
+        See `Factorisation`.
 
     Raises
     ------
@@ -101,19 +101,21 @@ class SuperLU:
         If the matrix is singular.
     """
 
-    def __init__(self, matrix: sp.spmatrix) -> None:
+    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix]) -> None:
+        matrix = sp.csr_matrix(matrix() if callable(matrix) else matrix)
         self._order = nested_dissection(matrix)
-        ordered = sp.csr_matrix(matrix)[self._order][:, self._order]
+        ordered = matrix[self._order][:, self._order]
+        del matrix
         try:
             self._lu = scipy.sparse.linalg.splu(
-                sp.csc_matrix(ordered),
+                ordered.T,  # its columns are its rows: no copy
                 permc_spec="NATURAL",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:
             raise IndefiniteMatrixError(
-                f"the matrix of order {matrix.shape[0]} cannot be factorised: {error}"
+                f"the matrix of order {len(self._order)} cannot be factorised: {error}"
             ) from error
 
     def solve(self, rhs: Array, threads: int = 2) -> Array:

@@ -19,10 +19,20 @@ from ..support.arrays import Array
 from ..support.progress import Progress
 from .factorisation import Factorisation
 
-COLUMNS = 96  # unit loads that are solved for at a time; of the answers only what is needed is kept
+_COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
+_BLOCK = 1e7  # numbers in them, which bounds the memory for large bodies
 _DEPENDENT = 1e-10  # a vector is dropped if less than this of its length lies outside the basis
 _TOO_CLOSE = 1e-9  # relative distance from the shift, below which a mode hides all others in the solves
 _ENERGY_OFF = 1e-7  # largest error of the modes' strain energy, by omega_max^2; it is below 1e-9 in sound models
+
+
+def columns(n: int) -> int:
+    """Number of unit loads on a body of n dofs that are solved for at a time; only what is needed of the answers stays.
+
+    With fewer, each solution takes a little longer.
+    """
+    least, most = _COLUMNS
+    return max(least, min(most, int(_BLOCK / n)))
 
 
 def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
@@ -96,7 +106,7 @@ class FreeBodyFlexibility:
         self._rigid, self._mass_rigid = rigid, mass @ rigid
         _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
         self.free = np.delete(np.arange(len(rigid)), np.sort(held[: rigid.shape[1]]))
-        self._factor = Factorisation(stiffness[self.free][:, self.free])
+        self._factor = Factorisation(lambda: stiffness[self.free][:, self.free])
 
     def __call__(self, loads: Array) -> Array:
         """Elastic displacements of `loads`, (n, k)."""

@@ -7,6 +7,7 @@ import importlib.metadata
 import re
 import threading
 import weakref
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -49,8 +50,8 @@ class Pardiso:
 
     Parameters
     ----------
-    matrix : (n, n) sparse matrix
-        Symmetric.
+    matrix : (n, n) sparse matrix, or function
+        Symmetric; see `Factorisation`.
 
     Raises
     ------
@@ -63,9 +64,9 @@ class Pardiso:
     O. Schenk and K. Gaertner, On fast factorization pivoting methods for sparse symmetric indefinite systems, 2006.
     """
 
-    def __init__(self, matrix: sp.spmatrix) -> None:
-        n = matrix.shape[0]
-        upper = sp.triu(matrix, format="coo")
+    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix]) -> None:
+        upper = sp.triu(matrix() if callable(matrix) else matrix, format="coo")
+        n = upper.shape[0]
         diagonal = np.arange(n)  # must be there, even as zeros
         where = (np.r_[upper.row, diagonal], np.r_[upper.col, diagonal])
         upper = sp.csr_matrix((np.r_[upper.data, np.zeros(n)], where), shape=(n, n), dtype=float)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from ..algebra.krylov import COLUMNS, FreeBodyFlexibility
+from ..algebra.krylov import FreeBodyFlexibility, columns
 from ..support.arrays import Array
 from ..support.checks import check_floats, read_only
 
@@ -72,8 +72,9 @@ def zone_answers(flexibility: FreeBodyFlexibility, stiffness: sp.csr_matrix, dof
     held = ~np.isin(dofs, flexibility.free)
     edge, inner = np.flatnonzero(coupled & ~held), np.flatnonzero(~coupled & ~held)
     C = np.zeros((len(dofs),) * 2)
-    for first in range(0, len(edge), COLUMNS):
-        some = edge[first : first + COLUMNS]
+    most = columns(stiffness.shape[0])
+    for first in range(0, len(edge), most):
+        some = edge[first : first + most]
         loads = np.zeros((stiffness.shape[0], len(some)))
         loads[dofs[some], np.arange(len(some))] = 1.0
         C[:, some] = flexibility.held(loads)[dofs]

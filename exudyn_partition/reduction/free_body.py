@@ -13,10 +13,10 @@ import scipy.sparse as sp
 
 from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import (
-    COLUMNS,
     BlockKrylov,
     FreeBodyFlexibility,
     RitzPairs,
+    columns,
     mass_normalised,
     orthonormal_complement,
 )
@@ -99,8 +99,9 @@ class FreeBody:
         at_zones = {number: np.empty((len(dofs), rows.shape[0])) for number, dofs in zones.items()}
         own, of_large = self._large_patch(flexibility, rows)
         others = np.delete(np.arange(len(at_patches)), own)
-        for first in range(0, len(others), COLUMNS):
-            block = others[first : first + COLUMNS]
+        most = columns(self.model.n)
+        for first in range(0, len(others), most):
+            block = others[first : first + most]
             answers = flexibility(rows[block].T.toarray())
             at_patches[:, block] = rows @ answers
             for number, dofs in zones.items():
@@ -128,7 +129,8 @@ class FreeBody:
 
         def answers(combinations: sp.csr_matrix) -> Array:
             loads = combinations @ rows[own]
-            blocks = (slice(first, first + COLUMNS) for first in range(0, loads.shape[0], COLUMNS))
+            most = columns(self.model.n)
+            blocks = (slice(first, first + most) for first in range(0, loads.shape[0], most))
             return np.hstack([rows[own] @ flexibility(loads[block].T.toarray()) for block in blocks])
 
         found = large_flexibility(self.fem.points[patch.nodes], patch.node_normals, patch.n_axes, answers)
@@ -197,7 +199,7 @@ class AdaptedSpace(FreeBody):
         self.__dict__.pop("krylov", None)  # frees its factors before others are made
         self._settled: tuple[float, float] | None = None
         M, shift = self.model.mass, (np.pi * f_shift) ** 2
-        solve = Factorisation(self.model.stiffness + shift * M).solve
+        solve = Factorisation(lambda: self.model.stiffness + shift * M).solve
         lead = orthonormal_complement(self._lead, M, self.rigid)
         self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
         self.krylov.grow(2 * _GROWTH)

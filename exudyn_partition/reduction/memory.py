@@ -7,7 +7,7 @@ import logging
 import warnings
 from collections.abc import Iterator, Sequence
 
-from ..algebra.krylov import COLUMNS
+from ..algebra.krylov import columns
 from ..errors import MemoryLimitError, MemoryWarning
 from ..fe.model import FEModel
 from ..fe.partition import Partition
@@ -20,7 +20,7 @@ _GB = 1e9
 # with a refined patch, 17 for a thin plate. Most entries take fewer bytes than _ENTRY, since columns share indices.
 _FILL = 30
 _ENTRY = 12  # bytes of an entry and its index
-_DENSE_BLOCKS = 5  # of COLUMNS right-hand sides at a time
+_DENSE_BLOCKS = 5  # of right-hand sides at a time
 _KRYLOV = 150  # vectors of a large Krylov space, with M times each and the room to grow
 _SQUARES = 6  # dense matrices of the order of all patch rows at a time
 _MATRICES = 4  # sparse matrices with the pattern of the stiffness at a time
@@ -35,7 +35,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
     for fem, partition in models:
         n, nodes = fem.n_dofs, len(partition.patch_nodes)
         factors = _factors(fem)
-        at_work = max(at_work, factors + 8.0 * n * _DENSE_BLOCKS * COLUMNS)
+        at_work = max(at_work, factors + 8.0 * n * _DENSE_BLOCKS * columns(n))
         kept += 8.0 * n * _KRYLOV
         if basis == "craig-bampton":  # the answer to every displacement of the boundary is a shape
             kept += 8.0 * n * 4 * 3 * nodes

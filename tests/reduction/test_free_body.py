@@ -58,7 +58,7 @@ def test_static_answers_of_all_rows_are_never_held_at_once(block, monkeypatch):
     flexibility = body.flexibility()
     expected = flexibility(loads.patch_rows(block, part).T.toarray())
     expected = loads.patch_rows(block, part) @ expected
-    monkeypatch.setattr(free_body, "COLUMNS", 8)
+    monkeypatch.setattr(free_body, "columns", lambda n: 8)
     tracemalloc.start()
     static = body.static_answers(flexibility)
     peak = tracemalloc.get_traced_memory()[1]
