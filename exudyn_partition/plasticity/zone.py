@@ -156,7 +156,7 @@ class PlasticZone:
         elastic = before[1] - before[0].strain + after[1] - after[0].strain
         return self.flow.shear_modulus * float(self.weight @ np.einsum("gi,gi->g", elastic, flow))
 
-    def place(self, point: int) -> Array:
-        """Centre of the element of an integration point, (3,) [m], in the body's own coordinates."""
+    def place(self, point: int | Array) -> Array:
+        """Centre of the element of an integration point, (3,), or of several, (k, 3) [m], in the body's coordinates."""
         place: Array = self._places[point]
         return place

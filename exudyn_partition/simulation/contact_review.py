@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from ..errors import ContactPatchWarning, ModelLimitWarning, YieldWarning
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -46,6 +48,7 @@ def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], resu
             by_faces[repr(contact.name) if contact.name else str(i)] = rings[i]
     _warn_of_ringing(mbs, by_faces, result)
     _warn_of_yield(contacts, rings, result)
+    _warn_of_near_zones(contacts, result)
     _warn_of_open_statics(contacts, result)
 
 
@@ -181,6 +184,31 @@ def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
         YieldWarning,
         stacklevel=5,
     )
+
+
+def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) -> None:
+    """Plastic flow beneath two contacts of a body, nearer to each other than it is wide; zones feel no other ones.
+
+    The stress that the plastic strain of a zone makes elsewhere falls with the third power of the distance.
+    """
+    flowed = []
+    for contact in contacts:
+        for side, run in contact.yielding.zones if contact.yielding else ():
+            item, state = contact.sides[side][0], contact.plastic_states(result)[SIDES[side]]
+            if state.equivalent.any() and not len(item.body.basis.nodal):
+                flowed.append((contact, item, run.zone.place(state.equivalent > 0)))
+    for (one, item, places), (other, of, there) in itertools.combinations(flowed, 2):
+        apart = float(KDTree(places).query(there)[0].min())
+        width = float(max(np.ptp(places, axis=0).max(), np.ptp(there, axis=0).max()))
+        if of is item and apart < width:
+            warnings.warn(
+                f"{called(item)} has flowed beneath {called(one)} and {called(other)}, {apart:.3g} m apart over a "
+                f"width of {width:.3g} m. Zones of two patches do not feel each other's plastic strain, which matters "
+                "so near. Take patches further apart, or basis='free', in which they do",
+                ModelLimitWarning,
+                stacklevel=5,
+            )
+            return
 
 
 def _warn_of_ringing(mbs: MainSystem, rings: dict[str, Ringing], result: Result) -> None:

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, YieldWarning
+from exudyn_partition.errors import InputError, ModelLimitWarning, YieldWarning
+from exudyn_partition.fe.model import node_dofs
 from exudyn_partition.fe.shapes import integration_points, tetrahedron_functions
+from exudyn_partition.plasticity.zone import PlasticZone
+from exudyn_partition.reduction.free_body import FreeBody
 
 MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
 STEEL = replace(ep.STEEL, yield_stress=None)
@@ -197,6 +200,41 @@ def test_flow_at_the_edge_of_the_zone_warns(models):
     side, place = contact.flow_at_border(result)
     assert side == "slave"
     assert np.linalg.norm(place) < 0.6e-3
+
+
+@pytest.mark.parametrize(("distance", "near"), [(2.1, True), (4.0, False)])
+def test_flow_of_two_zones_near_each_other_warns(distance, near):
+    """What the zones do not feel is known from the whole body: the stress that the strain of one makes in the other."""
+    radius = 0.5e-3
+    places = [np.array([sign * distance * radius / 2, 0, 0]) for sign in (-1, 1)]
+    plate = occ.Box(occ.Pnt(-5e-3, -4e-3, -2.5e-3), occ.Pnt(5e-3, 4e-3, 0))
+    refine = [ep.Refine(place, 0.45e-3, 0.17e-3) for place in places]
+    fem = ep.fe_model(plate, MATERIAL, maxh=3e-3, refine=refine, grading=0.7)
+    first, second = (
+        ep.Partition.ball(fem, place, 0.33e-3, direction=(0, 0, 1), plastic_radius=radius) for place in places
+    )
+    body = ep.reduce(fem, first | second, f_cut=F_CUT)
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, 3 * SPEED], name="plate")
+    contacts = []
+    for i, (x, y, z) in enumerate(places):
+        sphere = ep.RigidSphere((x, y, z + RADIUS), RADIUS)
+        contacts.append(ep.CreatePartitionContact(mbs, item, sphere, slavePatch=i, name=f"{i}"))
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=8e-6)
+    told = [str(one.message) for one in told if issubclass(one.category, ModelLimitWarning)]
+    assert [("beneath contact '0' and contact '1'" in text) for text in told] == [True] * near
+
+    zones = [PlasticZone(fem.points, part.patches[0].plastic, MATERIAL) for part in (first, second)]
+    (state,) = contacts[0].plastic_states(result).values()
+    force = np.zeros(fem.n_dofs)
+    force[node_dofs(zones[0].nodes)] = zones[0].pseudo_forces(state.strain)
+    moved = FreeBody(fem, first | second).flexibility()(force[:, None])[:, 0]
+    strain = np.linalg.norm(zones[1].strains(moved[node_dofs(zones[1].nodes)]), axis=1)
+    missing = zones[1].flow.of_strain(strain.max()) / MATERIAL.yield_stress
+    assert (missing > 0.1) if near else (missing < 0.03)
 
 
 def test_friction_and_plastic_flow_together(models):
