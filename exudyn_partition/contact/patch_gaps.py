@@ -170,12 +170,12 @@ class PatchGaps(Gaps):
         self._here = here = self._placed(places)
         if self._searched_at is None or largest_change(here, self._searched_at) > self._reach:
             self._search(self._everywhere(), here)
-        if self._apart:
-            return np.empty(0)
         gap, enough = self._follow(places, here) if self._narrowed else (_NO_GAPS, False)
         if math.isnan(gap.sum()):  # a point has come to a facet that is not followed
             self._search(self._everywhere(), here)
             enough = False
+        if self._apart:
+            return _NO_GAPS
         if not enough:
             gap = self._narrow(self._everywhere(), here)
         self._since += 1
@@ -196,7 +196,7 @@ class PatchGaps(Gaps):
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
-        return self._follow(self.places_now(), self._here)[0]
+        return self._follow(self.places(q), self._here)[0]  # wherever the points go
 
     def surface_gap(self, q: Array) -> float:
         """See `Gaps.surface_gap`."""
