@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 import math
-from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import lapack
@@ -216,10 +215,10 @@ class FrictionProblem:
                 closed.factorise(lam)
                 self.factorisations += 1
             self.iterations += 1
-            step = closed.step()
+            step, largest = closed.step()
             lam = lam + step
             before, size = size, closed.residual(lam)
-            share = abs(step).max() / before if before else 0.0
+            share = largest / before if before else 0.0
             slow = closed.steps > 1 and size > _PROGRESS * before
             # Steps with the factors of other states may lead back to those, again and again.
             closed.stale = slow or closed.steps > _CHORD_STEPS or closed.changed
@@ -272,17 +271,14 @@ class _ClosedRows:
 
     def __init__(self, F: Array, inverse: Array) -> None:
         self._inverse = inverse
-        self._F = inverse[:, None] * F
-        self.stale = True
+        self._F = np.ascontiguousarray(inverse[:, None] * F)
+        self._moves, self._squares = np.empty((_CHORD_STEPS + 2, len(F))), np.empty(_CHORD_STEPS + 2)
+        self.stale, self.steps = True, 0
 
     def load(self, h: Array, mu: Array) -> None:
         """Take gaps and slips, (na, 3), and coefficients, (na,)."""
         self._h, self._mu = self._inverse * h.ravel(), mu
-        self._moves: list[tuple[Array, float]] = []
-
-    @property
-    def steps(self) -> int:
-        return len(self._moves)
+        self.steps = 0
 
     @property
     def slips(self) -> Array:
@@ -297,11 +293,11 @@ class _ClosedRows:
 
     def residual(self, lam: Array) -> float:
         """Largest force that the law leaves unbalanced [N]."""
-        value = self._h + self._F @ lam
         if loops := kernels("algebra"):
-            self._value, law = value, loops.friction_residual(value, lam, self._mu)
-            self._x1, self._x2, self._length, self._bound, largest = law
+            law = loops.friction_residual(self._F, self._h, lam, self._mu)
+            self._value, self._x1, self._x2, self._length, self._bound, largest = law
             return float(largest)
+        value = self._h + self._F @ lam
         self._x1, self._x2 = x1, x2 = lam[1::3] - value[1::3], lam[2::3] - value[2::3]
         self._length = length = np.sqrt(x1 * x1 + x2 * x2)
         self._bound = bound = self._mu * np.maximum(lam[::3], 0.0)
@@ -339,19 +335,26 @@ class _ClosedRows:
             A[place, 3 * rows] -= d * self._mu[rows]
         self._turn = along, across, d1, d2, c
         self._factors: tuple[Array, Array] = lapack.dgetrf(A)[:2]
-        self._moves = []
-        self.stale = False
+        self.stale, self.steps = False, 0
 
-    def step(self) -> Array:
-        """Newton step with the present factors, (3 na,) [N], corrected by the steps made with them (Broyden)."""
-        step: Array = lapack.dgetrs(*self._factors, -self._value, overwrite_b=1)[0]
-        for (move, square), (following, _) in pairwise(self._moves):
-            step += following * (move @ step / square)
-        if self._moves:
-            move, square = self._moves[-1]
-            step /= 1.0 - move @ step / square
-        self._moves.append((step, float(step @ step)))
-        return step
+    def step(self) -> tuple[Array, float]:
+        """Newton step with the present factors, (3 na,), corrected by the steps made with them, and its largest entry.
+
+        The correction is that of Broyden. Forces are in N.
+        """
+        moves, squares, count = self._moves, self._squares, self.steps
+        self.steps += 1
+        if loops := kernels("algebra"):
+            factors, pivots = self._factors
+            step, largest = loops.chord_step(factors.T, pivots, self._value, moves, squares, count)
+            return step, float(largest)
+        step = lapack.dgetrs(*self._factors, -self._value, overwrite_b=1)[0]
+        for m in range(count - 1):
+            step += moves[m + 1] * (moves[m] @ step / squares[m])
+        if count:
+            step /= 1.0 - moves[count - 1] @ step / squares[count - 1]
+        moves[count], squares[count] = step, step @ step
+        return step, float(abs(step).max())
 
     def stiffness(self) -> Array:
         """Derivative of the forces by -h with the present factors, (3 na, 3 na) [N/m]."""

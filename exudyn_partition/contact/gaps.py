@@ -339,11 +339,11 @@ class Gaps:
         F = np.zeros((n_rows, n_rows))
         for place, (side, q) in enumerate(zip(self.sides, self.split(self._q), strict=True)):
             if side.flexibility is not None:
-                F += self._part_of(place).flexibility(q, self.points, self.shares[place], self.normals)
+                F += self.loaded_nodes(place).flexibility(q, self.points, self.shares[place], self.normals)
         return F
 
-    def _part_of(self, place: int) -> LoadedNodes:
-        """One side's nodes that carry rows; those of the last time if they are the same."""
+    def loaded_nodes(self, place: int) -> LoadedNodes:
+        """One side's nodes that carry the present rows, and perhaps some more that have carried others."""
         side, nodes = self.sides[place], self.shares[place][0]
         known = self._loaded.get(place)
         if known is None or not known.are_of(side, nodes):

@@ -141,15 +141,14 @@ class LoadedNodes:
     side : Side
     column : (np,) int array
         The number of each node of the patch among these nodes; -1 for others.
-    n : int
-        How many they are.
+    nodes : (n,) int array
     F : (d n, d n) array
         Their part of `side.flexibility` [m/N].
     """
 
     side: Side
     column: Array
-    n: int
+    nodes: Array
     F: Array
 
     @classmethod
@@ -160,7 +159,7 @@ class LoadedNodes:
         used = np.flatnonzero(column == 0)
         column[used] = np.arange(len(used))
         dofs = used if side.normal_only else node_dofs(used)
-        return cls(side, column, len(used), np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
+        return cls(side, column, used, np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
 
     def are_of(self, side: Side, nodes: Array) -> bool:
         """Whether they are nodes of this side, and those that carry some points, (p, k), are among them."""
@@ -182,7 +181,7 @@ class LoadedNodes:
         along = np.ones((len(normals), 1)) if self.side.normal_only else self.side.kinematics.in_frame(q, normals)
         if loops := kernels("contact"):
             mean = points.mean
-            rows = loops.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, along, self.n)
+            rows = loops.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, along, len(self.nodes))
         else:
             row, point, share = points.triplets
             columns = along.shape[1] * nodes[point][:, :, None] + np.arange(along.shape[1])

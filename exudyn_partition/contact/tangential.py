@@ -8,7 +8,6 @@ row have the order normal, first tangent, second tangent; those of all rows are 
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,7 +22,7 @@ from ..support.compiled import kernels
 from ..surfaces.points import at_points
 from ..surfaces.surface import cross
 from .gaps import Gaps, dense, joined
-from .side import Side, Standing
+from .side import LoadedNodes, Standing
 
 _SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility
@@ -59,8 +58,7 @@ class TangentialRows:
         self._tangents_of: Array | None = None
         self._flexible_at: Standing | None = None
         self._flexible_index = np.empty(0, dtype=np.int64)
-        # Of each side: its nodes in the rows, the rows and their flexibility.
-        self._parts: dict[int, tuple[Side, Array, Array, Array]] = {}
+        self._parts: dict[int, tuple[LoadedNodes, Array, Array]] = {}  # of each side, with rows and flexibility
         self._places: list[Array] | None = None
         self._places_of: object = None
         self._rows_held: object = None
@@ -213,24 +211,26 @@ class TangentialRows:
 
     def side_rows(self, place: int) -> Array:
         """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np)."""
-        used, rows = self._some_side_rows(place, np.arange(len(self.gaps.row_nodes)))
-        result = np.zeros((len(rows), 3 * len(self.gaps.sides[place].surface.points)))
-        result[:, node_dofs(used)] = rows
+        loaded, rows = self._some_side_rows(place, np.arange(len(self.gaps.row_nodes)))
+        result = np.zeros((len(rows), 3 * len(loaded.column)))
+        result[:, node_dofs(loaded.nodes)] = rows
         return result
 
-    def _some_side_rows(self, place: int, index: Array) -> tuple[Array, Array]:
-        """Nodes of one side's patch, (k,), and some rows on their flexibility coordinates, (3 na, 3 k)."""
-        side, q = self.gaps.sides[place], self.gaps.coordinates[place]
+    def _some_side_rows(self, place: int, index: Array) -> tuple[LoadedNodes, Array]:
+        """Nodes of one side's patch, k of them, and some rows on their flexibility coordinates, (3 na, 3 k)."""
+        side, q, loaded = self.gaps.sides[place], self.gaps.coordinates[place], self.gaps.loaded_nodes(place)
         in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
+        k = len(loaded.nodes)
         if loops := kernels("contact"):
             mean, (nodes, weights) = self.gaps.points.mean, self.gaps.shares[place]
-            used, column = self._used(place)
             normals = side.kinematics.in_frame(q, self.gaps.normals)
             triple = mean.indptr, mean.indices, mean.data
-            return used, loops.directed_rows(*triple, index, column[nodes], weights, normals, in_body, len(used))
-        used, weights = self._node_weights(place, index)
-        normal = sp.csr_matrix(self.gaps.side_rows(place)[index])[:, node_dofs(used)].toarray()
-        return used, np.asarray(_interleaved(normal, _directed(weights, in_body)))
+            return loaded, loops.directed_rows(*triple, index, loaded.column[nodes], weights, normals, in_body, k)
+        used, own = self._node_weights(place, index)
+        weights = np.zeros((len(index), k))
+        weights[:, loaded.column[used]] = own
+        normal = sp.csr_matrix(self.gaps.side_rows(place)[index])[:, node_dofs(loaded.nodes)].toarray()
+        return loaded, np.asarray(_interleaved(normal, _directed(weights, in_body)))
 
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
@@ -251,23 +251,15 @@ class TangentialRows:
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis are other rows."""
         self._turn()
-        return replace(self.gaps.standing(), axis=self._axis)
+        gaps = self.gaps
+        return Standing(gaps.row_nodes, gaps.sides, gaps.stance(), self._axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
-        F, (used, rows) = np.asarray(self.gaps.sides[place].flexibility), self._some_side_rows(place, index)
-        known = self._parts.get(place)
-        same = known is not None and known[0] is self.gaps.sides[place] and np.array_equal(known[1], used)
-        if known is None or not same or not _nearly_equal(known[2], rows):
-            few = np.flatnonzero(rows.any(axis=0))
-            dofs, some = node_dofs(used)[few], rows[:, few]
-            known = self._parts[place] = (
-                self.gaps.sides[place],
-                used,
-                rows,
-                congruence(some, F.take(dofs[:, None] * len(F) + dofs), threes=True),
-            )
-        return known[3]
+        (loaded, rows), known = self._some_side_rows(place, index), self._parts.get(place)
+        if known is None or known[0] is not loaded or not _nearly_equal(known[1], rows):
+            known = self._parts[place] = loaded, rows, congruence(rows, loaded.F, threes=True)
+        return known[2]
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows by the velocities of the body that carries the surface, (3 na, 6)."""

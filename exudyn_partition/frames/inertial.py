@@ -51,6 +51,8 @@ class InertialKinematics:
     def frame(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics.frame`; the origin is the centre of mass at the start."""
         origin, axes = self.position + self.body.centre_of_mass, np.eye(3)
+        if q.ndim == 1:
+            return origin, axes
         return np.broadcast_to(origin, (*q.shape[:-1], 3)), np.broadcast_to(axes, (*q.shape[:-1], 3, 3))
 
     @property

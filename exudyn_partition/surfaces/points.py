@@ -125,12 +125,13 @@ class ContactPoints:
     def of_rows(self, rows: Array) -> tuple[ContactPoints, Array]:
         """Return some rows, an index, with their points; the second value is the numbers of these points."""
         mean = self.mean[rows]
-        points = np.unique(mean.indices).astype(np.int64)
+        points, column = np.unique(mean.indices, return_inverse=True)
+        points = points.astype(np.int64)
         kept = replace(
             self,
             nodes=self.nodes[points],
             weights=self.weights[points],
-            mean=mean[:, points],
+            mean=sp.csr_matrix((mean.data, column, mean.indptr), shape=(mean.shape[0], len(points))),
             row_nodes=self.row_nodes[rows],
             area=self.area[rows],
             facets=self.facets[:, points],
