@@ -235,6 +235,11 @@ class Gaps:
         return gap, H @ q_t, H @ q_tt
 
     @property
+    def q(self) -> Array:
+        """Last coordinates, (n,)."""
+        return self._q
+
+    @property
     def coordinates(self) -> list[Array]:
         """Last coordinates of each side, (n_dofs,)."""
         return self.split(self._q)

@@ -73,18 +73,18 @@ class TangentialRows:
 
     def release(self) -> None:
         """Forget the places that `hold` took: nothing has slid."""
-        self._from: list[Array] | None = None
+        self._from: Array | None = None  # coordinates
 
     def hold(self, *, soon: bool = True) -> None:
         """Count sliding from the present places; unless it is asked for `soon`, places are found when it is."""
         gaps = self.gaps
-        self._from, self._pose = gaps.coordinates, gaps.evaluated_pose
+        self._from, self._pose = gaps.q, gaps.evaluated_pose
         self._places = gaps.places_now() if soon and gaps.moving else None
         self._places_of = gaps.near_sides
 
     def hold_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
-        self._from, self._pose, self._places = self.gaps.split(q), pose, None
+        self._from, self._pose, self._places = q, pose, None
 
     @property
     def held(self) -> bool:
@@ -132,15 +132,14 @@ class TangentialRows:
         if self._from is None:
             return np.zeros((len(gaps.row_nodes), 2))
         if not gaps.moving:
-            moved = np.concatenate(gaps.coordinates) - np.concatenate(self._from)
-            return np.asarray(self._all_rows() @ moved).reshape(-1, 3)[:, 1:]
+            return np.asarray(self._all_rows() @ (gaps.q - self._from)).reshape(-1, 3)[:, 1:]
         if self._places is None or self._places_of is not gaps.near_sides:  # others follow other nodes
-            self._places, self._places_of = gaps.places(np.concatenate(self._from)), gaps.near_sides
+            self._places, self._places_of = gaps.places(self._from), gaps.near_sides
         now = gaps.places_now()
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]
             return self.along(self._offsets(moved))
-        return self.along(self._offsets(now) - self._carried(self._offsets(self._places), self._from))
+        return self.along(self._offsets(now) - self._carried(self._offsets(self._places), gaps.split(self._from)))
 
     def rates(self, q_t: Array) -> Array:
         """Rates at which the rows slide along their tangents, (nr, 2) [m/s], at velocities q_t, (n,), pairs held."""

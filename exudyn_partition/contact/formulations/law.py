@@ -94,7 +94,7 @@ class ContactLaw:
 
     def ended_at(self, q: Array) -> bool:
         """Whether the coordinates, (n,), are those of the last evaluation."""
-        return np.array_equal(np.concatenate(self.gaps.coordinates), q)
+        return np.array_equal(self.gaps.q, q)
 
     def resume(self, earlier: Law, q: Array) -> bool:
         """See `Law`."""
