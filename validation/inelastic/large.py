@@ -8,11 +8,11 @@ rows, zone and steps, from start to end. At the second size the bodies are reduc
 Reference: the full FE model; the elastic reduction. Quantity: the time of the full FE model's stepping by that of the
 run, in processor time, the latter with the set-up of the model; the relative L2 error of the force, the relative error
 of plastic work; the processor time of the plastic reduction by the elastic one's, and its peak memory with meshing.
-Limits: at least 200 times as fast, errors of 1 %, at most 3 times the elastic time, 8 GB.
+Limits: at least 200 times as fast, errors of 1 %, at most 3 times the elastic time, 8 GiB.
 
     python -m validation.inelastic.large [--only CASE ...]
 
-Cases are kept in large.json. Without `--only` all run again.
+Cases are kept in large.json. Without `--only` all run again; `--only` alone judges what is kept.
 """
 
 import argparse
@@ -39,7 +39,7 @@ FINE, FINEST = "120 000 dofs", "97 000 nodes"
 SIZES = {FINE: (0.6e-3, 0.9e-3), FINEST: (0.7e-3, 0.62e-3)}  # largest elements of ball and plate [m]
 RUN = "impact"
 CASES = [RUN, f"elastic, {FINE}", f"plastic, {FINE}", f"plastic, {FINEST}"]
-LIMITS = {"faster": 200.0, "force": 0.01, "work": 0.01, "offline": 3.0, "memory_GB": 8.0}
+LIMITS = {"faster": 200.0, "force": 0.01, "work": 0.01, "offline": 3.0, "memory_GiB": 8.0}
 
 
 def elastic(fem, part):
@@ -63,7 +63,7 @@ def reduction(kind, size):
         "coordinates": sum(body.n_dofs for body in bodies),
         "cpu_s": time.process_time() - begin,
         "reduce_s": sum(body.reduce_s for body in bodies),
-        "memory_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
+        "memory_GiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
         "factors_by": "SuperLU" if pardiso.library() is None else "PARDISO",
     }
 
@@ -112,7 +112,7 @@ def measured(name):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, help="cases to run anew; others are kept")
+    parser.add_argument("--only", nargs="*", choices=CASES, default=CASES, help="cases to run anew; others are kept")
     parser.add_argument("--case", choices=CASES, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.case:
@@ -124,18 +124,17 @@ def main():
         cases[name] = measured(name)
         console.print(name, cases[name])
         RESULTS.write_text(json.dumps({"cases": cases}, indent=1) + "\n")
-    if missing := [name for name in CASES if name not in cases]:
-        sys.exit(f"not yet run: {', '.join(missing)}")
-    found = {
-        **{key: cases[RUN][key] for key in ("faster", "force", "work")},
-        "offline": cases[f"plastic, {FINE}"]["cpu_s"] / cases[f"elastic, {FINE}"]["cpu_s"],
-        "memory_GB": cases[f"plastic, {FINEST}"]["memory_GB"],
-    }
+    found = {key: cases[RUN][key] for key in ("faster", "force", "work")} if RUN in cases else {}
+    elastic_one, plastic_one = (cases.get(f"{kind}, {FINE}") for kind in ("elastic", "plastic"))
+    if elastic_one and plastic_one:
+        found["offline"] = plastic_one["cpu_s"] / elastic_one["cpu_s"]
+    if finest := cases.get(f"plastic, {FINEST}"):
+        found["memory_GiB"] = finest["memory_GiB"]
     failed = [
         f"{key} {value:.3g}, limit {LIMITS[key]:g}"
         for key, value in found.items()
         if not (value >= LIMITS[key] if key == "faster" else value <= LIMITS[key])
-    ]
+    ] + [f"not yet run: {name}" for name in CASES if name not in cases]
     result = {"found": found, "limits": LIMITS, "cases": cases, "time_s": time.perf_counter() - begin}
     scenes.finish(__file__, result, failed)
 
