@@ -3,8 +3,8 @@
 Far: a wave takes four elements. The frequency is the one below which 99 % of the force's energy lies. The wave is a
 bending wave in walls that are thinner than half of it and that few elements span, and a shear wave elsewhere. Elements
 of such walls are cubic: one or two layers of quadratic ones cannot hold the parabolic shear of a plate that bends.
-Near: quadratic elements of 0.6 contact radii, cubic ones of 0.9, within 1.5 radii; then elements grow. Those of the
-slave are smaller by 0.85, for its facets also carry the rows, which have an error of their own.
+Near: quadratic elements of 0.55 contact radii, cubic ones of 0.85, within 1.5 radii; then elements grow. Those of the
+slave are smaller by 0.8, for its facets also carry the rows, which have an error of their own.
 
 These sizes make an error of a few percent at most. The tolerance changes them by the rates below; the estimate decides.
 """
@@ -30,14 +30,14 @@ REFINED = 1.5  # radius of the refined ball, by the larger semi-axis of the cont
 REACH = (1.5, 2.0)  # radii of the patches of the first and of the second body, by the same; half an element is added
 
 _OF_A_WAVE = 4  # elements
-_LOCAL = {2: 0.6, 3: 0.9}  # elements at the contact, by order and smaller semi-axis
-_SLAVE = 0.85  # of these at the slave
+_LOCAL = {2: 0.55, 3: 0.85}  # elements at the contact, by order and smaller semi-axis
+_SLAVE = 0.8  # of these at the slave
 _FIRST_LOOK = 12  # elements in the longest side of a body, on its first mesh
 _LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadratic ones are enough
 _FEWEST = 3  # elements in the shortest side of a stocky body
 _ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
 # Tolerances for which the rules are, and powers of it that far and near sizes follow.
-_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 8
+_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 4
 _FAR_RATE, _NEAR_RATE = 2.0, 2.5  # powers by which errors fall with these sizes, at least
 _LEAST_CHANGE, _MOST_CHANGE = 0.85, 0.45  # of a size in one refinement
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import warnings
 from collections.abc import Iterable, Mapping
@@ -34,6 +35,7 @@ from .surplus import Surplus
 _LOG = logging.getLogger(__name__)
 
 _HIGHER = {1: 7.0, 2: 3.3, 3: 2.4}  # nodes of elements of one order more, by those of the order
+_THREADS_FROM = 20_000  # nodes; fewer are assembled before NGSolve's threads have started, which wait by spinning
 _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its shape
 
 
@@ -192,7 +194,7 @@ def _from_mesh(
     try:
         basis = NodalBasis(ngsolve, mesh, order)
         position = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
-        with ngsolve.TaskManager():
+        with _threads(ngsolve, position.space.ndof // 3):
             position.Set(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z)))
         points = basis.nodal_values(position.vec)
         corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
@@ -315,7 +317,7 @@ def _assemble(
     order = ORDERS[cells.shape[1]]
     check_memory_of_model(len(points), order)
     stiffness, mass = _forms(ngsolve, mesh, elastic, order)
-    with ngsolve.TaskManager():
+    with _threads(ngsolve, len(points)):
         volume = np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
     n = len(points)
     interleave = np.arange(3 * n).reshape(3, n).T.ravel()
@@ -323,7 +325,7 @@ def _assemble(
     return FEModel(
         points=points,
         cells=cells,
-        mass=_symmetric(change.T @ _csr(mass.mat) @ change),
+        mass=_symmetric(sp.kron(to_hierarchical.T @ _csr(mass.mat) @ to_hierarchical, sp.identity(3), format="csr")),
         stiffness=_symmetric(change.T @ _csr(stiffness.mat) @ change),
         cell_mass=elastic.rho * volume,
         material=elastic.largest(volume) if isinstance(elastic, Regions) else elastic,
@@ -335,8 +337,10 @@ def _assemble(
 def _forms(
     ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int
 ) -> tuple[NGSolveObject, NGSolveObject]:
-    """Stiffness and mass in NGSolve's basis."""
+    """Stiffness of a vector and mass of one component, in NGSolve's basis."""
     u, v = ngsolve.VectorH1(mesh, order=order).TnT()
+    scalar = ngsolve.H1(mesh, order=order)
+    p, q = scalar.TnT()
 
     def strain(w: NGSolveObject) -> NGSolveObject:
         return ngsolve.Sym(ngsolve.Grad(w))
@@ -349,11 +353,16 @@ def _forms(
         return constants
 
     shear, lame, density = map(by_element, (elastic.shear_modulus, elastic.lame, elastic.rho))
-    with ngsolve.TaskManager():
+    with _threads(ngsolve, scalar.ndof):
         stress = 2 * shear * strain(u) + lame * ngsolve.div(u) * ngsolve.Id(3)
         stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, strain(v)) * ngsolve.dx).Assemble()
-        mass = ngsolve.BilinearForm(density * u * v * ngsolve.dx).Assemble()
+        mass = ngsolve.BilinearForm(density * p * q * ngsolve.dx).Assemble()
     return stiffness, mass
+
+
+def _threads(ngsolve: NGSolve, nodes: int) -> contextlib.AbstractContextManager[object]:
+    """NGSolve's threads, for models that are worth them."""
+    return ngsolve.TaskManager() if nodes >= _THREADS_FROM else contextlib.nullcontext()
 
 
 def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:

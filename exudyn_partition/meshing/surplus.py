@@ -25,7 +25,7 @@ class Surplus:
     to_hierarchical : (n, n) csr matrix
         From nodal values to NGSolve's coefficients of order k.
     stiffness, mass : csr matrix
-        In NGSolve's basis of order k + 1.
+        Of a vector, and of one component, in NGSolve's basis of order k + 1.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Surplus:
         to_nodes = sp.kron(to_hierarchical, sp.identity(3), format="csr")
         self.stiffness = stiffness[ours][:, ours]
         self.coupling = sp.csr_matrix(stiffness[ours][:, theirs] @ to_nodes)
-        self.mass_coupling = sp.csr_matrix(mass[ours][:, theirs] @ to_nodes)
+        self.mass_coupling = sp.kron(mass[added][:, old] @ to_hierarchical, sp.identity(3), format="csr")
 
     def at(self, corners: Array, local: Array) -> sp.csr_matrix:
         """Values of the functions at points of the surface, (p, s).
