@@ -6,8 +6,9 @@ The impact of the scene runs with and without these corrections. Its difference 
 
 Rows have an error of their own. The pressure ends like a square root at the edge of the contact, where rows of spacing
 s miss it by s^(1/2). The strain energy of that error is p^2 s^3 in each of 2 pi a / s places, so that it is of order
-s^3. So a run with the rows of a coarser grid of the same facets, of k times the spacing, differs by k^3 - 1 times the
-error. Rows and functions of one order more are taken as independent.
+s^3. Where the contact ends in a facet changes it at random, so that two grids have independent errors. So a run with
+the rows of a coarser grid of the same facets, of k times the spacing, differs by (k^6 + 1)^(1/2) times the error
+(`validation/mesh/row_spacing.py`). Rows and functions of one order more are taken as independent too.
 
 It is no bound. Below two elements in a contact radius it is too small.
 """
@@ -15,6 +16,7 @@ It is no bound. Below two elements in a contact radius it is too small.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,7 +25,7 @@ import scipy.sparse as sp
 
 from ..algebra.factorisation import one_blas_thread
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
-from ..errors import InputError
+from ..errors import InputError, ToleranceWarning
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import check_one_line
 from ..prediction.modal_impact import Impact
@@ -36,6 +38,7 @@ from .modal_pair import Pair, Side, impact_of
 
 _ROW_RATE = 3  # power of the spacing of rows, by which their error falls
 _FINER = 2  # steps of the default one
+_FEWEST = 4  # rows that carry force; with fewer the contact lies within a facet
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,8 @@ class MeshEstimate:
         The larger error of force and velocity by the spacing of the rows; it is in both.
     step : float
         Error of the force by the default step alone; it is in that of the truncation.
+    carrying : int
+        Number of rows that carry force at some time.
     speed, duration : float
         Of the impact [m/s], [s].
     truncation : Estimate or None
@@ -74,6 +79,7 @@ class MeshEstimate:
     truncation: Estimate | None = None
     rows: float = 0.0
     step: float = 0.0
+    carrying: int = 0
 
     @property
     def error(self) -> float:
@@ -150,6 +156,11 @@ def mesh_error(
         If the elements are no tetrahedra.
     EmptyRegionError, PenetrationError, MemoryLimitError, MissingPackageError
 
+    Warns
+    -----
+    ToleranceWarning
+        If fewer than 4 rows of the contact carry force: then the estimate may be far too small.
+
     Notes
     -----
     It costs a factorisation of each body, and solutions for its rows and shapes: `validation/mesh/effectivity.py`.
@@ -189,7 +200,15 @@ def judged(
         check_one_line(body.partition, number, "patches")
     with one_blas_thread():
         finers = [Finer(*pair) for pair in pairs]
-        return estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration, finers), finers, numbers
+        estimate = estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration, finers)
+    if estimate.carrying < _FEWEST:
+        warnings.warn(
+            f"mesh: expected {_FEWEST} rows of the contact or more that carry force, got {estimate.carrying}. So the "
+            f"estimated error of {estimate.force:.2g} may be far too small; refine both meshes at the contact",
+            ToleranceWarning,
+            stacklevel=3,
+        )
+    return estimate, finers, numbers
 
 
 def estimate_of(
@@ -201,7 +220,8 @@ def estimate_of(
 ) -> MeshEstimate:
     """Estimate the error of the meshes, for what `impact_of` returns and what the next order adds to each body."""
     f_cut, n = min(side.body.f_cut for side in sides), len(sides)
-    rows = _near(sides[0].mean, impact.loaded(duration, impact.step(f_cut)))
+    loaded = impact.loaded(duration, impact.step(f_cut))
+    rows = _near(sides[0].mean, loaded)
     changes = [_change(finer, side, rows) for finer, side in zip(finers, sides, strict=True)]
     whole = [(True, True)] * n
     both, _ = _corrected(impact, changes, rows, whole)
@@ -226,10 +246,10 @@ def estimate_of(
     def of_each(far: bool, local: bool) -> list[tuple[float, float]]:
         return [change([(far, local) if i == j else (False, False) for j in range(n)]) for i in range(n)]
 
-    by_surplus, by_rows, finer = change(whole), [0.0, 0.0], sides[0].spacing ** _ROW_RATE - 1
-    if finer:
+    by_surplus, by_rows, spacing = change(whole), [0.0, 0.0], sides[0].spacing
+    if spacing > 1:
         _, coarse, coarse_velocity = impact.with_means(sides[0].coarse).run(duration, step)
-        by_rows = [x / finer for x in off(coarse, coarse_velocity)]
+        by_rows = [x / math.hypot(spacing**_ROW_RATE, 1) for x in off(coarse, coarse_velocity)]
     local = [max(one) for one in of_each(False, True)]
     return MeshEstimate(
         force=math.hypot(by_surplus[0], by_rows[0]),
@@ -239,6 +259,7 @@ def estimate_of(
         local=(math.hypot(local[0], max(by_rows)), *local[1:]),
         rows=max(by_rows),
         step=float(np.linalg.norm(by_step) / np.linalg.norm(force)),
+        carrying=int(np.count_nonzero(loaded)),
         speed=speed,
         duration=duration,
         truncation=sides[0].body.estimate,

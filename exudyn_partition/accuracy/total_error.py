@@ -56,7 +56,7 @@ def with_mesh_error(
     Warns
     -----
     ToleranceWarning
-        If the total error is above the tolerance of the reduction.
+        If the total error is above the tolerance of the reduction; or as `mesh_error`.
 
     Notes
     -----

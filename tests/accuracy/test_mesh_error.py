@@ -96,6 +96,11 @@ def test_against_a_rigid_plane_the_mesh_is_what_limits(coarse):
     assert lower.limit.startswith("the mesh of the body, at the contact")
 
 
+def test_a_contact_within_few_rows_is_told(coarse):
+    with pytest.warns(ToleranceWarning, match="expected 4 rows of the contact or more that carry force, got [1-3]"):
+        ep.mesh_error(coarse[0], ep.RigidPlane(), speed=SPEED / 20, duration=END)
+
+
 def test_bodies_tell_all_errors_apart_and_together_and_name_the_mesh(grown, coarse, tmp_path):
     """In a file too."""
     _, truncation, pairs = grown
