@@ -17,6 +17,7 @@ from .zone_run import ZoneMotion, ZoneRun
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
 _SETTLED_FOR_NEWTON = 2e-7  # in implicit and static steps: Newton's method does not converge on rough forces
+_ROUGH, _STALLED = 2e-6, 4  # a change that is enough if it has not become less in so many iterations: rounding holds it
 _MOST = 60  # iterations
 
 
@@ -160,6 +161,7 @@ class YieldingPatches(Zones):
         """Find the pseudo-forces of the active points; whether no other point flows."""
         own = [zone.guess for _, zone in self.zones]
         p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
+        least, stalled = np.inf, 0
         for _ in range(_MOST):
             self.iterations += 1
             own = np.split(p, sizes)
@@ -168,13 +170,14 @@ class YieldingPatches(Zones):
             answers = [zone.answer(force, part) for (_, zone), force, part in each]
             found = np.concatenate(answers)
             size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
-            if np.linalg.norm(found - p) <= self._settled * size:
+            change = np.linalg.norm(found - p)
+            least, stalled = min(change, least), stalled + 1 if change >= least else 0
+            if change <= self._settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
                 return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
             p = anderson.guess(p, found)
-        change = np.linalg.norm(found - p) / size
         raise ComplementarityError(
-            f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by {change:.2g}. Take "
-            "smaller steps, or a finer mesh in the plastic zone"
+            f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by "
+            f"{change / size:.2g}. Take smaller steps, or a finer mesh in the plastic zone"
         )
 
     def _moved(self, rows: dict[int, Array], p: Sequence[Array] | None = None) -> Array:
