@@ -59,6 +59,7 @@ _COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while the
 _LOOKS = 6  # most meshes, the first look included
 _COUNTS = 0.3  # parts of the error below this share of the largest one are not refined
 _LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
+_AIM = 0.8  # of the budget, which the next mesh is to keep
 _RESOLVE = 0.5  # ratio by which a mesh that resolves too little is to become better
 _MOST_DOFS = 250_000
 _FINER = 4  # steps of the default one, to tell the error of the step
@@ -356,7 +357,8 @@ class Search:
         active = {key: x for key, x in parts.items() if x >= _COUNTS * worst}
         ratios = {}
         if worst > _COUNTS * budget or not look.truncation.limit:  # else the same meshes would be tried again
-            ratios = {key: budget / len(active) / x for key, x in active.items()}
+            shared = _AIM * budget * sum(parts.values()) / look.mesh.error  # parts make less together than their sum
+            ratios = {key: min(shared / len(active) / x, 1.0) for key, x in active.items()}
         if look.truncation.limit:  # no basis on these meshes is good enough
             weakest = int(np.argmin([model[0].resolved_frequency for _, _, model in self.models]))
             ratios["far", weakest] = min(_RESOLVE, ratios.get(("far", weakest), 1.0))
