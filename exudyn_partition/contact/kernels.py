@@ -149,6 +149,42 @@ def directed_rows(
 
 
 @compiled
+def in_space(tangents: Array, along: Array) -> Array:
+    """Vectors in space, (nr, 3), of components along tangents, (nr, 2)."""
+    result = np.empty((len(along), 3))
+    for i in range(len(along)):
+        for axis in range(3):
+            result[i, axis] = along[i, 0] * tangents[i, 0, axis] + along[i, 1] * tangents[i, 1, axis]
+    return result
+
+
+@compiled
+def along(tangents: Array, vectors: Array) -> Array:
+    """Components along tangents, (nr, 2), of vectors in space, (nr, 3)."""
+    result = np.empty((len(vectors), 2))
+    for i in range(len(vectors)):
+        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        for k in range(2):
+            result[i, k] = x * tangents[i, k, 0] + y * tangents[i, k, 1] + z * tangents[i, k, 2]
+    return result
+
+
+@compiled
+def at_points(starts: Array, columns: Array, shares: Array, lam: Array, tangents: Array, normals: Array) -> Array:
+    """Forces at points, (p, 3), of forces along the directions of rows, (nr, 3), see `TangentialRows.at_points`."""
+    result = np.zeros((len(normals), 3))
+    for row in range(len(lam)):
+        push, u, v = lam[row, 0], lam[row, 1], lam[row, 2]
+        if push != 0.0 or u != 0.0 or v != 0.0:
+            for k in range(starts[row], starts[row + 1]):
+                point, share = columns[k], shares[k]
+                for axis in range(3):
+                    tangential = u * tangents[row, 0, axis] + v * tangents[row, 1, axis]
+                    result[point, axis] += share * (push * normals[point, axis] + tangential)
+    return result
+
+
+@compiled
 def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
     """See `tangential.tangents_of`."""
     n = len(normals)

@@ -118,11 +118,17 @@ class TangentialRows:
 
     def in_space(self, along: Array) -> Array:
         """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""
+        if loops := kernels("contact"):
+            found: Array = loops.in_space(self.tangents, along)
+            return found
         vectors: Array = np.einsum("rk,rkd->rd", along, self.tangents)
         return vectors
 
     def along(self, vectors: Array) -> Array:
         """Components along the tangents, (nr, 2), of vectors in space, (nr, 3)."""
+        if loops := kernels("contact"):
+            found: Array = loops.along(self.tangents, vectors)
+            return found
         along: Array = np.einsum("rd,rkd->rk", vectors, self.tangents)
         return along
 
@@ -274,6 +280,10 @@ class TangentialRows:
     def at_points(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], of forces along the directions of rows, (nr, 3)."""
         gaps = self.gaps
+        if loops := kernels("contact"):
+            mean = gaps.points.mean
+            found: Array = loops.at_points(mean.indptr, mean.indices, mean.data, lam, self.tangents, gaps.normals)
+            return found
         pushed = gaps.points.spread(np.hstack([lam[:, :1], self.in_space(lam[:, 1:])]))
         return np.asarray(pushed[:, :1] * gaps.normals + pushed[:, 1:])
 

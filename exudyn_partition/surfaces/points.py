@@ -52,7 +52,7 @@ class ContactPoints:
         Pressure around the patch's nodes, by the forces of the rows [1/m2]. Integrated rows: the mean over the hat
         function of each node. Node-to-segment: the mean over hats of the facets' corners, because nodal forces of
         quadratic facets vary strongly.
-    facets : (nf, p) csr matrix
+    facets : (nf, p) csc matrix
         Entry (i, j) says whether point j belongs to facet i.
     """
 
@@ -62,7 +62,7 @@ class ContactPoints:
     row_nodes: Array
     area: Array
     pressures: sp.csr_matrix
-    facets: sp.csr_matrix
+    facets: sp.csc_matrix
 
     @property
     def nodal(self) -> bool:
@@ -209,7 +209,7 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
             row_nodes=np.arange(n),
             area=hat_area,
             pressures=sp.csr_matrix(pressures),
-            facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csr"),
+            facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csc"),
         )
     of_corners = corner_hats(surface)
     corner_area = of_corners @ hat_area
@@ -221,7 +221,7 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
         row_nodes=np.arange(n),
         area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), NODAL_SHARES[k]).ravel(), minlength=n),
         pressures=sp.csr_matrix(inverse @ of_corners),
-        facets=sp.csr_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
+        facets=sp.csc_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
     )
 
 

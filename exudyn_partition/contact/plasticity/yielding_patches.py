@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -161,7 +162,7 @@ class YieldingPatches(Zones):
         """Find the pseudo-forces of the active points; whether no other point flows."""
         own = [zone.guess for _, zone in self.zones]
         p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
-        least, stalled = np.inf, 0
+        least, stalled = math.inf, 0
         for _ in range(_MOST):
             self.iterations += 1
             own = np.split(p, sizes)
@@ -170,7 +171,7 @@ class YieldingPatches(Zones):
             answers = [zone.answer(force, part) for (_, zone), force, part in each]
             found = np.concatenate(answers)
             size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
-            change = np.linalg.norm(found - p)
+            change = float(np.linalg.norm(found - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
             if change <= self._settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
                 return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
