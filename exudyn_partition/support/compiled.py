@@ -40,7 +40,7 @@ def compiled(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Return a compiled function whose code is put where it is called: calls with arrays cost some 20 ns each."""
+    """Return a compiled function whose code is put where it is called: calls with arrays cost more than small sums."""
     return _compiled(function, forceinline=True, **_OPTIONS)
 
 
