@@ -40,7 +40,8 @@ def with_mesh_error(
     correct : bool
         Also give the bodies what functions of one order more change of them: of frequencies and shapes, and of the
         flexibility of the patches that meet (`correction`). Their error becomes smaller than what the estimate says,
-        which stays that of the meshes (`validation/mesh/correct.py`). That of the contact's rows stays as it is.
+        which stays that of the meshes, if elements at the contact are at most 0.7 contact radii long
+        (`validation/mesh/correct.py`). That of the contact's rows stays as it is.
 
     Returns
     -------
