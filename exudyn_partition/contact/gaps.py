@@ -267,11 +267,15 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
+        return self.on_nodes(self._pushes(lam))
+
+    def _pushes(self, lam: Array) -> Array:
+        """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
         if loops := kernels("contact"):
-            mean, sides = self.points.mean, zip(self.shares, self.sides, strict=True)
-            rows = mean.indptr, mean.indices, mean.data, lam, self.normals
-            return [loops.rows_on_nodes(*rows, *shares, len(side.surface.points)) for shares, side in sides]
-        return self.on_nodes(self.points.spread(lam)[:, None] * self.normals)
+            mean = self.points.mean
+            found: Array = loops.pushes(mean.indptr, mean.indices, mean.data, lam, self.normals)
+            return found
+        return self.points.spread(lam)[:, None] * self.normals
 
     def on_nodes(self, forces: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N].
@@ -298,7 +302,7 @@ class Gaps:
 
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
-        return self.moment_of(self.points.spread(lam)[:, None] * self.normals, point)
+        return self.moment_of(self._pushes(lam), point)
 
     def moment_of(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""

@@ -84,23 +84,15 @@ def same_rows(h: Array, limit: float, index: Array) -> bool:
 
 
 @compiled
-def rows_on_nodes(
-    starts: Array, columns: Array, shares: Array, lam: Array, normals: Array, nodes: Array, weights: Array, n: int
-) -> Array:
-    """Forces on n nodes, (n, 3), of forces on rows, (nr,), along the normals of their points, (p, 3)."""
-    pushed, result = np.zeros(len(nodes)), np.zeros((n, 3))
+def pushes(starts: Array, columns: Array, shares: Array, lam: Array, normals: Array) -> Array:
+    """Forces at points, (p, 3), of forces on rows, (nr,), along the normals of their points."""
+    result = np.zeros((len(normals), 3))
     for row in range(len(lam)):
         if lam[row] != 0.0:
             for k in range(starts[row], starts[row + 1]):
-                pushed[columns[k]] += shares[k] * lam[row]
-    for i in range(len(nodes)):
-        if pushed[i] != 0.0:
-            x, y, z = pushed[i] * normals[i, 0], pushed[i] * normals[i, 1], pushed[i] * normals[i, 2]
-            for j in range(nodes.shape[1]):
-                node, weight = nodes[i, j], weights[i, j]
-                result[node, 0] += weight * x
-                result[node, 1] += weight * y
-                result[node, 2] += weight * z
+                point, push = columns[k], shares[k] * lam[row]
+                for axis in range(3):
+                    result[point, axis] += push * normals[point, axis]
     return result
 
 
