@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from ..errors import InputError
 from ..fe.model import FEModel
+from ..fe.places import interpolation
 from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
@@ -86,7 +87,9 @@ class BodyResults(dict[str, ItemIndex]):
         return np.hstack([result.sensor_of(self, s) for s in self["sCoordinates_t"]])
 
     def displacement(self, result: Samples, point: Vector, *, fem: Static | None = None) -> Array:
-        """Displacement of the node nearest to `point`, (n, 3) [m].
+        """Displacement of a point on or in the body, (n, 3) [m].
+
+        A point between nodes moves by the nodes around it, see `fe.places.interpolation`.
 
         Parameters
         ----------
@@ -100,32 +103,33 @@ class BodyResults(dict[str, ItemIndex]):
         Raises
         ------
         InputError
-            If the point is far from the body, or the FE model is of another one.
+            If the point is not on or in the body, or the FE model is of another one.
 
         Warns
         -----
         ModelLimitWarning
             If `fem` is not given, and the missing part is estimated as more than 2 % of the history.
         """
-        q = self.coordinates(result)
-        kept = self._node(point).displacements(q)[:, 0]
+        nodes, weights = self._around(point)
+        kept: Array = weights @ self.kinematics.at(nodes).displacements(self.coordinates(result))
         if fem is not None:
-            return kept + static_motion(self, result, point, fem)
+            return kept + static_motion(self, result, nodes, weights, fem)
         warn_near_contact(self, result, point, kept, "displacement", lambda force: force)
         return kept
 
     def velocity(self, result: Samples, point: Vector, *, fem: Static | None = None) -> Array:
-        """Velocity of the node nearest to `point`, (n, 3) [m/s]; see `displacement`.
+        """Velocity of a point on or in the body, (n, 3) [m/s]; see `displacement`.
 
         The part that `fem` adds is the rate of change of the static answer from sample to sample.
         """
         q, q_t = self.coordinates(result), self.coordinates_t(result)
-        kept = self._node(point).velocities(q, q_t)[:, 0]
+        nodes, weights = self._around(point)
+        kept: Array = weights @ self.kinematics.at(nodes).velocities(q, q_t)
         if len(result.t) < 2:
             return kept
         rate = partial(np.gradient, axis=0)
         if fem is not None:
-            value: Array = kept + rate(static_motion(self, result, point, fem), result.t)
+            value: Array = kept + rate(static_motion(self, result, nodes, weights, fem), result.t)
             return value
         warn_near_contact(self, result, point, kept, "velocity", lambda force: rate(force, result.t))
         return kept
@@ -243,5 +247,11 @@ class BodyResults(dict[str, ItemIndex]):
             raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
         return q
 
-    def _node(self, point: Vector) -> Kinematics:
-        return self.kinematics.at(np.array([self.body.nearest_node(point)]))
+    def _around(self, point: Vector) -> tuple[Array, Array]:
+        """Nodes around a point, (k,), and weights, (k,); of a body without its inside, only nodes on its surface."""
+        self.body.check_nodes(np.array([self.body.nearest_node(point)]))
+        known = self.body.basis.shape_nodes
+        if known is None:
+            return interpolation(self.body.points, point)
+        nodes, weights = interpolation(self.body.points[known], point)
+        return known[nodes], weights

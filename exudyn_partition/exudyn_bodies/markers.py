@@ -22,7 +22,6 @@ from ..fe.model import node_dofs
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array
-from ..support.checks import validate_vector
 from ..support.foreign import ItemIndex, MainSystem, MarkerIndex, NodeIndex, ObjectIndex
 from ..support.optional import require
 
@@ -32,7 +31,6 @@ EXUDYN_COLOUR = (-1.0,) * 4  # which Exudyn takes for the colour of its visualiz
 
 _TRIANGLE = np.eye(3) - 1 / 3  # three points around an interface: the least number that has a rotation
 _SMALL = 1e-6  # mass of the small body at an interface, relative to the body's mass
-_NEAR = 12  # nodes for the interpolation of a point's motion: more than lie on one face of a tetrahedron or hexahedron
 
 
 def add_super_element(
@@ -251,37 +249,3 @@ def add_point_marker(mbs: MainSystem, super_element: ObjectIndex, nodes: Array, 
             bodyNumber=super_element, meshNodeNumbers=[*map(int, nodes)], weightingFactors=weights
         )
     )
-
-
-def interpolation(points: Array, point: Array) -> tuple[Array, Array]:
-    """Nodes around a point, (k,), and weights, (k,), that reproduce every linear field there.
-
-    So a force at the point has its exact resultant and moment. Of all such weights, these have the smallest sum of
-    squares of distance times weight. If a node lies at the point, it has all the weight.
-
-    Parameters
-    ----------
-    points : (n, 3) array
-        Places of the nodes [m].
-    point : (3,) array
-        Place of the point [m].
-
-    Raises
-    ------
-    InputError
-        If the point is further from the nearest nodes than these are from each other.
-    """
-    point = validate_vector("point", point)
-    distance = np.linalg.norm(points - point, axis=1)
-    near = np.argsort(distance, kind="stable")[:_NEAR]
-    arms, size = points[near] - point, distance[near[-1]]
-    if distance[near[0]] > np.linalg.norm(points[near[1:]] - points[near[0]], axis=1).max():
-        raise InputError(
-            f"point: expected a point on or in the body, got {point}, {distance[near[0]]:.4g} m away from its nearest "
-            f"node at {points[near[0]]}; give points in the body's own coordinates, those of its mesh"
-        )
-    if distance[near[0]] < 1e-9 * size:
-        return near[:1], np.ones(1)
-    closeness = size / distance[near]
-    linear = np.vstack([np.ones(len(near)), arms.T / size])
-    return near, closeness * np.linalg.lstsq(linear * closeness, np.array([1.0, 0, 0, 0]), rcond=None)[0]

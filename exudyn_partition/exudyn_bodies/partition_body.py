@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from ..fe.places import interpolation
 from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
 from ..frames.kinematics import Frame
@@ -15,7 +16,7 @@ from ..support.checks import validate_text, validate_vector
 from ..support.foreign import ItemIndex, LoadIndex, MainSystem, MarkerIndex, ObjectIndex, UserFunction
 from .attachments import add_guard, check_attachments
 from .body_results import BodyResults, Kinematics
-from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker, interpolation
+from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker
 from .model import registered
 from .surface_loads import loaded_area, surface_load
 
@@ -183,7 +184,7 @@ class PartitionBody(BodyResults):
             If the point is outside the body, the body is not in this model, or its basis keeps nodes and its frame is
             inertial.
         """
-        return self._point_marker(mbs, point, *interpolation(self.body.points, validate_vector("point", point)))
+        return self._point_marker(mbs, point, *interpolation(self.body.points, point))
 
     def _point_marker(self, mbs: MainSystem, point: Vector, nodes: Array, weights: Array) -> MarkerIndex:
         self.body.check_nodes(nodes)

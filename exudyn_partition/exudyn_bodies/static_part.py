@@ -38,10 +38,10 @@ class RecoveredBody(BodyItem, Protocol):
         """Coordinates q, (n, n_dofs), at the times of `result`."""
 
 
-def static_motion(item: RecoveredBody, result: Samples, point: Vector, fem: Static) -> Array:
-    """Static part of a node's displacement that the kept shapes do not have, (n, 3) [m]."""
-    own = node_dofs(np.array([item.body.nearest_node(point)]))
-    select = sp.csr_matrix((np.ones(3), (np.arange(3), own)), shape=(3, item.body.fe_dofs))
+def static_motion(item: RecoveredBody, result: Samples, nodes: Array, weights: Array, fem: Static) -> Array:
+    """Static part of the mean displacement of nodes, (k,), that the kept shapes do not have, (n, 3) [m]."""
+    entries = np.repeat(weights, 3), (np.tile(np.arange(3), len(nodes)), node_dofs(nodes))
+    select = sp.csr_matrix(entries, shape=(3, item.body.fe_dofs))
     axes = item.kinematics.frame(item.coordinates(result))[1]
     value: Array = np.einsum("tab,tb->ta", axes, static_part(item, result, select, fem))
     return value
@@ -75,7 +75,7 @@ def warn_near_contact(
             f"force; at {np.round(point, 6)} m this is about {lacking / size:.2g} of it. Give the FE model: "
             f"{what}(..., fem=fem)",
             ModelLimitWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
 
 

@@ -14,11 +14,12 @@ from typing import Literal, get_args
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import InputError, LockingError, MeshError, UnitsWarning
+from ..errors import LockingError, MeshError, UnitsWarning
 from ..support.arrays import Array, Vector
-from ..support.checks import check_indices, read_only, validate_array, validate_vector
+from ..support.checks import check_indices, read_only, validate_array
 from .facets import check_neighbours, facet_corners, part_sizes
 from .material import Material, Regions
+from .places import nearest_node
 from .shapes import CELL_FACES, ORDERS
 from .walls import Wall, weakest_wall
 
@@ -321,7 +322,7 @@ class FEModel:
         return weakest_wall(self.points, corners, facets, number, self.order, materials)
 
     def nearest_node(self, point: Vector) -> int:
-        """Index of the node nearest to `point`, (3,) [m]; see `nearest_node`."""
+        """Index of the node nearest to `point`, (3,) [m]; see `places.nearest_node`."""
         return nearest_node(self.points, point)
 
     def __repr__(self) -> str:
@@ -355,24 +356,6 @@ def same_mesh(one: Array, other: Array, *, same_place: bool = True) -> bool:
 def node_dofs(nodes: Array) -> Array:
     """(3k,) int array: the dofs x, y, z of each of k nodes."""
     return (3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel()
-
-
-def nearest_node(points: Array, point: Vector) -> int:
-    """Index of the node of a body, points (n, 3), that is nearest to `point`, (3,) [m].
-
-    Raises
-    ------
-    InputError
-        If every node is further away than a tenth of the body's size.
-    """
-    distance = np.linalg.norm(points - validate_vector("point", point), axis=1)
-    size = np.ptp(points, axis=0).max()
-    if distance.min() > 0.1 * size:
-        raise InputError(
-            f"point: {point} is {distance.min():.4g} m away from the nearest node of a body of {size:.4g} m; points "
-            "are given in the body's own coordinates, without referencePosition"
-        )
-    return int(distance.argmin())
 
 
 def rigid_modes(arms: Array) -> Array:

@@ -11,9 +11,10 @@ import scipy.sparse as sp
 
 from ..errors import InputError
 from ..fe.material import Material
-from ..fe.model import nearest_node, node_dofs, rigid_modes
+from ..fe.model import node_dofs, rigid_modes
 from ..fe.partition import Partition
 from ..fe.patches import PARTS, check_facets
+from ..fe.places import nearest_node
 from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.archive import Format
 from ..support.arrays import Array, Vector
@@ -282,7 +283,7 @@ class ReducedBody:
         return u
 
     def nearest_node(self, point: Vector) -> int:
-        """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `model.nearest_node`."""
+        """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `places.nearest_node`."""
         return nearest_node(self.points, point)
 
     def surface(self, position: Vector, patch: int | str = 0) -> Surface:
@@ -349,8 +350,8 @@ class ReducedBody:
         path : str or Path
             Taken as it is, nothing is appended.
         inside : bool
-            False leaves out the shapes at nodes inside the body. Runs, motion of the surface, and drawing do without
-            them, equal in every bit; stresses, strains and points inside need them, and say so.
+            False leaves out the shapes at nodes inside the body. Runs, motion of the surface's nodes, and drawing do
+            without them, equal in every bit; stresses, strains and points inside need them, and say so.
 
         Raises
         ------

@@ -12,6 +12,7 @@ import numpy as np
 from ..algebra.coulomb import Coulomb, friction_of
 from ..algebra.factorisation import one_blas_thread
 from ..errors import InputError, StoppedRunWarning
+from ..fe.places import interpolation
 from ..results.history import History
 from ..support.arrays import Array, Vector
 from ..support.checks import (
@@ -63,7 +64,7 @@ def simulate(
     end_time, step : float
         [s]
     points : dict of str to (body index, (3,) point), optional
-        Velocities are recorded at the nodes nearest to these points, in the body's own coordinates [m].
+        Points on or in the bodies, in their own coordinates [m], whose velocities are recorded.
     alpha : float
         Numerical damping, 0 to 1/3.
     rows : {"integrated", "node-to-segment"} or ContactRows
@@ -126,12 +127,16 @@ def simulate(
     law.begin(sides[0].compliance() + sides[1].compliance())
     pairs = zip(bodies, sides, strict=True)
     yielding = [PlasticBody(body, side) for body, side in pairs if body.yields]
-    nodes = {name: (index, bodies[index].fem.nearest_node(point)) for name, (index, point) in points.items()}
+    places = {name: (index, *interpolation(bodies[index].fem.points, point)) for name, (index, point) in points.items()}
 
     t = step * np.arange(steps + 1)
-    velocity = {name: np.empty((steps + 1, 3)) for name in nodes}
-    for name, (index, node) in nodes.items():
-        velocity[name][0] = sides[index].v[3 * node : 3 * node + 3]
+    velocity = {name: np.empty((steps + 1, 3)) for name in places}
+
+    def record(n: int) -> None:
+        for name, (index, nodes, weights) in places.items():
+            velocity[name][n] = weights @ sides[index].v.reshape(-1, 3)[nodes]
+
+    record(0)
     energy = sum(side.energy() for side in sides) + sum(one.energy() for one in yielding)
     setup_s, begin = time.perf_counter() - begin, time.perf_counter()
     _LOG.info("reference: %d steps of %.4g s, %d contact rows, set up in %.3g s", steps, step, len(rows), setup_s)
@@ -143,8 +148,7 @@ def simulate(
             law.record(lam, n)
             for side in sides:
                 side.correct(lam)
-            for name, (index, node) in nodes.items():
-                velocity[name][n] = sides[index].v[3 * node : 3 * node + 3]
+            record(n)
             done = n
             if progress:
                 progress(n / steps)

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, PenetrationError
-from exudyn_partition.exudyn_bodies.markers import interpolation
 
 F_CUT = 60e3
 
@@ -68,16 +67,9 @@ def test_markers_move_as_interfaces_nodes_and_points(mbs, arm, arm_body, frame):
     np.testing.assert_allclose(result.sensor(corner[0]), near.place(q)[:, 0], atol=1e-12)
     np.testing.assert_allclose(result.sensor(corner[1]), near.velocities(q, q_t)[:, 0], atol=1e-9)
     assert relative(result.sensor(point[0])[0], PLACE + item.kinematics.frame(q)[1][0] @ inside) < 1e-4
-
-
-def test_points_reproduce_linear_fields(arm_body):
-    for point in ([0.001, 0.002, 0.033], [0.005, 0.0013, 0.021], [-0.005, 0.004, 0.06]):
-        nodes, weights = interpolation(arm_body.points, np.array(point))
-        assert weights.sum() == pytest.approx(1, abs=1e-12)
-        np.testing.assert_allclose(weights @ arm_body.points[nodes], point, atol=1e-14)
-    assert len(nodes) == 1  # a corner is a node
-    with pytest.raises(InputError, match=r"point: expected a point on or in the body, got .* away from its nearest"):
-        interpolation(arm_body.points, np.array([0.02, 0, 0.03]))
+    np.testing.assert_allclose(item.velocity(result, inside), result.sensor(point[1]), atol=1e-9)
+    way = item.displacement(result, inside)
+    np.testing.assert_allclose(way - way[0], result.sensor(point[0]) - result.sensor(point[0])[0], atol=1e-12)
 
 
 def static_solver(mbs):
