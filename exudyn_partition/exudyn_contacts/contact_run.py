@@ -125,10 +125,9 @@ class ContactRun:
         if law.elastic:
             few = q is not None and len(q) <= _FEW
             return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
-        motion = SolverMotion(mbs, self)
         if law.remembers:
-            self.follow(motion.start, t)
-        return law.evaluate(motion)
+            self.follow(start_of_step(mbs), t)
+        return law.evaluate(SolverMotion(mbs, self))
 
     def update(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> None:
         """Bring the law to the model's present state at time t [s]."""
@@ -214,11 +213,11 @@ class ContactRun:
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
         law = self.law
-        along, stuck, slipping = [0.0, 0.0, 0.0], 0.0, 0.0
         if law.index.size:
-            along = law.traction.sum(axis=0).tolist()
             stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
-        values = [*along, stuck, slipping, law.dissipated(), law.stored()]
+            values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
+        else:
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), 0.0]
         return values + self._along.tolist() if law.ahead else values
 
     def plastic_values(self) -> list[float]:

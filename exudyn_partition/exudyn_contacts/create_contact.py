@@ -28,8 +28,9 @@ from ..support.optional import require
 from ..surfaces.near import near_patches
 from ..surfaces.points import ROWS, RowKind
 from .contact_elements import add_common_element, add_element, add_links
+from .contact_run import ContactRun
 from .coupling import solve_together
-from .model_run import ModelRun, Runs, runs_of
+from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
 
 _log = logging.getLogger(__name__)
@@ -243,9 +244,9 @@ def CreatePartitionContact(
         items.SensorUserFunction(name=name, sensorUserFunction=sample, storeInternal=True)
     )
     if coulomb is not None:
-        contact["sFriction"] = _add_sensor(mbs, runs, lambda run: run.of(contact).friction_values())
+        contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
     if law.yielding is not None:
-        contact["sPlastic"] = _add_sensor(mbs, runs, lambda run: run.of(contact).plastic_values())
+        contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
     registry(mbs).contacts[int(contact["sForce"])] = contact
     return contact
 
@@ -278,9 +279,11 @@ def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
     return formulation.with_friction(friction)
 
 
-def _add_sensor(mbs: MainSystem, runs: Runs, values: Callable[[ModelRun], list[float]]) -> SensorIndex:
+def _add_sensor(
+    mbs: MainSystem, runs: Runs, contact: PartitionContact, values: Callable[[ContactRun], list[float]]
+) -> SensorIndex:
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return values(runs.now(mbs))
+        return values(runs.now(mbs).of(contact))
 
     items = require("exudyn.itemInterface")
     return mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=sample, storeInternal=True))
