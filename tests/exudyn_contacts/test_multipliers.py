@@ -56,6 +56,18 @@ def test_multipliers_keep_gaps_closed(mbs, nodal_bodies):
     assert contact.force(result).max() > 100
 
 
+def test_pairs_that_are_followed_from_now_on_cause_no_impact(mbs, nodal_bodies):
+    """The ball slides out of reach of the frozen pairs: gaps jump by what they did not know, and the force does not."""
+    striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[8.0, 0, -1.0])
+    target = ep.CreatePartitionBody(mbs, nodal_bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.5 * ep.stability_limit(mbs))
+    assert result.work.pair_searches > 0
+    force = contact.force(result)
+    assert abs(np.diff(force)).max() < 0.005 * force.max()
+
+
 def test_a_prestep_function_set_after_the_multipliers(nodal_bodies):
     mbs, _, _, contact = collide(nodal_bodies, formulation="lagrange")
     calls = []

@@ -21,6 +21,8 @@ from .law import ContactLaw
 from .stabilised import FrictionalStabilised, StabilisedContact
 
 _CLOSED = 1e-6  # of a facet's size; central differences keep gaps closed up to round-off
+_SOONER = 10  # times sooner than it grew, the error of frozen pairs goes when they are followed
+_SOONEST = 20  # steps in which it goes
 
 
 def _not_central_differences(reason: str) -> RunError:
@@ -37,6 +39,9 @@ class LagrangeContact(ContactLaw):
     and drift into penetration. Here lambda_n >= 0 and g(q_{n+1}) >= 0 are complementary: this is the forward-increment
     form (Carpenter, Taylor, Katona 1991) of the same central differences. Pairs are those at the predicted q_{n+1}.
     `forward_increment.ForwardIncrement` computes lambda for one contact or several.
+
+    Where frozen pairs have slid and are followed from now on, gaps jump. Multipliers would close a jump within one
+    step, by an impact that is none. So the difference to the frozen gaps is taken off, and fades in many steps.
 
     Parameters
     ----------
@@ -67,6 +72,8 @@ class LagrangeContact(ContactLaw):
         super().reset()
         self._expected: Array | None = None
         self._held: object = None
+        self._jump, self._fading = np.zeros(len(self._closed_nodes)), 1.0  # what is left at the slave's nodes [m]
+        self._frozen_steps = 0
         self.take_rows()
 
     def take_rows(self) -> bool:
@@ -100,7 +107,18 @@ class LagrangeContact(ContactLaw):
             Length of the step [s].
         """
         self._check_last_step(q)
-        gap = self.gaps.at(self.gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt))
+        gaps, frozen, nodes = self.gaps, self.gaps.linear, self.gaps.row_nodes
+        to = gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt)
+        gap = gaps.at(to)
+        self._jump *= self._fading
+        self._frozen_steps += 1
+        if gaps.moving:
+            if frozen is not None:
+                _, old, new = np.intersect1d(nodes, gaps.row_nodes, return_indices=True)
+                self._jump[nodes[old]] += gap[new] - (frozen.start + frozen.H @ to)[old]
+                self._fading = 1 - 1 / max(self._frozen_steps / _SOONER, _SOONEST)
+            self._frozen_steps = 0
+        gap = gap - self._jump[gaps.row_nodes]
         self._expected, self.least_gap = None, gap.min(initial=np.inf)
         return gap
 
@@ -124,13 +142,15 @@ class LagrangeContact(ContactLaw):
         gap = self.gaps.at(q)
         if self.gaps.moving:  # the pairs have changed: these are gaps of other rows
             return
+        gap = gap - self._jump[self.gaps.row_nodes]
         round_off = 1e-12 * (abs(q).max() + abs(gap).max())
         if abs(gap - self._expected).max() > 1e-3 * self._scale + round_off:
             raise _not_central_differences("the last step did not close the gaps as predicted")
 
     def check(self, q: Array) -> None:
         """Raise if a gap at coordinates q, (n,), is negative."""
-        deepest = self.gaps.of_present(q).min(initial=0.0)
+        gap = self.gaps.of_present(q)
+        deepest = (gap - self._jump[self.gaps.row_nodes]).min(initial=0.0)
         if deepest < -_CLOSED * self.gaps.size:
             raise _not_central_differences(f"a gap is {deepest:.3g} m")
 

@@ -46,7 +46,7 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
 class FlatRows:
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    n, size, moving, row_nodes = 2, 1.0, False, np.arange(40)
+    n, size, moving, linear, row_nodes = 2, 1.0, False, None, np.arange(40)
     H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
     slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
 
