@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from ..errors import InputError
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_vector
+from ..surfaces.surface import nearest_places
 
 _FEWEST = 8  # points of a curve
 _SAMPLED = 720  # points of a curve that is given as a function
@@ -113,7 +114,7 @@ class RigidProfile:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
         at = (x - self.point) @ self.plane
         starts, tree = self._starts
-        s = starts[tree.query(at)[1]]
+        s = starts[nearest_places(tree, at)[:, 0]]
         for _ in range(_STEPS):
             place, tangent, bend = self._along(s)
             squared, miss = np.einsum("kd,kd->k", tangent, tangent), at - place

@@ -30,6 +30,7 @@ from ..meshing.step_files import ENDINGS
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_path, validate_positive
 from ..support.foreign import Shape
+from ..surfaces.surface import nearest_places
 
 _SAME = 1e-9  # of the size of the mesh: corners nearer than that are one
 _FLAT = 1e-10  # of the squared longest edge: triangles with a smaller area are left out
@@ -195,7 +196,7 @@ class RigidMesh:
         """
         bound = np.full(len(x), np.inf)
         for _, group, tree in self._classes:
-            place, _ = _on_triangles(x, self._corners[group[tree.query(x)[1]]])
+            place, _ = _on_triangles(x, self._corners[group[nearest_places(tree, x)[:, 0]]])
             bound = np.minimum(bound, np.linalg.norm(x - place, axis=1))
         points, triangles = [], []
         for radius, group, tree in self._classes:

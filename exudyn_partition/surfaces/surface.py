@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..errors import ComplementarityError
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.patches import Patch
 from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
@@ -169,6 +171,21 @@ def cross(a: Array, b: Array) -> Array:
     return result
 
 
+def nearest_places(tree: cKDTree, points: Array, count: int = 1) -> Array:
+    """Numbers of the places in a tree that are nearest to each of some points, (k, count).
+
+    Raises
+    ------
+    ComplementarityError
+        If points are so far away that no place is nearest.
+    """
+    if math.isfinite(points.sum()):
+        distance, found = tree.query(points, k=count)
+        if math.isfinite(distance.sum()):
+            return np.asarray(found).reshape(len(points), count)
+    raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
+
+
 def closest_points(points: Array, facets: Array) -> Projection:
     """Project points on a surface of triangles, flat or curved, or of bilinear quads.
 
@@ -184,13 +201,17 @@ def closest_points(points: Array, facets: Array) -> Projection:
     Returns
     -------
     Projection
+
+    Raises
+    ------
+    ComplementarityError
+        See `nearest_places`.
     """
     k, (nf, n_nodes, _) = len(points), facets.shape
     centre = facets.mean(axis=(0, 1))
     points, facets = points - centre, facets - centre  # reduces round-off
     candidates = min(_CANDIDATES, nf)
-    _, nearest = cKDTree(facet_corners(facets).mean(axis=1)).query(points, k=candidates)
-    nearest = np.asarray(nearest).reshape(-1)
+    nearest = nearest_places(cKDTree(facet_corners(facets).mean(axis=1)), points, candidates).ravel()
     if loops := kernels("surfaces"):
         own = facets, nearest.reshape(k, candidates), corners_of(facets), TABLES[n_nodes]
         return Projection(*loops.closest(points, *own, _NEWTON_STEPS, _CONVERGED, _CONVEX, _SAME))

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from oracles import dome
 
+from exudyn_partition.errors import ComplementarityError
 from exudyn_partition.fe.shapes import FACET_NODES, shape_functions
 from exudyn_partition.surfaces.surface import Surface, closest_points
 
@@ -63,3 +64,10 @@ def test_closest_point_from_afar(distance):
     found = closest_points(shape[:, 0] + distance * normal, nodes[None])
     np.testing.assert_allclose(found.local, local, atol=1e-9)
     np.testing.assert_allclose(found.gap, distance, rtol=1e-12)
+
+
+@pytest.mark.parametrize("far", [1e200, np.inf, np.nan])
+def test_points_beyond_all_bounds_are_refused(far):
+    """Squares of distances are not finite there, and no facet is nearest: compiled loops must not look for one."""
+    with pytest.raises(ComplementarityError, match="unstable"):
+        closest_points(np.array([[far, 0.0, 0.0]]), np.eye(3)[None])
