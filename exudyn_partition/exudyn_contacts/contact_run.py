@@ -217,7 +217,7 @@ class ContactRun:
             stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
             values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), 0.0]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), law.stored()]
         return values + self._along.tolist() if law.ahead else values
 
     def plastic_values(self) -> list[float]:
