@@ -103,6 +103,12 @@ class Complementarity:
         solution: Array = lapack.dpotrs(self._active_factor(), rhs, lower=1)[0]
         return solution
 
+    @property
+    def compiled(self) -> tuple[Array, Array, Array]:
+        """F, the factor of its active part and the active rows, as compiled loops take them, see `check_active`."""
+        rows = self.F if self.F.flags.c_contiguous else self.F.T  # the same, because F is symmetric
+        return rows, self._active_factor().T, self.index
+
     def forces(self, h: Array) -> tuple[Array, Array]:
         """Forces lambda on the present active set, and gaps w = h + F lambda, (nc,) each."""
         lam, index = np.zeros(len(h)), self.index
@@ -118,8 +124,7 @@ class Complementarity:
         Rounding is that of gaps of size `scale`; by default, of the largest entry of h.
         """
         if loops := kernels("algebra"):
-            rows = self.F if self.F.flags.c_contiguous else self.F.T  # the same, because F is symmetric
-            lam, wrong, count = loops.check_active(rows, self._active_factor().T, self.index, h, ROUNDING, scale)
+            lam, wrong, count = loops.check_active(*self.compiled, h, ROUNDING, scale)
             return lam, wrong, count
         lam, w = self.forces(h)
         wrong = np.where(self.active, lam < 0.0, w < -ROUNDING * (scale or abs(h).max()))

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..algebra.kernels import check_active
 from ..support.arrays import Array
-from ..support.compiled import compiled
+from ..support.compiled import compiled, inlined
+from ..surfaces.moving_kernels import Moving, follow_points
 
 if TYPE_CHECKING:
     from .frozen import FlatRows
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 @compiled
 def frame_of(a: Array, b: Array, c: Array) -> Array:
-    """Axes of the frame of three points, (3, 3), as columns, see `patch_gaps._triangle_frame`."""
+    """Axes of the frame of three points, (3, 3), as columns, see `witnesses.triangle_frame`."""
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
@@ -27,8 +29,8 @@ def frame_of(a: Array, b: Array, c: Array) -> Array:
     return np.array([[x, v * z - w * y, u], [y, w * x - u * z, v], [z, u * y - v * x, w]])
 
 
-@compiled
-def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+@inlined
+def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
     """Places of three of the slave's nodes in the frame of three of the master's, (3, 3) [m]."""
     origin = x_m[others[0]]
     axes = frame_of(origin, x_m[others[1]], x_m[others[2]])
@@ -41,34 +43,66 @@ def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
 
 
 @compiled
-def row_gaps(
-    starts: Array, columns: Array, shares: Array, of_points: Array,
-    start: Array, rigidly: Array, pose: Array, here: Array, bulge: float, most: float,
-) -> tuple[Array, bool]:  # fmt: skip
-    """Gaps of the rows, (nr,), means of those of their points, (p,), and whether rows that are not followed may close.
+def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+    """See `see`."""
+    return see(x_s, some, x_m, others)
 
-    See `patch_gaps.PatchGaps._others_close`.
+
+@compiled
+def row_gaps(
+    m: Moving, of_points: Array, start: Array, rigidly: Array, pose: Array, here: Array, bulge: float, most: float
+) -> tuple[Array, float, bool]:
+    """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
+
+    The least is NaN if a gap is. See `patch_gaps.PatchGaps._others_close`.
     """
+    starts, columns, means = m.starts, m.columns, m.means
     gap = np.zeros(len(starts) - 1)
     for row in range(len(gap)):
         for k in range(starts[row], starts[row + 1]):
-            gap[row] += shares[k] * of_points[columns[k]]
+            gap[row] += means[k] * of_points[columns[k]]
     axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
     for i in range(3):
         change[i] = here[0, i] - pose[i]
         for j in range(3):
             change[3 + 3 * i + j] = axes[i, j] - pose[3 + 3 * i + j]
-    least, off, nearest = np.inf, 0.0, np.inf
+    least, off, nearest, total = np.inf, 0.0, np.inf, 0.0
     for row in range(len(start)):
         rigid = start[row]
         for k in range(12):
             rigid += rigidly[row, k] * change[k]
         if row < len(gap):
-            least = min(least, gap[row])
+            least, total = min(least, gap[row]), total + gap[row]
             off = max(off, abs(gap[row] - rigid))
         else:
             nearest = min(nearest, rigid)
-    return gap, nearest - 2 * off < min(max(least, -bulge * least), most)
+    others = nearest - 2 * off < min(max(least, -bulge * least), most)
+    return gap, least if math.isfinite(total) else math.nan, others
+
+
+@compiled
+def followed_gaps(
+    m: Moving, x_s: Array, x_m: Array, some: Array, others: Array, searched_at: Array, reach: float,
+    start: Array, rigidly: Array, pose: Array, by: float, steps: int, size: float, bulge: float, most: float,
+) -> tuple[Array, Array, Array, Array, Array, float, bool]:  # fmt: skip
+    """Follow points, see `moving_kernels.follow`, and find what `row_gaps` does, unless the patches have moved too far.
+
+    Returns
+    -------
+    Where the slave is seen, (3, 3), normals, gaps of points, points that must be searched, and what `row_gaps` returns.
+    If there are points to be searched, or none were followed, the gaps of rows are empty.
+    """
+    here, nothing, far = see(x_s, some, x_m, others), np.empty(0), False
+    for i in range(3):
+        for j in range(3):
+            far = far or not abs(here[i, j] - searched_at[i, j]) <= reach
+    if far:
+        return here, np.empty((0, 3)), nothing, np.empty(0, np.int64), nothing, math.nan, True
+    normals, of_points, lost = follow_points(m, x_s, x_m, by, steps, size)
+    if len(lost):
+        return here, normals, of_points, lost, nothing, math.nan, True
+    gap, least, more = row_gaps(m, of_points, start, rigidly, pose, here, bulge, most)
+    return here, normals, of_points, lost, gap, least, more
 
 
 @compiled
@@ -81,6 +115,28 @@ def same_rows(h: Array, limit: float, index: Array) -> bool:
                 return False
             found += 1
     return found == len(index)
+
+
+@compiled
+def answer_again(
+    gap: Array, near: Array, F: Array, factor: Array, index: Array, bulge: float, rounding: float
+) -> tuple[Array, float, bool]:
+    """Forces on all rows and the least gap, if the rows that can close, `near`, and the closed ones stay the same.
+
+    F, `factor` and `index` are as in `check_active`. The last result tells whether they do; else forces are wrong.
+    """
+    least, total, lam = np.inf, 0.0, np.zeros(len(gap))
+    for row in range(len(gap)):
+        least, total = min(least, gap[row]), total + gap[row]
+    if not (least < 0.0 and math.isfinite(total) and same_rows(gap, -bulge * least, near)):
+        return lam, least, False
+    h = np.empty(len(near))
+    for i in range(len(near)):
+        h[i] = gap[near[i]]
+    some, _, count = check_active(F, factor, index, h, rounding, 0.0)
+    for i in range(len(near)):
+        lam[near[i]] = some[i]
+    return lam, least, count == 0
 
 
 @compiled

@@ -15,7 +15,9 @@ patches are more than one facet apart, there are no rows.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 
@@ -24,10 +26,11 @@ from ..algebra.products import largest_change
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from ..surfaces.pairs import MovingPairs
+from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
-from ..surfaces.surface import Projection, closest_points
+from ..surfaces.surface import closest_points
+from ..surfaces.witnesses import pose_of, spread, triangle_frame
 from .gaps import BULGE, Gaps, dense
 from .pairings import LinearGaps, Pairing
 from .side import Side
@@ -139,8 +142,25 @@ class PatchGaps(Gaps):
 
     def _meet(self, nodes: Array, weights: Array, normals: Array) -> None:
         """Set what the present points face: nodes and weights, (p, k), and normals, (p, 3), of the master."""
-        self.shares = (self.points.nodes, self.points.weights), (nodes, -weights)
+        self._just_followed = False
+        self._shares: Sequence[tuple[Array, Array]] | None = (self.points.nodes, self.points.weights), (nodes, -weights)
         self.normals = normals
+
+    @property
+    def shares(self) -> Sequence[tuple[Array, Array]]:  # type: ignore[override]
+        """See `Gaps`; while points are followed, they are found when they are asked for."""
+        if self._shares is None:
+            nodes, weights = self._pairs.carriers
+            self._shares = (self.points.nodes, self.points.weights), (nodes, -weights)
+        return self._shares
+
+    def nodal_forces(self, lam: Array) -> list[Array]:
+        """See `Gaps.nodal_forces`."""
+        if self._just_followed:
+            found = self._pairs.nodal_forces(lam, self.normals, *(len(side.surface.points) for side in self.sides))
+            if found is not None:
+                return found
+        return super().nodal_forces(lam)
 
     def _drift_rows(self, rows: ContactRows) -> Array:
         """Rows, (6, n), that give the sliding of three pairs along two tangents."""
@@ -167,22 +187,22 @@ class PatchGaps(Gaps):
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
         places = self.places_now()
-        self._here = here = self._placed(places)
-        if self._searched_at is None or largest_change(here, self._searched_at) > self._reach:
-            self._search(self._everywhere(), here)
-        gap, enough = self._follow(places, here) if self._narrowed else (_NO_GAPS, False)
-        if math.isnan(gap.sum()):  # a point has come to a facet that is not followed
-            self._search(self._everywhere(), here)
-            enough = False
-        if self._apart:
-            return _NO_GAPS
+        found = self._follow(places, self._reach) if self._searched_at is not None and self._narrowed else None
+        if found is None:
+            self._here = here = self._placed(places)
+            at = None if self._searched_at is None or self._narrowed else self._searched_at
+            if at is None or largest_change(here, at) > self._reach:
+                self._search(self._everywhere(), here)
+            if self._apart:
+                return _NO_GAPS
+        gap, enough = found or (_NO_GAPS, False)
         if not enough:
-            gap = self._narrow(self._everywhere(), here)
+            gap = self._narrow(self._everywhere(), self._here)
         self._since += 1
         if self._since >= _PATIENCE and self._linear:
             self._since = 0
             # Only if they touch: patches that are apart may meet with other pairs.
-            if self._stands_still(here) and gap.min(initial=np.inf) < _HELD * self.size:
+            if self._stands_still(self._here) and gap.min(initial=np.inf) < _HELD * self.size:
                 rows = self.project(*self._everywhere())[0]
                 self._hold(rows, q)
                 return rows.gap
@@ -196,7 +216,8 @@ class PatchGaps(Gaps):
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
-        return self._follow(self.places(q), self._here)[0]  # wherever the points go
+        found = self._follow(self.places(q), math.inf)  # wherever the points go
+        return self.at(q) if found is None else found[0]
 
     def surface_gap(self, q: Array) -> float:
         """See `Gaps.surface_gap`."""
@@ -238,7 +259,7 @@ class PatchGaps(Gaps):
         if loops := kernels("contact"):
             here: Array = loops.seen_from(x_s, some, x_m, others)
         else:
-            origin, axes = _triangle_frame(x_m[others])
+            origin, axes = triangle_frame(x_m[others])
             here = (x_s[some] - origin) @ axes
         if not math.isfinite(here.sum()):
             raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
@@ -270,29 +291,31 @@ class PatchGaps(Gaps):
             return
         self._pairs = MovingPairs(self.sides[1].surface, self._every.facet, self._every.local)
         # Places of the slave's nodes in the frame of its three witness nodes: they tell how rigid motion changes gaps.
-        origin, axes = _triangle_frame(x_s[self._witnesses[0]])
+        origin, axes = triangle_frame(x_s[self._witnesses[0]])
         self._arms = (x_s[self._every.points.row_nodes] - origin) @ axes
 
     def _narrow(self, places: list[Array], here: Array, near: float | None = None) -> Array:
         """Set the present rows to those that may close next, or those with gaps below `near` [m]; return their gaps."""
         (_, x_m), every = places, self._every
         self._pairs.rest()
-        found, gap = self._followed(every.points, np.arange(len(every.facet)), places)
+        normal, gap = self._followed(every.points, np.arange(len(every.facet)), places)
         row_gap = every.points.average(gap)
         if near is None:
             near = min(_needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
         chosen = row_gap < near
         points, self._followed_points = every.points.of_rows(np.flatnonzero(chosen))
         self._take(points, every.at_edge[chosen])
-        self._meet_followed(found.part(self._followed_points))
+        nodes, weights = self._pairs.carriers
+        some = self._followed_points
+        self._meet(nodes[some], weights[some], normal[some])
         # Change of the gaps to first order in the slave's rigid motion as seen from the master.
-        normals = every.points.average(found.normal) @ _triangle_frame(x_m[self._witnesses[1]])[1]
+        normals = every.points.average(normal) @ triangle_frame(x_m[self._witnesses[1]])[1]
         turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
         order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
         self._rigidly = np.hstack([normals, turning])[order]
-        self._from, self._pose = row_gap[order], _pose(here)
+        self._from, self._pose = row_gap[order], pose_of(here)
         self._narrowed = True
-        self._follow_around(found.facet[self._followed_points])
+        self._follow_around(self._pairs.facet[some])
         value: Array = row_gap[chosen]
         return value
 
@@ -319,30 +342,48 @@ class PatchGaps(Gaps):
         Their gaps are estimated from rigid motion. Deformation and curvature make an error. For rows that are not
         followed, the error is taken as twice the largest error of the followed rows.
         """
-        rigid = self._from + self._rigidly @ (_pose(here) - self._pose)
+        rigid = self._from + self._rigidly @ (pose_of(here) - self._pose)
         off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
         nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
         return bool(nearest < min(_needed(gap), _NEAR * self.size))
 
-    def _follow(self, places: list[Array], here: Array) -> tuple[Array, bool]:
-        """Gaps of the present rows, (nr,) [m], and whether these are all that can close."""
-        found, of_points = self._followed(self.points, self._followed_points, places)
-        self._meet_followed(found)
+    def _follow(self, places: list[Array], reach: float) -> tuple[Array, bool] | None:
+        """Gaps of the present rows, (nr,) [m], and whether these are all that can close.
+
+        None if the patches have moved by more than `reach` [m] since the last search, or a point has come to a facet
+        that is not followed.
+        """
         if loops := kernels("contact"):
-            mean, change = self.points.mean, (self._from, self._rigidly, self._pose, here)
-            rows = mean.indptr, mean.indices, mean.data, of_points
-            gap, others = loops.row_gaps(*rows, *change, BULGE, _NEAR * self.size)
-            return gap, not others
+            return self._follow_compiled(loops, places, reach)
+        here = self._placed(places)
+        if self._searched_at is None or largest_change(here, self._searched_at) > reach:
+            return None
+        self._here = here
+        self.normals, of_points = self._followed(self.points, self._followed_points, places)
+        self._shares, self._just_followed = None, True
         gap = self.points.average(of_points)
-        return gap, not self._others_close(gap, here)
+        return None if math.isnan(gap.sum()) else (gap, not self._others_close(gap, here))
 
-    def _followed(self, points: ContactPoints, index: Array, places: list[Array]) -> tuple[Projection, Array]:
-        """Projections of some of the pairs, and their gaps, (p,) [m]."""
-        found, gone = self._pairs.follow(points, index, places[0], places[1], lambda: self.places(self._q)[1])
-        return found, np.where(gone, self.size, found.gap) if self._pairs.any_gone else found.gap
+    def _follow_compiled(self, loops: ModuleType, places: list[Array], reach: float) -> tuple[Array, bool] | None:
+        """Do the same as `_follow`, compiled."""
+        moving = self._pairs.moving(self.points, self._followed_points)
+        rows, bounds = (self._from, self._rigidly, self._pose), (BULGE, _NEAR * self.size)
+        here, normals, of_points, lost, gap, least, others = loops.followed_gaps(
+            moving, *places, *self._witnesses, self._searched_at, reach, *rows, FOLLOWED, STEPS, self.size, *bounds
+        )
+        if not len(normals):
+            return None
+        if len(lost):
+            x_s, x_m = places[0], self.places(self._q)[1]
+            self._pairs.search(self.points, self._followed_points, lost, x_s, x_m, normals, of_points)
+            gap, least, others = loops.row_gaps(moving, of_points, *rows, here, *bounds)
+        self._here, self.normals, self._shares, self._just_followed = here, normals, None, True
+        return None if math.isnan(least) else (gap, not others)
 
-    def _meet_followed(self, found: Projection) -> None:
-        self._meet(self.sides[1].surface.facets.take(found.facet, axis=0), found.weights, found.normal)
+    def _followed(self, points: ContactPoints, index: Array, places: list[Array]) -> tuple[Array, Array]:
+        """Normals, (p, 3), and gaps, (p,) [m], of some of the points."""
+        x_s, x_m = places
+        return self._pairs.follow(points, index, x_s, x_m, lambda: self.places(self._q)[1])
 
     def _stands_still(self, here: Array) -> bool:
         """Whether the patches have hardly slid since the last call."""
@@ -354,28 +395,3 @@ def _needed(gap: Array) -> float:
     """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
     least = float(gap.min(initial=np.inf))
     return max(least, -BULGE * least)
-
-
-def _triangle_frame(points: Array) -> tuple[Array, Array]:
-    """First of three points, (3,), and axes as columns, (3, 3); two axes lie in the plane of the points."""
-    (a, b, c), (d, e, f) = (points[1:] - points[0]).tolist()
-    length = math.sqrt(a * a + b * b + c * c)
-    a, b, c = a / length, b / length, c / length
-    u, v, w = b * f - c * e, c * d - a * f, a * e - b * d
-    length = math.sqrt(u * u + v * v + w * w)
-    u, v, w = u / length, v / length, w / length
-    return points[0], np.array([[a, v * c - w * b, u], [b, w * a - u * c, v], [c, u * b - v * a, w]])
-
-
-def _pose(points: Array) -> Array:
-    """Origin and axes of the frame of three points as one vector, (12,)."""
-    origin, axes = _triangle_frame(points)
-    return np.concatenate([origin, axes.ravel()])
-
-
-def spread(points: Array) -> Array:
-    """Return the numbers of three points that are far from each other, (3,)."""
-    first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
-    second = int(np.linalg.norm(points - points[first], axis=1).argmax())
-    aside = np.linalg.norm(np.cross(points - points[first], points[second] - points[first]), axis=1)
-    return np.array([first, second, int(aside.argmax())])

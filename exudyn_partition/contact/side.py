@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -192,8 +193,7 @@ class LoadedNodes:
         return congruence(rows, self.F)
 
 
-@dataclass(frozen=True, eq=False)
-class Standing:
+class Standing(NamedTuple):
     """Where the rows of a contact stand. What changes slowly with it is kept while it stays nearly the same.
 
     Parameters

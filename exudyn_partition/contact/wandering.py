@@ -17,7 +17,8 @@ from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import closest_points
-from .patch_gaps import PatchGaps, spread
+from ..surfaces.witnesses import spread
+from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again

@@ -97,13 +97,18 @@ def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Run
         if isinstance(item.kinematics, FloatingKinematics)
     ]
 
-    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
-        f = runs.now(mbs).force_at_once(mbs).copy()
-        now = mbs.systemData.GetODE2Coordinates(copy=False)
+    nothing = [0.0] * len(dofs)
+
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
+        f = runs.now(mbs).force_at_once(mbs)
+        if not f.any():
+            return nothing
+        if floating:
+            f, now = f.copy(), mbs.systemData.GetODE2Coordinates(copy=False)
         for own, kinematics in floating:
             if f[own].any():
                 f[own] = kinematics.on_constant_mass(now[own], f[own])
-        value: Array = f[dofs]
+        value: list[float] = f[dofs].tolist()  # Exudyn takes twice as long to read an array
         return value
 
     mbs.SetObjectParameter(element, "forceUserFunction", force)
@@ -204,7 +209,7 @@ def _add_object(
     mbs: MainSystem,
     name: str,
     nodes: list[NodeIndex],
-    force: Callable[..., Array] | int,
+    force: Callable[..., Array | list[float]] | int,
     jacobian: Callable[..., MatrixContainer],
 ) -> ObjectIndex:
     """Massless object over nodes; a force of 0 is none."""

@@ -236,8 +236,11 @@ def CreatePartitionContact(
     add_links(mbs, contact, runs)
     add_common_element(mbs, contact, contacts)
 
+    leads = not contacts
+
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return runs.see(mbs, t).of(contact).values(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
+        run = runs.see(mbs, t, leads).of(contact)
+        return run.values(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
 
     items = require("exudyn.itemInterface")
     contact["sForce"] = mbs.AddSensor(

@@ -219,11 +219,15 @@ class Runs:
             model.keep_last_step(mbs, t)
         return run
 
-    def see(self, mbs: MainSystem, t: float) -> ModelRun:
-        """The run that reads its sensors at time t. At the start of a run, sensors come first: then a run begins."""
-        if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
-            self._now = self.begin(mbs, t)
-        self._latest = t
+    def see(self, mbs: MainSystem, t: float, first: bool) -> ModelRun:
+        """The run that reads a contact's sensor at time t. At the start of a run, sensors come first: then it begins.
+
+        Exudyn asks for the sensors in their order, so that the `first` one looks whether the solver is another.
+        """
+        if self._now is None or t != self._latest or first:
+            if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
+                self._now = self.begin(mbs, t)
+            self._latest = t
         return self._now
 
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:

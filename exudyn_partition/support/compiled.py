@@ -1,8 +1,10 @@
 """Inner loops that numba compiles, if it is installed; without it the same is done by NumPy.
 
-The modules named `kernels` hold these loops. They are imported only where `compiles` is true, because numba takes long
-to load. Compiled code is kept on disk, beside the modules or in the user's folder for caches, so that only the
-first process waits for the compiler. NUMBA_CACHE_DIR names another folder, NUMBA_DISABLE_JIT=1 switches compiling off.
+The modules named `kernels`, or like `moving_kernels`, hold these loops. They are imported only where `compiles` is
+true, because numba takes long to load. Compiled code is kept on disk, beside the modules or in the user's folder for
+caches, so that only the first process waits for the compiler. It is made again if its module changes, but not if a loop
+of another module does that it calls: then delete it. NUMBA_CACHE_DIR names another folder, NUMBA_DISABLE_JIT=1 switches
+compiling off.
 """
 
 from __future__ import annotations
@@ -29,9 +31,9 @@ def compiles() -> bool:
 
 
 @cache
-def kernels(layer: str) -> ModuleType | None:
+def kernels(layer: str, module: str = "kernels") -> ModuleType | None:
     """Compiled loops of a layer of this package; None if they are not compiled."""
-    return importlib.import_module(f"..{layer}.kernels", __package__) if compiles() else None
+    return importlib.import_module(f"..{layer}.{module}", __package__) if compiles() else None
 
 
 def compiled(function: F) -> F:

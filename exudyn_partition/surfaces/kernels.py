@@ -35,9 +35,10 @@ def find_polynomials(which: Array, facets: Array, x_m: Array, table: Array, know
             x, y, z = 0.0, 0.0, 0.0
             for j in range(facets.shape[1]):
                 share, node = table[power, j], facets[f, j]
-                x += share * x_m[node, 0]
-                y += share * x_m[node, 1]
-                z += share * x_m[node, 2]
+                if share != 0.0:
+                    x += share * x_m[node, 0]
+                    y += share * x_m[node, 1]
+                    z += share * x_m[node, 2]
             out[f, power, 0], out[f, power, 1], out[f, power, 2] = x, y, z
 
 
@@ -60,10 +61,7 @@ def newton_steps(
     first: int, end: int, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
     cubic: bool,
 ) -> None:  # fmt: skip
-    """Set steps of Newton's method, normals and gaps of points, x (k, 3), on their facets, see `pairs.follow`.
-
-    Without branches, and with `cubic` known to the compiler, it does several points at once.
-    """
+    """Set steps of Newton's method, normals and gaps of points, x (k, 3), on their facets, see `pairs.follow`."""
     for i in range(first, end):
         f, r, s = facet[i], local[i, 0], local[i, 1]
         px, ax, bx = coordinate_at(c, f, r, s, 0, cubic)
@@ -73,9 +71,9 @@ def newton_steps(
         aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
         am, bm = ax * mx + ay * my + az * mz, bx * mx + by * my + bz * mz
         squared = aa * bb - ab * ab
-        step[i, 0], step[i, 1] = (bb * am - ab * bm) / squared, (aa * bm - ab * am) / squared
-        length = math.sqrt(squared)
-        nx, ny, nz = (ay * bz - az * by) / length, (az * bx - ax * bz) / length, (ax * by - ay * bx) / length
+        share, scale = 1 / squared, 1 / math.sqrt(squared)
+        step[i, 0], step[i, 1] = (bb * am - ab * bm) * share, (aa * bm - ab * am) * share
+        nx, ny, nz = (ay * bz - az * by) * scale, (az * bx - ax * bz) * scale, (ax * by - ay * bx) * scale
         normal[i, 0], normal[i, 1], normal[i, 2] = nx, ny, nz
         gap[i] = mx * nx + my * ny + mz * nz
 
@@ -169,64 +167,6 @@ def cross_all(
             lost[n_lost] = i
             n_lost += 1
     return lost[:n_lost]
-
-
-@compiled
-def follow(
-    nodes: Array, shares: Array, x_s: Array, index: Array, x_m: Array,
-    facets: Array, across: Array, its_edge: Array, turns: Array, middles: Array, table: Array,
-    all_facet: Array, all_local: Array, all_last: Array, past: Array, by: float, steps: int,
-) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
-    """Follow points over facets, see `pairs.MovingPairs.follow`; the last result are those that must be searched.
-
-    Points that have left their facet are projected on the neighbour. Those that are not there either are told with what
-    was found on the neighbour, or on their own facet if there is none.
-    """
-    k, n, cubic = len(index), facets.shape[1], len(table) == 10
-    quad = n == 4
-    facet, local, last = np.empty(k, np.int64), np.empty((k, 2)), np.empty((k, 2))
-    known, places = np.zeros(len(facets), np.bool_), np.empty((len(facets), len(table), 3))
-    for i in range(k):
-        p = index[i]
-        f, last_r, last_s = all_facet[p], all_last[p, 0], all_last[p, 1]
-        r, s = all_local[p, 0] + last_r, all_local[p, 1] + last_s
-        depth, edge = nearest_edge(r, s, quad)
-        if depth < 0.0 and not past[p] and across[f, edge] >= 0:
-            last_r, last_s = turned(turns, f, edge, last_r, last_s)
-            f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
-        facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = f, r, s, last_r - r, last_s - s
-    find_polynomials(facet, facets, x_m, table, known, places)
-    x, step, normal, gap = np.empty((k, 3)), np.empty((k, 2)), np.empty((k, 3)), np.empty(k)
-    place_all(nodes, shares, x_s, x)
-    if cubic:
-        newton_steps(0, k, x, places, facet, local, step, normal, gap, True)
-    else:
-        newton_steps(0, k, x, places, facet, local, step, normal, gap, False)
-    some, n_some = np.empty(k, np.int64), 0
-    for i in range(k):
-        if max(abs(step[i, 0]), abs(step[i, 1])) > by:
-            some[n_some] = i
-            n_some += 1
-    settle(some[:n_some], x, places, facet, local, step, normal, gap, by, steps, cubic)
-    n_some = 0
-    for i in range(k):
-        p, r, s = index[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
-        all_last[p, 0], all_last[p, 1] = last[i, 0] + r, last[i, 1] + s
-        if nearest_edge(r, s, quad)[0] < -by and not past[p]:
-            all_last[p, 0] = all_last[p, 1] = 0.0
-            some[n_some] = i
-            n_some += 1
-    lost = cross_all(
-        some[:n_some], x, facets, x_m, table, known, places, facet, local, step, normal, gap,
-        across, its_edge, turns, middles, by, steps,
-    )  # fmt: skip
-    weights = np.empty((k, n))
-    weigh(local, step, table, weights)
-    for i in range(k):
-        local[i, 0] += step[i, 0]
-        local[i, 1] += step[i, 1]
-        all_facet[index[i]], all_local[index[i], 0], all_local[index[i], 1] = facet[i], local[i, 0], local[i, 1]
-    return facet, local, weights, normal, gap, lost
 
 
 @compiled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
-from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +15,11 @@ from .points import ContactPoints, at_points
 from .rows import EDGE_TOLERANCE
 from .surface import Projection, Surface, closest_points, cross, newton_step
 
-_STEPS = 6
-_FOLLOWED = 1e-4  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
+if TYPE_CHECKING:
+    from .moving_kernels import Moving
+
+STEPS = 6
+FOLLOWED = 1e-4  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
@@ -35,11 +38,6 @@ class MovingPairs:
         Facet of each point.
     local : (p, 2) array
         Closest points in the facets' coordinates.
-
-    Attributes
-    ----------
-    any_gone : bool
-        Whether some points are past the edge of the patch.
     """
 
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
@@ -48,8 +46,14 @@ class MovingPairs:
         self._middles, self._turns = _middles(master.facets), _turns(master)
         self.facet, self.local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
-        self.any_gone = False
-        self._compiled = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
+        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
+        nf = len(self.facets)
+        self._room = np.empty(nf, dtype=bool), np.empty((nf, len(TABLES[self.facets.shape[1]]), 3))
+        self._points: ContactPoints | None = None  # that `_moving` is made of
+        self._moving: Moving
+        # Of the last projection: facets and coordinates; compiled, these are those before a last step, which comes
+        # third, else the third are shape functions.
+        self._here: tuple[Array, Array, Array]
 
     def rest(self) -> None:
         """Forget the last motion of the points."""
@@ -62,13 +66,13 @@ class MovingPairs:
         x_s: Array,
         x_m: Array,
         everywhere: Callable[[], Array] | None = None,
-    ) -> tuple[Projection, Array]:
-        """Project some points again, and tell which points are past the edge.
+    ) -> tuple[Array, Array]:
+        """Project some points again. `carriers` and `nodal_forces` are about those that were projected last.
 
         Parameters
         ----------
         points : ContactPoints
-            The k points.
+            The k points, with the rows that they make.
         index : (k,) int array
             Their numbers among the pairs.
         x_s : (ns, 3) array
@@ -80,16 +84,64 @@ class MovingPairs:
 
         Returns
         -------
-        Projection, (k,) bool array
+        (k, 3) array, (k,) array
+            Normals, and gaps [m]; the gap of points past the edge of the patch is the size of a facet.
         """
-        if loops := kernels("surfaces"):
-            pairs, lost = self._follow_compiled(loops, points, index, x_s, x_m)
+        if loops := kernels("surfaces", "moving_kernels"):
+            normal, gap, lost = loops.follow(self.moving(points, index), x_s, x_m, FOLLOWED, STEPS, self.size)
         else:
-            pairs, lost = self._follow(index, points.at(x_s), x_m)
+            found, lost = self._follow(index, points.at(x_s), x_m)
+            self._here, normal = (found.facet, found.local, found.weights), found.normal
+            gap = np.where(self._gone.take(index), self.size, found.gap)
         if len(lost):
-            x = at_points(points.nodes[lost], points.weights[lost], x_s)
-            self._search(index, pairs, lost, x, x_m if everywhere is None else everywhere())
-        return pairs, self._gone.take(index)
+            self.search(points, index, lost, x_s, x_m if everywhere is None else everywhere(), normal, gap)
+        return normal, gap
+
+    def moving(self, points: ContactPoints, index: Array) -> Moving:
+        """What compiled loops need to follow some points; it is made once for the same points."""
+        if self._points is not points:
+            loops, mean, k = kernels("surfaces", "moving_kernels"), points.mean, len(index)
+            assert loops is not None
+            self._here = np.empty(k, dtype=np.int64), np.empty((k, 2)), np.zeros((k, 2))
+            rows = points.nodes, points.weights, index, mean.indptr, mean.indices, mean.data
+            state = self.facet, self.local, self._last, self._past, self._gone
+            room = np.empty((k, 2)), np.empty((k, 3)), np.empty(k, dtype=np.int64), *self._room
+            self._moving, self._points = loops.moving(*rows, *self._of_master, *state, *self._here, *room), points
+        return self._moving
+
+    def search(
+        self, points: ContactPoints, index: Array, lost: Array, x_s: Array, x_m: Array, normal: Array, gap: Array
+    ) -> None:
+        """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
+
+        Find out, too, which of them are past the edge.
+        """
+        found = closest_points(at_points(points.nodes[lost], points.weights[lost], x_s), x_m[self.facets])
+        facet, local, rest = self._here
+        facet[lost], local[lost] = found.facet, found.local
+        rest[lost] = 0.0 if self._points is points else found.weights
+        searched = index[lost]
+        self.facet[searched], self.local[searched] = found.facet, found.local
+        offset = np.where(self._at_rim(found.facet, found.local), found.offset, 0.0)
+        self._past[searched] = offset > _ON_EDGE * self.size
+        self._gone[searched] = gone = offset > EDGE_TOLERANCE * self.size
+        normal[lost], gap[lost] = found.normal, np.where(gone, self.size, found.gap)
+
+    @property
+    def carriers(self) -> tuple[Array, Array]:
+        """Nodes of the master around the closest points, and their shape functions there, (k, n) each."""
+        facet, _, weights = self._here
+        if loops := kernels("surfaces", "moving_kernels"):
+            weights = loops.weights(self._moving)
+        return self.facets.take(facet, axis=0), weights
+
+    def nodal_forces(self, lam: Array, normal: Array, n_s: int, n_m: int) -> list[Array] | None:
+        """Forces on the n_s and n_m nodes of both patches, (n, 3) each [N]; None where loops are not compiled.
+
+        They are of forces on the rows, (nr,) [N], along normals of the points, (k, 3).
+        """
+        loops = kernels("surfaces", "moving_kernels")
+        return None if loops is None else [*loops.nodal_forces(self._moving, lam, normal, n_s, n_m)]
 
     def _follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
         """Follow points, x (k, 3), over edges; the second result are those that must be searched."""
@@ -100,30 +152,12 @@ class MovingPairs:
             facet[left], local[left], last[left] = self._cross(facet[left], local[left], last[left])
         pairs = follow(x, x_m.take(self.facets.take(facet, axis=0), axis=0), facet, local)
         last += pairs.local - local
-        lost = left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], _FOLLOWED))
+        lost = left = self._on_patch(index, _outside(pairs.local, self.facets.shape[1], FOLLOWED))
         if len(left):
             last[left] = 0.0
             lost = self._cross_again(pairs, left, x[left], x_m)
         self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
         return pairs, lost
-
-    def _follow_compiled(
-        self, loops: ModuleType, points: ContactPoints, index: Array, x_s: Array, x_m: Array
-    ) -> tuple[Projection, Array]:
-        """Do the same as `_follow`, compiled."""
-        state = self.facet, self.local, self._last, self._past
-        found = loops.follow(points.nodes, points.weights, x_s, index, x_m, *self._compiled, *state, _FOLLOWED, _STEPS)
-        facet, local, weights, normal, gap, lost = found
-        return Projection(facet, local, weights, normal, gap, np.zeros(len(index))), lost
-
-    def _search(self, index: Array, pairs: Projection, lost: Array, x: Array, x_m: Array) -> None:
-        """Project the points `lost`, x (k, 3), on all facets; find out which of them are past the edge."""
-        pairs.put(lost, closest_points(x, x_m[self.facets]))
-        self.facet[index[lost]], self.local[index[lost]] = pairs.facet[lost], pairs.local[lost]
-        offset = np.where(self._at_rim(pairs.facet[lost], pairs.local[lost]), pairs.offset[lost], 0.0)
-        self._past[index[lost]] = offset > _ON_EDGE * self.size
-        self._gone[index[lost]] = offset > EDGE_TOLERANCE * self.size
-        self.any_gone = bool(self._gone.any())
 
     def _on_patch(self, index: Array, left: Array) -> Array:
         """Those of the points `left`, numbers in `index`, that are not past the edge of the patch."""
@@ -150,7 +184,7 @@ class MovingPairs:
         facet, local, _ = self._cross(before, pairs.local[left], np.zeros((len(left), 2)))
         pairs.put(left, follow(x, x_m[self.facets[facet]], facet, local))
         lost = facet == before
-        lost[_outside(pairs.local[left], self.facets.shape[1], _FOLLOWED)] = True
+        lost[_outside(pairs.local[left], self.facets.shape[1], FOLLOWED)] = True
         searched: Array = left[lost]
         return searched
 
@@ -169,7 +203,7 @@ def _turns(surface: Surface) -> Array:
     return turns
 
 
-def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int = _STEPS) -> Projection:
+def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int = STEPS) -> Projection:
     """Project points that have moved a little, each on its facet, which is continued past its edges.
 
     Parameters
@@ -195,7 +229,7 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     gap = np.einsum("kd,kd->k", miss, normal)
     found = Projection(facet, local + step, weights, normal, gap, np.zeros(len(gap)))
     if steps > 1:
-        far = np.flatnonzero(np.maximum(abs(step[:, 0]), abs(step[:, 1])) > _FOLLOWED)
+        far = np.flatnonzero(np.maximum(abs(step[:, 0]), abs(step[:, 1])) > FOLLOWED)
         if len(far):
             start = local[far] + np.clip(step[far], -1.0, 1.0)
             found.put(far, follow(points[far], nodes[far], facet[far], start, steps - 1))

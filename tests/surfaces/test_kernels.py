@@ -63,16 +63,16 @@ def test_points_are_followed_equally(n_nodes):
             x_s = x + 0.012 * step * np.array([1.0, 0.4, 0.02])
             x_m = master.points + 0.01 * np.sin(0.1 * step + master.points[:, ::-1])
             index = np.arange(60)[step % 3 :: 2]
-            some = ContactPoints(points.nodes[index], points.weights[index], *[None] * 5)
-            followed, gone = pairs.follow(some, index, x_s, x_m)
-            seen.append((followed.local, followed.weights, followed.normal, followed.gap, gone, followed.facet))
+            some = ContactPoints(points.nodes[index], points.weights[index], points.mean[:, index], *[None] * 4)
+            normal, gap = pairs.follow(some, index, x_s, x_m)
+            seen.append((pairs.local[index], *pairs.carriers, normal, gap, gap == pairs.size, pairs.facet[index]))
         return seen, pairs.facet
 
     (compiled, facet), (plain, _) = each_way(follow)
     for one, other in zip(compiled, plain, strict=True):
         same(one, other)
     assert (facet != found.facet).mean() > 0.5
-    assert 0 < sum(np.count_nonzero(step[4]) for step in compiled) < 500
+    assert 0 < sum(np.count_nonzero(step[5]) for step in compiled) < 500
 
 
 @pytest.mark.parametrize("n_nodes", KINDS)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ...algebra.complementarity import Complementarity, regularised
+from ...algebra.complementarity import ROUNDING, Complementarity, regularised
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
@@ -50,6 +50,7 @@ class ComplianceContact(ElasticContact):
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
+    _closed_of: tuple[Array | None, ...] = (None, None, None)  # present rows, those near, and closed ones of these
     _regularised_of: Array | None = None  # the flexibility that `_regularised` is made of
     _regularised: Array
     problem: Complementarity
@@ -86,13 +87,28 @@ class ComplianceContact(ElasticContact):
         `pushed`, (nr,) [m], is what the forces of other contacts add to the gaps.
         """
         self.h = gap
-        h = gap + pushed
+        h = gap if isinstance(pushed, float) else gap + pushed
+        if self.gaps.moving and self.index.size and self._answered_again(h):
+            return
         self.least_gap = float(h.min(initial=np.inf))
         if self.gaps.moving and self.least_gap >= 0.0:
             self.open_rows()
             return
         near = self.near(h, self.least_gap)
         self._take_forces(near, self.problem.solve(h if near is self._everything else h[near], self.least_gap))
+
+    def _answered_again(self, h: Array) -> bool:
+        """Find the forces, if the rows that can close and those that are closed stay the same; only compiled."""
+        loops, problem, near = kernels("contact"), self.problem, self._near
+        rows, can_close, closed = self._closed_of
+        same = rows is self.gaps.row_nodes and can_close is near and closed is problem.index
+        if loops is None or near is None or not same or problem.F is not self._flexibility(near):
+            return False
+        lam, least, settled = loops.answer_again(h, near, *problem.compiled, BULGE, ROUNDING)
+        if settled:
+            problem.iterations += 1
+            self.lam, self.least_gap = lam, least
+        return bool(settled)
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -140,6 +156,7 @@ class ComplianceContact(ElasticContact):
         forces = np.zeros(len(self.h))
         forces[near] = lam
         self.close_rows(forces, near[self.problem.index])
+        self._closed_of = self.gaps.row_nodes, near, self.problem.index
 
     @property
     def forces(self) -> Array:

@@ -1,0 +1,223 @@
+"""Compiled loops over points that follow facets; `pairs` and `points` do the same by NumPy.
+
+What stays the same while some points are followed lies in one object, `Moving`: to pass each of its arrays would take
+several times as long as to pass it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+from numba.experimental import structref
+
+from ..support.arrays import Array
+from ..support.compiled import compiled, inlined
+from .kernels import (
+    cross_all,
+    cross_edge,
+    find_polynomials,
+    nearest_edge,
+    newton_steps,
+    place_all,
+    settle,
+    turned,
+    weigh,
+)
+
+
+@structref.register
+class MovingType(types.StructRef):
+    """Type of `Moving` in compiled loops."""
+
+    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
+        """See numba."""
+        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
+
+
+class Moving(structref.StructRefProxy):
+    """The k points that are followed, of p, the rows that they make, and the master's facets.
+
+    Parameters
+    ----------
+    nodes, shares : (k, m) arrays
+        Nodes of the slave's patch that carry each point, and their shape functions there.
+    index : (k,) int array
+        Numbers of the points among all.
+    starts, columns, means : arrays
+        The csr matrix of the rows, (nr, k).
+    facets, across, its_edge, turns, middles, table : arrays
+        Of the master, see `pairs.MovingPairs`.
+    all_facet, all_local, all_last, past, gone : arrays
+        Of all points, (p,).
+    facet, local, step : (k,) int array, (k, 2) arrays
+        Of the last projection: facets, coordinates before the last step of Newton's method, and this step.
+    last, x, some, known, places : arrays
+        Room to work in: to make it anew each time would take longer.
+    """
+
+    nodes: Array
+    shares: Array
+    index: Array
+    starts: Array
+    columns: Array
+    means: Array
+    facets: Array
+    across: Array
+    its_edge: Array
+    turns: Array
+    middles: Array
+    table: Array
+    all_facet: Array
+    all_local: Array
+    all_last: Array
+    past: Array
+    gone: Array
+    facet: Array
+    local: Array
+    step: Array
+    last: Array
+    x: Array
+    some: Array
+    known: Array
+    places: Array
+
+
+structref.define_proxy(Moving, MovingType, [*Moving.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def moving(*fields: Array) -> Moving:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return Moving(*fields)  # type: ignore[no-untyped-call]
+
+
+@inlined
+def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
+    """Normals, (k, 3), and gaps, (k,), of points that have moved, see `pairs.MovingPairs.follow`.
+
+    Points past the edge of the patch have a gap of `size`. The last result are those that must be searched, because
+    they have left their facet and are not on its neighbour either. What was found on the neighbour is told, or on their
+    own facet if there is none.
+    """
+    nodes, shares, index, facets, past, gone = m.nodes, m.shares, m.index, m.facets, m.past, m.gone
+    across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
+    all_facet, all_local, all_last, facet, local, step = m.all_facet, m.all_local, m.all_last, m.facet, m.local, m.step
+    k, cubic, quad = len(index), len(table) == 10, facets.shape[1] == 4
+    last, x, some, known, places = m.last, m.x, m.some, m.known, m.places
+    known[:] = False
+    for i in range(k):
+        p = index[i]
+        f, last_r, last_s = all_facet[p], all_last[p, 0], all_last[p, 1]
+        r, s = all_local[p, 0] + last_r, all_local[p, 1] + last_s
+        depth, edge = nearest_edge(r, s, quad)
+        if depth < 0.0 and not past[p] and across[f, edge] >= 0:
+            last_r, last_s = turned(turns, f, edge, last_r, last_s)
+            f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
+        facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = f, r, s, last_r - r, last_s - s
+    find_polynomials(facet, facets, x_m, table, known, places)
+    normal, gap = np.empty((k, 3)), np.empty(k)
+    place_all(nodes, shares, x_s, x)
+    if cubic:
+        newton_steps(0, k, x, places, facet, local, step, normal, gap, True)
+    else:
+        newton_steps(0, k, x, places, facet, local, step, normal, gap, False)
+    n_some = 0
+    for i in range(k):
+        if max(abs(step[i, 0]), abs(step[i, 1])) > by:
+            some[n_some] = i
+            n_some += 1
+    settle(some[:n_some], x, places, facet, local, step, normal, gap, by, steps, cubic)
+    n_some = 0
+    for i in range(k):
+        p, r, s = index[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        all_last[p, 0], all_last[p, 1] = last[i, 0] + r, last[i, 1] + s
+        if nearest_edge(r, s, quad)[0] < -by and not past[p]:
+            all_last[p, 0] = all_last[p, 1] = 0.0
+            some[n_some] = i
+            n_some += 1
+    lost = cross_all(
+        some[:n_some], x, facets, x_m, table, known, places, facet, local, step, normal, gap,
+        across, its_edge, turns, middles, by, steps,
+    )  # fmt: skip
+    for i in range(k):
+        p = index[i]
+        all_facet[p], all_local[p, 0], all_local[p, 1] = facet[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        if gone[p]:
+            gap[i] = size
+    return normal, gap, lost
+
+
+@compiled
+def follow(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
+    """See `follow_points`."""
+    return follow_points(m, x_s, x_m, by, steps, size)
+
+
+@compiled
+def weights(m: Moving) -> Array:
+    """Shape functions at the closest points, (k, n)."""
+    result = np.empty((len(m.facet), m.facets.shape[1]))
+    weigh(m.local, m.step, m.table, result)
+    return result
+
+
+@inlined
+def add(share: float, x: float, y: float, z: float, row: int, column: int, result: Array) -> None:
+    """Add a share of a force."""
+    result[row, column, 0] += share * x
+    result[row, column, 1] += share * y
+    result[row, column, 2] += share * z
+
+
+@compiled
+def nodal_forces(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
+    """Forces on all nodes of both patches, (n, 3), of forces on the rows along their points' normals, (k, 3).
+
+    On the master's facets forces are summed by powers of coordinates first: a facet has several points.
+    """
+    nodes, shares, starts, columns, means = m.nodes, m.shares, m.starts, m.columns, m.means
+    facets, facet, local, step, table = m.facets, m.facet, m.local, m.step, m.table
+    push, cubic = np.zeros(len(facet)), len(table) == 10
+    of_slave, of_master = np.zeros((n_s, 1, 3)), np.zeros((n_m, 1, 3))
+    powers, pushed = m.places, m.known
+    pushed[:] = False
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for i in range(starts[row], starts[row + 1]):
+                push[columns[i]] += means[i] * lam[row]
+    for i in range(len(facet)):
+        if push[i] == 0.0:
+            continue
+        f, x, y, z = facet[i], push[i] * normals[i, 0], push[i] * normals[i, 1], push[i] * normals[i, 2]
+        for c in range(nodes.shape[1]):
+            add(shares[i, c], x, y, z, nodes[i, c], 0, of_slave)
+        if not pushed[f]:
+            pushed[f], powers[f] = True, 0.0
+        r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
+        add(1.0, x, y, z, f, 0, powers)
+        add(r + dr, x, y, z, f, 1, powers)
+        add(s + ds, x, y, z, f, 2, powers)
+        add(r * (r + 2 * dr), x, y, z, f, 3, powers)
+        add(r * s + dr * s + r * ds, x, y, z, f, 4, powers)
+        add(s * (s + 2 * ds), x, y, z, f, 5, powers)
+        if cubic:
+            add(r * r * (r + 3 * dr), x, y, z, f, 6, powers)
+            add(r * r * (s + ds) + 2 * r * s * dr, x, y, z, f, 7, powers)
+            add(s * s * (r + dr) + 2 * r * s * ds, x, y, z, f, 8, powers)
+            add(s * s * (s + 3 * ds), x, y, z, f, 9, powers)
+    for f in range(len(facets)):
+        if pushed[f]:
+            for power in range(len(table)):
+                for c in range(facets.shape[1]):
+                    if table[power, c] != 0.0:
+                        share = -table[power, c]
+                        add(
+                            share,
+                            powers[f, power, 0],
+                            powers[f, power, 1],
+                            powers[f, power, 2],
+                            facets[f, c],
+                            0,
+                            of_master,
+                        )
+    return of_slave.reshape(n_s, 3), of_master.reshape(n_m, 3)

@@ -1,0 +1,34 @@
+"""Three nodes of a patch, far from each other, which tell how it lies in space."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..support.arrays import Array
+
+
+def triangle_frame(points: Array) -> tuple[Array, Array]:
+    """First of three points, (3,), and axes as columns, (3, 3); two axes lie in the plane of the points."""
+    (a, b, c), (d, e, f) = (points[1:] - points[0]).tolist()
+    length = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / length, b / length, c / length
+    u, v, w = b * f - c * e, c * d - a * f, a * e - b * d
+    length = math.sqrt(u * u + v * v + w * w)
+    u, v, w = u / length, v / length, w / length
+    return points[0], np.array([[a, v * c - w * b, u], [b, w * a - u * c, v], [c, u * b - v * a, w]])
+
+
+def pose_of(points: Array) -> Array:
+    """Origin and axes of the frame of three points as one vector, (12,)."""
+    origin, axes = triangle_frame(points)
+    return np.concatenate([origin, axes.ravel()])
+
+
+def spread(points: Array) -> Array:
+    """Return the numbers of three points that are far from each other, (3,)."""
+    first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
+    second = int(np.linalg.norm(points - points[first], axis=1).argmax())
+    aside = np.linalg.norm(np.cross(points - points[first], points[second] - points[first]), axis=1)
+    return np.array([first, second, int(aside.argmax())])
