@@ -67,6 +67,22 @@ def ball_facets(
     return chosen, line, np.intersect1d(fem.facets[chosen], fem.facets[~within & facing])
 
 
+def named_facets(fem: FEModel, argument: str, name: str) -> Array:
+    """Numbers of the facets on the boundary that `argument` names, (k,) int array.
+
+    Raises
+    ------
+    InputError
+        If no boundary has this name.
+    """
+    if not fem.boundaries:
+        raise InputError(
+            f"{argument}: expected numbers, for no boundary of this mesh has a name, got {name!r}. Name faces of the "
+            "shape, or surface elements or sets of nodes of the file"
+        )
+    return fem.boundaries[validate_choice(argument, name, fem.boundaries)]
+
+
 def chosen_facets(fem: FEModel, faces: Faces) -> Array:
     """Numbers of the facets that `Partition.surface` was asked for, (k,), ascending.
 
@@ -78,8 +94,7 @@ def chosen_facets(fem: FEModel, faces: Faces) -> Array:
     if isinstance(faces, str):
         faces = [faces]
     if isinstance(faces, list | tuple) and faces and all(isinstance(face, str) for face in faces):
-        number = np.concatenate([fem.boundaries[validate_choice("faces", face, fem.boundaries)] for face in faces])
-        return np.unique(number)
+        return np.unique(np.concatenate([named_facets(fem, "faces", face) for face in faces]))
     wrong = InputError(
         "faces: expected names of boundaries, numbers of facets, (k,), a choice of them, (nf,) bool, or two corners of "
         f"a box, ((3,), (3,)), got {type(faces).__name__}"

@@ -24,7 +24,7 @@ from .faces import middle
 from .facets import nodal_area
 from .material import Material
 from .model import FEModel, rigid_modes
-from .patch_facets import Faces, chosen_facets, show
+from .patch_facets import Faces, chosen_facets, named_facets, show
 from .quadrature import edge_lengths, edges_between, facet_forces
 from .shapes import FACET_NODES
 
@@ -258,8 +258,7 @@ def interface_of(
     validate_type("fem", fem, FEModel, "fe_model()")
     validate_choice("kind", kind, KINDS)
     if isinstance(nodes, str):
-        validate_choice("nodes", nodes, fem.boundaries)
-        nodes = fem.facets[fem.boundaries[nodes]]
+        nodes = fem.facets[named_facets(fem, "nodes", nodes)]
     nodes = np.asarray(nodes)
     if nodes.size and nodes.dtype.kind not in "iu":
         raise InputError(

@@ -6,14 +6,15 @@ import contextlib
 import io
 import sys
 import threading
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
-from ..errors import InputError, MeshError, MissingPackageError
-from ..fe.shapes import integration_gradients
+from ..errors import InputError, MeshError, MeshQualityWarning, MissingPackageError
+from ..fe.shapes import CELL_FACES, integration_gradients
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import MeshioMesh
@@ -60,7 +61,8 @@ class VolumeMesh:
 def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     """Read the volume elements of a mesh file: VTU, Gmsh, Abaqus, Nastran, or another format of meshio.
 
-    Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus).
+    Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus). So are sets of
+    nodes (Abaqus): they name the faces of elements whose corners they have.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     _check_nodes(path, volumes[0], len(points), cells)
     corners = 4 if volumes[0] == "hexahedron" else 3
     regions = regions_of(path, mesh) if several else CellRegions.one(len(cells))
-    return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, corners), regions)
+    return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, corners, cells), regions)
 
 
 def read_triangles(path: Path) -> tuple[Array, Array]:
@@ -118,6 +120,30 @@ def read_triangles(path: Path) -> tuple[Array, Array]:
         raise MeshError(f"{path}: expected triangles with three corners alone, got {_listing(faces) or 'no faces'}")
     points = validate_array(f"points of {path}", mesh.points, (None, 3))
     return points, np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
+
+
+def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
+    """Raise unless elements of a file can have an order that a user gave; warn of linear tetrahedra if none is given.
+
+    Raises
+    ------
+    InputError
+
+    Warns
+    -----
+    MeshQualityWarning
+    """
+    n_nodes = file.cells.shape[1]
+    if order not in (None, file.order) and n_nodes != 4:
+        raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")
+    if order is None and n_nodes == 4:
+        warnings.warn(
+            f"order: {path} holds linear tetrahedra, which bend too stiffly; with two elements across a bar its first "
+            "frequency of bending is a quarter too high. Give order=2, which adds nodes in the middle of their edges; "
+            "or order=1, to take them as they are",
+            MeshQualityWarning,
+            stacklevel=4,
+        )
 
 
 def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[str, Array]) -> None:
@@ -208,7 +234,7 @@ def inverted(points: Array, cells: Array) -> Array:
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
 
-def _named_faces(mesh: MeshioMesh, corners: int) -> dict[str, Array]:
+def _named_faces(mesh: MeshioMesh, corners: int, cells: Array) -> dict[str, Array]:
     """Corner nodes of the faces with so many corners in named sets and in Gmsh's named physical groups."""
     sets = {name: members for name, members in mesh.cell_sets_dict.items() if not name.startswith("gmsh:")}
     for kind, tags in mesh.cell_data_dict.get("gmsh:physical", {}).items():
@@ -220,6 +246,11 @@ def _named_faces(mesh: MeshioMesh, corners: int) -> dict[str, Array]:
         for kind, rows in members.items():
             if _FACE_CORNERS.get(kind) == corners and len(rows):
                 faces.setdefault(name, []).append(mesh.cells_dict[kind][rows][:, :corners])
+    of_cells = cells[:, CELL_FACES[cells.shape[1]][:, :corners]].reshape(-1, corners)
+    for name, nodes in mesh.point_sets.items():
+        within = of_cells[np.isin(of_cells, nodes).all(axis=1)]
+        if len(within):
+            faces.setdefault(name, [within])
     return {name: np.concatenate(blocks).astype(np.int64) for name, blocks in faces.items()}
 
 

@@ -25,7 +25,7 @@ from ..support.optional import require
 from ..support.progress import pulsing
 from .input_decks import CellRegions
 from .materials import GivenMaterial, Modulus
-from .mesh_files import VolumeMesh, inverted, read_mesh
+from .mesh_files import VolumeMesh, check_order, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
 from .nodal_basis import NodalBasis
@@ -59,7 +59,8 @@ def fe_model(
         curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
         A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra or linear
         hexahedra, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of a
-        mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces become boundaries.
+        mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces, and sets of nodes
+        that span faces, become boundaries.
     material : Material or dict of str to Material
         In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
         name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
@@ -69,8 +70,9 @@ def fe_model(
         scaling; returns (ne,) [Pa]. It is constant in an element.
     order : {1, 2, 3}, optional
         Linear elements with straight sides, or quadratic or cubic ones that follow the mesh's curvature. Default: 2, or
-        that of a mesh file. Linear tetrahedra of a file can be raised; the other nodes then lie on straight edges. Thin
-        bodies need far fewer nodes with order 3 (`validation/mesh/order.py`).
+        that of a mesh file. Linear tetrahedra of a file bend too stiffly: raise them by order=2. The nodes that this
+        adds follow those of the file, and lie on straight edges. Thin bodies need far fewer nodes with order 3
+        (`validation/mesh/order.py`).
     maxh, refine, grading :
         For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
     scale : float
@@ -98,7 +100,8 @@ def fe_model(
         If no solid has this material, size and density give an unlikely frequency or mass, `maxh` is longer than the
         body, or a ball of `refine` misses it or has no effect.
     MeshQualityWarning
-        If the mesh looks damaged, see `mesh_quality.check_mesh`, or its volume is off that of the shape by 5 %.
+        If the mesh looks damaged, see `mesh_quality.check_mesh`, or its volume is off that of the shape by 5 %. Or if a
+        file holds linear tetrahedra and no order is given.
 
     Notes
     -----
@@ -232,9 +235,7 @@ def _from_file(
 ) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
     file = replace(file, points=scale * file.points)
-    n_nodes = file.cells.shape[1]
-    if order not in (None, file.order) and n_nodes != 4:
-        raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")
+    check_order(path, file, order)
     if file.order == 1 and order in (2, 3):
         fem = _from_mesh(ngsolve, _volume_mesh(ngsolve, file.points, file.cells), given, order, file.regions)
     else:

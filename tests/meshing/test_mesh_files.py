@@ -13,7 +13,7 @@ from oracles import SIZE, TOP, box, hexahedra, write
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
-from exudyn_partition.errors import InputError, MeshError, MissingPackageError
+from exudyn_partition.errors import InputError, MeshError, MeshQualityWarning, MissingPackageError
 from exudyn_partition.fe.shapes import shape_functions
 
 
@@ -67,8 +67,7 @@ def test_every_format_gives_the_matrices_of_the_direct_model(small, tmp_path, ca
     points = points + 0.05  # meshio cannot write negative numbers to Nastran's fields
     path = write(tmp_path / name, points, cells, file_format=file_format)
     capfd.readouterr()
-    fem = ep.fe_model(str(path), ep.STEEL)
-    assert fem.order == order
+    fem = ep.fe_model(str(path), ep.STEEL, order=order)
     np.testing.assert_allclose(fem.points, points, rtol=1e-11)
     np.testing.assert_array_equal(fem.cells, cells)
     assert_same_matrices(fem, small[order], numbers)
@@ -93,6 +92,15 @@ def test_linear_tetrahedra_can_be_raised(small, order, tmp_path):
     np.testing.assert_allclose(fem.points[: linear.n_nodes], linear.points, atol=1e-16)
     assert fem.order == order
     assert_same_matrices(fem, small[order], np.arange(fem.n_nodes))
+
+
+def test_linear_tetrahedra_bend_too_stiffly_and_say_so(tmp_path):
+    bar = ep.fe_model(box(0.04, 0.01, 0.01), ep.STEEL, maxh=5e-3, order=1)
+    path = write(tmp_path / "bar.vtu", bar.points, bar.cells)
+    with pytest.warns(MeshQualityWarning, match=r"bar\.vtu holds linear tetrahedra, .* Give order=2"):
+        linear = ep.fe_model(path, ep.STEEL)
+    raised = ep.fe_model(path, ep.STEEL, order=2)
+    assert frequencies(linear, 60e3)[0] > 1.2 * frequencies(raised, 60e3)[0]
 
 
 def test_mass_and_facets_of_distorted_hexahedra(tmp_path):
@@ -187,7 +195,7 @@ $EndElements
 
 def test_a_file_as_gmsh_writes_it(tmp_path):
     (tmp_path / "one.msh").write_text(GMSH_4)
-    fem = ep.fe_model(tmp_path / "one.msh", ep.STEEL)
+    fem = ep.fe_model(tmp_path / "one.msh", ep.STEEL, order=1)
     np.testing.assert_array_equal(fem.cells, [[0, 1, 2, 3]])
     assert fem.total_mass == pytest.approx(7800e-6 / 6)
     assert set(fem.boundaries) == {"base"}
@@ -206,6 +214,19 @@ def test_abaqus_names_boundaries(tmp_path):
     np.testing.assert_allclose(fem.points[fem.facets[fem.boundaries["bottom"]], 2], 0)
 
 
+@pytest.mark.parametrize("kind", [4, 8])
+def test_sets_of_nodes_name_boundaries(small, tmp_path, kind):
+    points, cells = hexahedra(1, 2, 3) if kind == 8 else (small[1].points, small[1].cells)
+    sets = {"foot": np.flatnonzero(np.isclose(points[:, 2], points[:, 2].min())), "corner": np.array([0])}
+    fem = ep.fe_model(write(tmp_path / "sets.inp", points, cells, point_sets=sets), ep.STEEL, order=1)
+    assert set(fem.boundaries) == {"foot"}  # a node alone spans no face
+    assert set(fem.facets[fem.boundaries["foot"]].ravel()) == set(sets["foot"])
+    assert set(ep.Partition.interface(fem, "foot", "foot").interfaces[0].nodes) == set(sets["foot"])
+    nameless = ep.fe_model(write(tmp_path / "none.vtu", points, cells), ep.STEEL, order=1)
+    with pytest.raises(InputError, match=r"nodes: expected numbers, for no boundary .* has a name, got 'foot'"):
+        ep.Partition.interface(nameless, "foot", "foot")
+
+
 def test_step_files_are_meshed_as_shapes(tmp_path):
     box(*SIZE).WriteStep(str(tmp_path / "block.step"))
     fem = ep.fe_model(tmp_path / "block.step", ep.STEEL, maxh=0.01)
@@ -220,7 +241,7 @@ def test_elements_that_are_all_mirrored_are_turned(small, tmp_path, kind):
     else:
         fem = small[1 if kind == 4 else 2]
         points, cells = fem.points, fem.cells
-    fem = ep.fe_model(write(tmp_path / "mirror.vtu", points * [-1, 1, 1], cells), ep.STEEL)
+    fem = ep.fe_model(write(tmp_path / "mirror.vtu", points * [-1, 1, 1], cells), ep.STEEL, order=1 + (kind == 10))
     assert fem.total_mass == pytest.approx(7800 * SIZE.prod(), rel=1e-12)
     assert surface_volume(fem) == pytest.approx(SIZE.prod(), rel=1e-12)
     np.testing.assert_array_equal(np.sort(fem.cells), np.sort(cells))
