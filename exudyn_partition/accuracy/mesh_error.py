@@ -277,7 +277,7 @@ def _check(name: str, pair: object, others: str = "") -> None:
         raise InputError(f"{name}: expected (FEModel, ReducedBody){others}, got {type(pair).__name__}")
     fem, body = pair
     validate_type(f"{name}[0]", fem, FEModel, "fe_model()")
-    validate_type(f"{name}[1]", body, ReducedBody, "reduce()")
+    validate_type(f"{name}[1]", body, ReducedBody, "reduce() or load_body()")
     body.partition.check_mesh(fem, name)
     body.check_inside("the error of the mesh")
     if body.basis.flexibility is None or len(body.basis.nodal):

@@ -138,7 +138,7 @@ def CreatePartitionBody(
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
-        raise InputError(f"body: expected what reduce() returns, got {type(body).__name__}")
+        raise InputError(f"body: expected what reduce() or load_body() returns, got {type(body).__name__}")
     validate_flag("superElement", superElement)
     if frame is None:
         frame = "floating" if superElement else "inertial"

@@ -107,11 +107,13 @@ class PartitionContact(ContactResults):
         Raises
         ------
         InputError
-            If the result is none, or of another model; if `merge` is negative.
+            If the result is none, of another model, or static; if `merge` is negative.
         """
         if validate_number("merge", merge, "a time in s, zero or above") < 0:
             raise InputError(f"merge: expected a time in s, zero or above, got {merge!r}")
         force, t = self.force(result), result.t
+        if result.method == "static":
+            raise InputError("result: expected one of dynamics; a static answer has no impacts")
         spans, gap, times = closed_spans(force), self._surface_gap(result), []
         for k, (first, last) in enumerate(spans):
             start = crossing(t, gap, first, spans[k - 1][1] if k else -1)

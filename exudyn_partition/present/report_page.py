@@ -115,21 +115,24 @@ def _bodies(result: Result) -> list[tuple[object, ...]]:
 def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str, object]:
     name, force = contact.name or f"contact {number}", contact.force(result)
     master = contact.sides[1][0].name or "a body" if len(contact.sides) > 1 else type(contact.master).__name__
-    history, impacts = result.history(contact), contact.impacts(result)
+    impacts = [] if result.method == "static" else contact.impacts(result)
     rows: list[tuple[str, object]] = [
         ("slave, master", f"{contact.slave.name or 'a body'}, {master}"),
         ("contact law", type(result.kept(contact).law).__name__),
         ("rows", contact.n_rows),
     ]
     warnings = []
-    if impacts:
+    if force.any():
         peak = int(force.argmax())
         rings = contact.ringing(result)
+        of_impacts = [
+            ("impulse", f"{np.trapezoid(force, result.t):.5g} N s"),
+            ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
+        ]
         rows += [
             ("peak force", f"{force[peak]:.5g} N at {result.t[peak]:.6g} s"),
             *([] if rings is None else [("it rings: read means", _ringing(rings))]),
-            ("impulse", f"{history.impulse:.5g} N s"),
-            ("time in contact", f"{sum(i.end - i.start for i in impacts):.5g} s in {len(impacts)} sub-impacts"),
+            *(of_impacts if impacts else []),
             ("largest contact area", f"{1e6 * contact.area(result).max():.4g} mm2"),
             *_friction_rows(contact, result),
             *_plastic_rows(contact, result),

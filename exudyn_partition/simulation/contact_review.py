@@ -21,6 +21,7 @@ from .result import Result, called
 
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
 _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
+_SAMPLES_AN_IMPACT = 4  # fewer do not tell its force
 _FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
 _ASIDE = np.radians(30)  # of a patch's line of contact
 _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
@@ -46,6 +47,7 @@ def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], resu
     for i, contact in enumerate(contacts):
         if not _warn_of_facets(contact, result) and i in rings:
             by_faces[repr(contact.name) if contact.name else str(i)] = rings[i]
+    _warn_of_samples(contacts, result)
     _warn_of_ringing(mbs, by_faces, result)
     _warn_of_yield(contacts, rings, result)
     _warn_of_near_zones(contacts, result)
@@ -113,6 +115,28 @@ def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
                 stacklevel=5,
             )
             return
+
+
+def _warn_of_samples(contacts: Sequence[PartitionContact], result: Result) -> None:
+    """Samples further apart than steps may miss an impact, or its peak; bodies still move as all steps say."""
+    if result.method == "static" or len(result.t) < 2 or np.diff(result.t).min() < 1.5 * result.step:
+        return
+    spans = [(contact, *span) for contact in contacts for span in contact.closed_samples(result)]
+    within = [span for span in spans if span[1] > 0 and span[2] < len(result.t) - 1]
+    short = [span for span in within if span[2] - span[1] + 1 < _SAMPLES_AN_IMPACT]
+    if short:
+        contact, first, last = short[0]
+        said = f"{called(contact)} has {last - first + 1} samples with a force at t = {result.t[first]:.6g} s"
+    elif not spans and result.work.active_set_iterations:
+        said = "contacts were closed, but in no sample"
+    else:
+        return
+    warnings.warn(
+        f"sample_period: {said}. The samples are too far apart to tell forces, impulses and yield of such an impact; "
+        "the motion is right. Take a twentieth of the impact's duration or less, see ep.hertz.impact",
+        ModelLimitWarning,
+        stacklevel=5,
+    )
 
 
 def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:

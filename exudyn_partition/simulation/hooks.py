@@ -22,6 +22,11 @@ from .step_control import StepControl
 
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _ROUNDINGS = 8  # of the places of a patch, that reach its forces
+_SINGULAR = (
+    "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
+    "GenericJoint with fewer constrainedAxes; or give settings with linearSolver.solverType EigenDense and "
+    "linearSolver.ignoreSingularJacobian = True"
+)
 
 
 def residual(mbs: MainSystem) -> float:
@@ -211,8 +216,9 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
 
 
 def cause(error: BaseException) -> str:
-    """Return the message of the library's own error at the bottom of Exudyn's report, if there is one."""
+    """Return the message of the library's own error at the bottom of Exudyn's report, if there is one; or a remedy."""
     while error.__cause__ is not None:
         error = error.__cause__
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
+    said = next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
+    return f"{said} {_SINGULAR}" if "matrix is not factorized" in said else said

@@ -15,6 +15,7 @@ from exudyn_partition.errors import (
     ModelLimitWarning,
     RunError,
     StepSizeError,
+    StoppedRunWarning,
 )
 
 END = 60e-6
@@ -216,6 +217,26 @@ def test_a_model_that_exudyn_cannot_run(mbs, bodies):
     mbs.Assemble()
     with pytest.raises(RunError, match="Exudyn cannot run the model"):
         ep.solve_dynamic(mbs, end_time=1e-6)
+
+
+def test_joints_that_hold_the_same_twice_are_told(mbs, arm_body):
+    item = ep.CreatePartitionBody(mbs, arm_body)
+    for _ in range(2):
+        base = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+        mbs.AddObject(items.GenericJoint(markerNumbers=[base, item.CreateInterfaceMarker(mbs, "foot")]))
+    mbs.Assemble()
+    with pytest.warns(StoppedRunWarning, match=r"not factorized.*joints hold the same motion twice"):
+        ep.solve_dynamic(mbs, end_time=2e-6, step=1e-6, method="implicit")
+
+
+@pytest.mark.parametrize(("period", "said"), [(80e-6, "closed, but in no sample"), (30e-6, "has . samples with a")])
+def test_samples_that_miss_an_impact_warn(mbs, bodies, period, said):
+    striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
+    contact = ep.CreatePartitionContact(mbs, striker, ep.CreatePartitionBody(mbs, bodies[1]))
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match=rf"sample_period: .*{said}.* too far apart"):
+        result = ep.solve_dynamic(mbs, end_time=160e-6, sample_period=period)
+    assert contact.force(result)[-1] == 0
 
 
 def test_a_body_that_is_nodes_alone(mbs, block):

@@ -69,7 +69,7 @@ def test_an_equilibrium_without_contact_is_said(mbs, bodies):
         ep.solve_static(mbs, load_steps=2)
 
 
-def test_contact_and_spring_carry_the_load_in_each_step(mbs, bodies):
+def test_contact_and_spring_carry_the_load_in_each_step(mbs, bodies, tmp_path):
     shares = []
     item, contact, _ = pressed(mbs, bodies[0])
     result = ep.solve_static(mbs, load_steps=4, progress=shares.append)
@@ -81,6 +81,11 @@ def test_contact_and_spring_carry_the_load_in_each_step(mbs, bodies):
     assert shares[-1] == 1.0
     assert result.work.newton_iterations >= 4
     assert not mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Initial).any()  # it was asked for nothing else
+    with pytest.raises(InputError, match=r"result: .* a static answer has no impacts"):
+        contact.impacts(result)
+    page = result.report(tmp_path / "page.html").read_text()
+    assert "peak force" in page
+    assert "sub-impacts" not in page
     again = ep.solve_static(mbs, load_steps=1)
     assert contact.force(again)[-1] == pytest.approx(force[-1], rel=1e-9)
 
