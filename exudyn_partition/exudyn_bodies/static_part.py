@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from typing import Protocol
@@ -75,8 +76,16 @@ def warn_near_contact(
             f"force; at {np.round(point, 6)} m this is about {lacking / size:.2g} of it. Give the FE model: "
             f"{what}(..., fem=fem)",
             ModelLimitWarning,
-            stacklevel=3,
+            stacklevel=_outside(),
         )
+
+
+def _outside() -> int:
+    """Stack level, for `warnings.warn` in the function that asks, of the first line outside this package."""
+    frame, level, package = sys._getframe(1), 1, __name__.partition(".")[0]
+    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: Static) -> Array:

@@ -330,6 +330,10 @@ def test_points_near_a_contact_have_its_static_answer(ball, plate, bodies, reduc
     for before, after in zip(errors[0][1:], errors[1][1:], strict=True):
         assert after < 0.5 * before
     item.velocity(result, FAR)  # without a warning
+    for ask in (lambda: item.velocity(result, BELOW), lambda: result.history(result.contacts[0], {"": (item, BELOW)})):
+        with pytest.warns(ModelLimitWarning) as caught:
+            ask()
+        assert caught[0].filename == __file__
     points = {"below": (item, BELOW, plate[0]), "far": (item, FAR)}
     velocity = result.history(result.contacts[0], points).velocity
     np.testing.assert_array_equal(velocity["below"], item.velocity(result, BELOW, fem=plate[0]))
