@@ -35,30 +35,6 @@ def columns(n: int) -> int:
     return max(least, min(most, int(_BLOCK / n)))
 
 
-def sturm_count(stiffness: sp.spmatrix, mass: sp.spmatrix, omega: float) -> int:
-    """Count the modes below a frequency without computing one: the negative pivots of K - omega^2 M.
-
-    Costs a factorisation.
-
-    Parameters
-    ----------
-    stiffness, mass : (n, n) sparse matrix
-    omega : float
-        Circular frequency, not a natural one [rad/s].
-
-    Returns
-    -------
-    int
-        Rigid modes included.
-
-    Raises
-    ------
-    IndefiniteMatrixError
-        If `omega` is a natural frequency to round-off.
-    """
-    return Factorisation(stiffness - omega**2 * mass).negative_pivots()
-
-
 def mass_normalised(vectors: Array, mass: sp.spmatrix) -> Array:
     """V with V' M V = 1 in the span of well-conditioned `vectors`, (n, k), by Cholesky."""
     gram = vectors.T @ (mass @ vectors)

@@ -105,7 +105,8 @@ def solve_dynamic(
         then are longer, and damp it. Default: 1e-4.
     settings : exudyn.SimulationSettings, optional
         Everything else; start, end, number of steps, spectral radius and the period of samples are set in it, and those
-        of adaptive steps.
+        of adaptive steps. Exudyn's own defaults then hold, which solve by dense matrices, and write a file with the
+        solution. Default: sparse matrices, no file, and Newton's method as it suits contacts.
     progress : callable, optional
         Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
 
@@ -185,31 +186,11 @@ def _run(
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
-    begins, start = "timeIntegration.startTime", 0.0 if settings is None else float(settings.timeIntegration.startTime)
-    if start_time is not None:
-        begins, start = "start_time", validate_number("start_time", start_time, "a finite number in s")
-    if not start < end_time:
-        raise InputError(f"end_time: expected more than {begins}, {start:.6g} s, got {end_time:.6g} s")
+    start = _start(start_time, end_time, settings)
     step = _checked_step(mbs, step, method)
-    if not (end_time - start) / step < _MOST_STEPS:
-        raise InputError(
-            f"step: {end_time - start:.4g} s in steps of {step:.4g} s are {(end_time - start) / step:.3g} steps; "
-            f"Exudyn counts to {_MOST_STEPS:.3g}. Take longer steps or a shorter end_time"
-        )
-    steps = math.ceil((end_time - start) / step * (1 - 1e-9))
+    steps = _count(end_time - start, step)
     step = (end_time - start) / steps
-    if settings is None:
-        settings = exu.SimulationSettings()
-        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-        settings.solution.file.write = False
-        settings.timeIntegration.verboseMode = 0
-        # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
-        if method == "implicit":
-            settings.timeIntegration.newton.absoluteTolerance = residual(mbs)
-        # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
-        settings.timeIntegration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
-        # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
-        settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
+    settings = _own_settings(mbs, method) if settings is None else settings
     integration = settings.timeIntegration
     # Steps that are so short need more of them to get there; the hook before each step ends the run.
     beyond = math.ceil(_EARLY / step) if step < _EARLY else 0
@@ -266,6 +247,44 @@ def _run(
     elif status == "finished" and progress is not None:
         progress(1.0)
     return replace(result, status=status, message=message), open_joints
+
+
+def _start(start_time: float | None, end_time: float, settings: SimulationSettings | None) -> float:
+    """When the run begins [s]."""
+    begins, start = "timeIntegration.startTime", 0.0 if settings is None else float(settings.timeIntegration.startTime)
+    if start_time is not None:
+        begins, start = "start_time", validate_number("start_time", start_time, "a finite number in s")
+    if not start < end_time:
+        raise InputError(f"end_time: expected more than {begins}, {start:.6g} s, got {end_time:.6g} s")
+    return start
+
+
+def _count(duration: float, step: float) -> int:
+    """Number of equal steps, none of them longer than `step` [s]."""
+    if not duration / step < _MOST_STEPS:
+        raise InputError(
+            f"step: {duration:.4g} s in steps of {step:.4g} s are {duration / step:.3g} steps; Exudyn counts to "
+            f"{_MOST_STEPS:.3g}. Take longer steps or a shorter end_time"
+        )
+    return math.ceil(duration / step * (1 - 1e-9))
+
+
+def _own_settings(mbs: MainSystem, method: Integrator) -> SimulationSettings:
+    """Settings where the user gave none."""
+    exu = require("exudyn")
+    settings = exu.SimulationSettings()
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write = False
+    integration = settings.timeIntegration
+    integration.verboseMode = 0
+    # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
+    if method == "implicit":
+        integration.newton.absoluteTolerance = residual(mbs)
+    # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
+    integration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
+    # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
+    integration.explicit.computeEndOfStepAccelerations = False
+    return settings
 
 
 def _checked_step(mbs: MainSystem, step: float | None, method: Integrator) -> float:
