@@ -247,6 +247,10 @@ def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
     kind = entry["objectType"]
     if kind in ("Mass1D", "MassPoint", "MassPoint2D"):
         return sp.coo_matrix(entry["mass"] * np.eye(n))
+    if kind == "RotationalMass1D":
+        return sp.coo_matrix(entry["inertia"] * np.eye(n))
+    if kind == "FFRFreducedOrder" and _massless(entry):
+        return sp.coo_matrix((n, n))
     if kind == "RigidBody2D" and not np.any(entry.get("centerOfMass", 0.0)):
         return sp.coo_matrix(np.diag([entry["mass"], entry["mass"], entry["inertia"]]))
     if kind != "GenericODE2" or isinstance(entry["massMatrixUserFunction"], dict):
@@ -256,6 +260,14 @@ def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
         rows, columns, values = np.reshape(matrix["triplets"], (-1, 3)).T
         return sp.coo_matrix((values, (rows.astype(int), columns.astype(int))), shape=(n, n))
     return sp.coo_matrix(matrix) if np.size(matrix) else sp.coo_matrix((n, n))
+
+
+def _massless(entry: ItemEntry) -> bool:
+    """Whether an `ObjectFFRFreducedOrder` never has a mass: our bodies' markers hang on such objects."""
+    if entry["computeFFRFterms"] or isinstance(entry["massMatrixUserFunction"], dict):
+        return False
+    matrix = entry["massMatrixReduced"].GetPythonObject()
+    return not isinstance(matrix, dict) and not np.any(matrix)
 
 
 def _placed(matrix: sp.coo_matrix, columns: Array, n: int) -> sp.csr_matrix:

@@ -11,6 +11,7 @@ from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from oracles import HINGE, ground, jointed, relative, sensors
 
 import exudyn_partition as ep
+from exudyn_partition.exudyn_bodies.joints import Joints, mass_and_rows
 from exudyn_partition.fe.model import node_dofs
 from exudyn_partition.reduction.tied import tie
 
@@ -148,6 +149,23 @@ def test_bushing_explicit_and_implicit(arm_body, frame):
         heads.append(result.sensor(place)[:, 0])
     assert heads[0].max() > 1e-6
     assert relative(*heads) < 1e-3
+
+
+def test_masses_of_a_body_on_a_shaft(arm_body):
+    """Those of the frame and of the shaft; the object that markers hang on has none. None of them varies."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, arm_body, frame="floating")
+    node = mbs.AddNode(items.Node1D(referenceCoordinates=[0.0]))
+    shaft = mbs.AddObject(items.ObjectRotationalMass1D(nodeNumber=node, inertia=2.5e-4))
+    markers = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=shaft)), item.CreateInterfaceMarker(mbs, "foot")]
+    mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[1] * 6))
+    mbs.Assemble()
+    mass = mass_and_rows(mbs)[0]
+    np.testing.assert_allclose(mass.diagonal(), np.append(item.kinematics.mass, 2.5e-4), rtol=1e-12)
+    assert mass[-1].nnz == 1
+    joints = Joints(mbs)
+    assert joints.update()  # rows
+    assert not joints.update()
 
 
 def test_both_frames_of_a_basis_that_keeps_nodes(arm):
