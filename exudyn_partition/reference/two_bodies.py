@@ -107,17 +107,7 @@ def simulate(
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     begin = time.perf_counter()
-    patch_nodes = [len(body.contact.nodes) for body in bodies]
-    if isinstance(rows, ContactRows):
-        _validate_rows(rows, *patch_nodes)
-    else:
-        validate_choice("rows", rows, ROWS)
-        rows = pair_surfaces(slave.surface, master.surface, rows, placed_by="position of FullBody")
-    law: Frictionless
-    if coulomb is None:
-        law = Frictionless(rows, patch_nodes, steps)
-    else:
-        law = Frictional(rows, patch_nodes, steps, friction=coulomb, step=step)
+    law = _law(slave, master, rows, coulomb, steps, step)
     sides = []
     for body, G in zip(bodies, law.matrices, strict=True):
         fem = body.fem
@@ -139,7 +129,7 @@ def simulate(
     record(0)
     energy = sum(side.energy() for side in sides) + sum(one.energy() for one in yielding)
     setup_s, begin = time.perf_counter() - begin, time.perf_counter()
-    _LOG.info("reference: %d steps of %.4g s, %d contact rows, set up in %.3g s", steps, step, len(rows), setup_s)
+    _LOG.info("reference: %d steps of %.4g s, %d contact rows, set up in %.3g s", steps, step, len(law.rows), setup_s)
     done = 0
     with interruptible() as interrupt:
         while done < steps and not interrupt.asked:
@@ -159,22 +149,50 @@ def simulate(
     info = {
         "label": "full FE",
         "dofs": sum(body.fem.n_dofs for body in bodies),
-        "contact_nodes": len(rows),
+        "contact_nodes": len(law.rows),
         "step_s": step,
         "steps": done,
         "alpha": alpha,
         "time_s": time.perf_counter() - begin,
         "setup_s": setup_s,
         "energy_error": 0.0,
+        **_told_of_yield(yielding),
     }
     if energy:
         after = sum(side.energy() for side in sides) + sum(one.energy() + one.work for one in yielding)
         info["energy_error"] = (after + law.dissipated) / energy - 1
-    if yielding:
-        info["plastic_work_J"] = [one.work for one in yielding]
-        info["plastic_strain"] = [float(one.state.equivalent.max()) for one in yielding]
-        info["plastic_states"] = [{k: v.tolist() for k, v in vars(one.state).items()} for one in yielding]
     return law.history(t[kept], {name: v[kept] for name, v in velocity.items()}, info)
+
+
+def _law(
+    slave: FullBody,
+    master: FullBody,
+    rows: RowKind | ContactRows,
+    friction: Coulomb | None,
+    steps: int,
+    step: float,
+) -> Frictionless:
+    """Contact of the two bodies."""
+    patch_nodes = [len(body.contact.nodes) for body in (slave, master)]
+    if isinstance(rows, ContactRows):
+        _validate_rows(rows, *patch_nodes)
+    else:
+        validate_choice("rows", rows, ROWS)
+        rows = pair_surfaces(slave.surface, master.surface, rows, placed_by="position of FullBody")
+    if friction is None:
+        return Frictionless(rows, patch_nodes, steps)
+    return Frictional(rows, patch_nodes, steps, friction=friction, step=step)
+
+
+def _told_of_yield(yielding: Sequence[PlasticBody]) -> dict[str, object]:
+    """What `info` has of bodies that yield, at the end of the run."""
+    if not yielding:
+        return {}
+    return {
+        "plastic_work_J": [one.work for one in yielding],
+        "plastic_strain": [float(one.state.equivalent.max()) for one in yielding],
+        "plastic_states": [{k: v.tolist() for k, v in vars(one.state).items()} for one in yielding],
+    }
 
 
 def _two(bodies: Sequence[FullBody]) -> tuple[FullBody, FullBody]:
