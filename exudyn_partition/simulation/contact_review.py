@@ -29,7 +29,8 @@ _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
 _DAMPING_RADIUS = 0.5  # spectral radius, up to which steps damp ringing
 _HIGH, _DAMPED = 0.7, 0.2  # of f_cut, and the ratio above it that damps ringing
 _LISTED = 5  # most contacts that a warning lists
-_LOOKED_AT = 64  # most samples at which bodies' velocities are looked at
+_LOOKED_AT = 64  # most samples at which bodies' velocities, and places beside their patches, are looked at
+_BESIDE, _DEEP = 500, 1e-3  # nodes that are looked at beside a patch; depth of one, by the body's size
 
 
 def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], result: Result) -> None:
@@ -41,6 +42,7 @@ def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], resu
         _warn_of_few_rows(contact, result)
         _warn_of_direction(contact, result)
         _warn_of_missing(contact, result)
+        _warn_of_passing(contact, result)
         _warn_of_zone(contact, result)
     rings = {i: found for i, contact in enumerate(contacts) if (found := contact.ringing(result)) is not None}
     by_faces = {}
@@ -132,8 +134,9 @@ def _warn_of_samples(contacts: Sequence[PartitionContact], result: Result) -> No
     else:
         return
     warnings.warn(
-        f"sample_period: {said}. The samples are too far apart to tell forces, impulses and yield of such an impact; "
-        "the motion is right. Take a twentieth of the impact's duration or less, see ep.hertz.impact",
+        f"{said}. The samples are too far apart to tell forces, impulses and yield of such an impact; the motion is "
+        "right. Take one in a twentieth of the impact's duration or more often, see ep.hertz.impact, by sample_period= "
+        "or settings.solution.sensors.writePeriod",
         ModelLimitWarning,
         stacklevel=5,
     )
@@ -191,6 +194,32 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
             f"{called(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m "
             f"with outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
             "referenceRotation and the partitions, or run longer",
+            ContactPatchWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
+    """A body that enters a rigid surface beside its patch, as when it has turned, feels nothing."""
+    item, number = contact.sides[0]
+    open_samples = np.flatnonzero(contact.force(result) == 0.0)
+    if isinstance(contact.master, PartitionBody) or contact.law.gaps.carried or result.method == "static":
+        return
+    if not len(open_samples) or contact.edge_reached(result) is not None:
+        return
+    nodes = np.setdiff1d(item.body.facets, item.body.partition.patches[number].nodes)
+    nodes = nodes[:: len(nodes) // _BESIDE + 1]
+    chosen = np.unique(np.r_[0, open_samples[:: len(open_samples) // _LOOKED_AT + 1], open_samples[-1]])
+    places = item.kinematics.at(nodes).place(item.coordinates(result)[chosen])
+    gaps = contact.master.project(places.reshape(-1, 3))[0].reshape(len(chosen), -1)
+    entered = np.where(gaps[0] > 0.0, gaps, 0.0) < -_DEEP * np.ptp(item.body.points, axis=0).max()
+    if entered.any():
+        sample, node = np.argwhere(entered)[0]
+        warnings.warn(
+            f"{called(contact)}: at t = {result.t[chosen[sample]]:.6g} s {called(item)} is {-gaps[sample, node]:.3g} m "
+            f"within the rigid surface at {places[sample, node]} m, beside its patch, where nothing holds it. Has it "
+            "turned? Take a patch that reaches there, as by Partition.surface; or ignore this if the real surface ends "
+            "before",
             ContactPatchWarning,
             stacklevel=5,
         )
