@@ -24,6 +24,7 @@ State = tuple[Array, Array, Array]  # coordinates, velocities and accelerations
 _ITERATIONS = 20
 _SETTLED = 1e-8  # last change of the joints' accelerations, relative
 _OPEN, _ROUND_OFF = 1e-2, 1e-12  # of the way of a step, and m or rad: what joints may be open after the iteration
+_OVER = 1e-6  # of a step: a run that has less time left is at its end
 
 
 class MultiplierStep:
@@ -31,6 +32,10 @@ class MultiplierStep:
 
     Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity at
     mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the accelerations c of the multipliers.
+
+    Those of contacts act at the start of a step. So they are found and applied at the end of the step before, by
+    `look_ahead`: velocities and accelerations that sensors tell there have them, and no energy swings. A first step has
+    them ahead of it. So have joints, which a user may move there; till then velocities have the last step's again.
 
     Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; what contact
     pushes them, and they the contact, is in it. After the step a second multiplier makes velocities and accelerations
@@ -48,10 +53,15 @@ class MultiplierStep:
     def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
         self._stepped_to: float | None = None
+        self._looked_from: float | None = None  # start of the step that multipliers were applied for beforehand
+        self._pushes: list[tuple[Array, Array]] = []  # coordinates and accelerations by contacts in the last step
+        self._foretold: list[tuple[Array, Array]] = []  # those in present velocities that are to be taken back
         self._dofs = [contact.dofs for contact in contacts]
         self._forward = increment_of([cast(LagrangeContact, contact.law) for contact in contacts], self._dofs)
         if joints is not None:
             self._carried, self._usual = np.zeros(joints.n), 0.0
+            # Multipliers by which joints answer to those of contacts: in the last step, and in the one before.
+            self._answer = self._answered = np.zeros(joints.n)
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
 
@@ -64,10 +74,35 @@ class MultiplierStep:
         """Apply multipliers ahead of the step that ends at t, once."""
         if t == self._stepped_to:
             return
-        data = mbs.systemData
-        self._step = step = t - start_of_step(mbs)
+        start = start_of_step(mbs)
+        if start != self._looked_from:
+            self._step = t - start
+            self._apply(mbs)
+            for contact in self.contacts:
+                contact.stepped(t, self._step)
+        self._stepped_to = t
+
+    def look_ahead(self, mbs: MainSystem, t: float) -> None:
+        """Apply multipliers of the step that begins at t, once, at the end of the step before."""
+        if self.joints is not None or t != self._stepped_to or t == self._looked_from:
+            return
+        if (solver := mbs.sys.get("dynamicSolver")) is not None:
+            it = solver.it
+            self._step, left = it.currentStepSize, it.endTime - t
+            if _OVER * self._step < left < self._step:
+                self._step = left  # Exudyn's last step ends with the run
+        self._apply(mbs)
+        for contact in self.contacts:
+            contact.stepped(t + self._step, self._step, half=True)
+        self._looked_from = t
+
+    def _apply(self, mbs: MainSystem) -> None:
+        """Apply multipliers of the coming step."""
+        data, step = mbs.systemData, self._step
         q = data.GetODE2Coordinates(copy=False)
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
+        for dofs, acceleration in self._foretold:
+            _push(q_t, q_tt, dofs, -acceleration, self._last_step)
         states = [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
         if self.joints is None:
             increments = self._forward.increment(states, step)
@@ -77,11 +112,9 @@ class MultiplierStep:
             increments, reaction = self._close(self._forward, self.joints, states, q[own], mid)
             self._mean = 0.5 * self._carried + reaction
             _push(q_t, q_tt, own, self.joints.push @ reaction, step)
-        for dofs, increment in zip(self._dofs, increments, strict=False):  # none if nothing closes
+        self._pushes = list(zip(self._dofs, increments, strict=False))  # none if nothing closes
+        for dofs, increment in self._pushes:
             _push(q_t, q_tt, dofs, increment, step)
-        for contact in self.contacts:
-            contact.stepped(t, step)
-        self._stepped_to = t
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Make velocities and accelerations obey the joints, and tell Exudyn their reactions."""
@@ -95,7 +128,14 @@ class MultiplierStep:
         acceleration = joints.push @ self._carried
         self._usual = abs(acceleration).max()
         _push(q_t, q_tt, joints.dofs, acceleration, self._step)
-        data.SetAECoordinates(-(self._mean + 0.5 * self._carried))
+        # Contacts push as in the last step, and joints answer, until the multipliers of the next one are known.
+        self._foretold, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
+        for dofs, acceleration in self._foretold:
+            _push(q_t, q_tt, dofs, acceleration, self._step)
+        for contact in self.contacts:
+            contact.foretell()
+        data.SetAECoordinates(-(self._mean + 0.5 * (self._carried + self._answer - self._answered)))
+        self._answered = self._answer
 
     def _close(
         self, forward: ForwardIncrement, joints: Joints, states: list[State], start: Array, mid: Array
@@ -124,13 +164,15 @@ class MultiplierStep:
             self._yields = -joints.solve(across.T)
             self._by_joints = across @ self._yields
         acceleration, lam, last = np.zeros(len(start)), np.zeros(0), np.inf
+        self._answer = np.zeros(joints.n)
         for _ in range(_ITERATIONS):
             before = acceleration
             g = joints.residual(start, step * (mid + step * acceleration))
             reaction = joints.solve(joints.C @ acceleration - g / step**2)
             if near:
                 lam = forward.solve(h + self._across @ reaction, self._by_joints)
-                reaction = reaction + self._yields @ lam
+                self._answer = self._yields @ lam
+                reaction = reaction + self._answer
             acceleration = joints.push @ reaction
             if lam.any():
                 for push, (own, others), on_rows in zip(forward.push, self._shared, forward.split(lam), strict=True):

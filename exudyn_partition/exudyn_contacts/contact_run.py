@@ -72,7 +72,8 @@ class ContactRun:
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.plastic_strains = {} if law.yielding is None else {i: StrainHistory(z.zone) for i, z in law.yielding.zones}
         self.edge: tuple[float, Array] | None = None
-        self._impulse, self._along = np.zeros(4), np.zeros(3)
+        # Impulses of normal forces, sum and vector, and vector of tangential ones: so far, of the last step, to come.
+        self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
         self._stepped_to = t
         self._start, self._at = -np.inf, t
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
@@ -168,13 +169,21 @@ class ContactRun:
             self.law.rollback()
         self._start, self._at = start, t
 
-    def stepped(self, t: float, step: float) -> None:
-        """Count what multipliers have pushed ahead of the step to t."""
-        if self.law.index.size:
-            self._impulse += step * np.r_[self.law.lam.sum(), self.law.resultant()]
-            if self.law.friction is not None:
-                self._along += step * self.law.traction.sum(axis=0)
+    def stepped(self, t: float, step: float, *, half: bool = False) -> None:
+        """Count what multipliers push at the start of the step to t; velocities there have all of it, or `half`."""
+        law, share = self.law, 0.5 if half else 1.0
+        self._last = np.zeros(7)
+        if law.index.size:
+            along = np.zeros(3) if law.friction is None else law.traction.sum(axis=0)
+            self._last = step * np.r_[law.lam.sum(), law.resultant(), along]
+        self._impulse += self._rest + share * self._last
+        self._rest = (1 - share) * self._last
         self._stepped_to = t
+
+    def foretell(self) -> None:
+        """Count half of the last step's impulse again, until that of the next step is known."""
+        self._impulse += 0.5 * self._last
+        self._rest = -0.5 * self._last
 
     def values(self, t: float, q: Callable[[], Array]) -> list[float]:
         """Values of the sensor `sForce` at t; `q` returns the model's coordinates there."""
@@ -203,7 +212,7 @@ class ContactRun:
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
-        return values if law.elastic else values + self._impulse.tolist()
+        return values if law.elastic else values + self._impulse[:4].tolist()
 
     def look_for_edge(self, t: float) -> None:
         """Note when and where a row at the edge of its patch closes first."""
@@ -218,7 +227,7 @@ class ContactRun:
             values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), law.stored()]
-        return values + self._along.tolist() if law.ahead else values
+        return values + self._impulse[4:].tolist() if law.ahead else values
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""

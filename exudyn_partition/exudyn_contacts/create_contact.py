@@ -20,7 +20,7 @@ from ..contact.side import Side
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import EmptyRegionError, InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
-from ..exudyn_bodies.model import registry, validate_new_name
+from ..exudyn_bodies.model import registry, user_function, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_choice, validate_items, validate_positive, validate_text
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
@@ -229,7 +229,7 @@ def CreatePartitionContact(
     _log.info("contact %r: %s with %s rows, in a group of %s", name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
     if contact.law.ahead:
-        _chain_before_step(mbs, runs)
+        _chain_steps(mbs, runs)
     contact["oContact"] = add_element(mbs, contact, runs)
     if masterBody is not None:
         load_carrier(mbs, lambda: runs.at_work(contact).law, masterBody)
@@ -303,13 +303,18 @@ def _check_digits(side: Side) -> None:
         )
 
 
-def _chain_before_step(mbs: MainSystem, runs: Runs) -> None:
-    """Put what contacts do before each step in front of the model's own PreStep function."""
-    own = mbs.GetPreStepUserFunction()
-    own_function = own["function"] if isinstance(own, dict) else None
+def _chain_steps(mbs: MainSystem, runs: Runs) -> None:
+    """Put what contacts do around each step in front of the model's own PreStep function, and behind its PostStep."""
+    own_before, own_after = map(user_function, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))
 
     def before_step(mbs: MainSystem, t: float) -> bool:
         runs.before_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
+        return own_before is None or own_before(mbs, t)
+
+    def after_step(mbs: MainSystem, t: float) -> bool:
+        go_on = own_after is None or own_after(mbs, t)
+        runs.now(mbs).look_ahead(mbs, t)
+        return go_on
 
     mbs.SetPreStepUserFunction(before_step)
+    mbs.SetPostStepUserFunction(after_step)

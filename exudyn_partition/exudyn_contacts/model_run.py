@@ -168,6 +168,13 @@ class ModelRun:
                 stepper.before_step(mbs, t)
         self._stepping_s += time.perf_counter() - begin
 
+    def look_ahead(self, mbs: MainSystem, t: float) -> None:
+        """Apply multipliers of contacts in the explicit step that begins at t; a second call does nothing."""
+        begin = time.perf_counter()
+        for stepper in self._steppers:
+            stepper.look_ahead(mbs, t)
+        self._stepping_s += time.perf_counter() - begin
+
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Correct velocities for the joints at the end of a step."""
         for stepper in self._steppers:

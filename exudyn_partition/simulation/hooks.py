@@ -62,26 +62,29 @@ class Watch:
 
 
 @contextlib.contextmanager
-def closed_joints(mbs: MainSystem, method: Method) -> Iterator[None]:
-    """Close the model's joints in explicit runs, together with its contacts.
+def multipliers_at_work(mbs: MainSystem, method: Method) -> Iterator[None]:
+    """Close the model's joints in explicit runs, together with its contacts, and let multipliers see ahead.
 
-    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities are corrected through its
-    PostStep function, in front of the model's own, which is put back after.
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities get their part of multipliers
+    through its PostStep function, around the model's own, which is put back after.
     """
-    exu, runs = require("exudyn"), runs_of(mbs)
-    if method == "implicit" or not mbs.systemData.AEsize():
+    exu, runs, jointed = require("exudyn"), runs_of(mbs), mbs.systemData.AEsize() > 0
+    if method == "implicit" or not (jointed or any(contact.law.ahead for contact in partition_items(mbs)[1])):
         yield
         return
     own_function = user_function(mbs.GetPostStepUserFunction())
 
     def after_step(mbs: MainSystem, t: float) -> bool:
-        runs.now(mbs).after_step(mbs, t)
-        return own_function is None or own_function(mbs, t)
+        run = runs.now(mbs)
+        run.after_step(mbs, t)
+        go_on = own_function is None or own_function(mbs, t)
+        run.look_ahead(mbs, t)  # also where the model's own function was set after contacts
+        return go_on
 
-    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, True
+    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, exu.config.suppressWarnings or jointed
     mbs.SetPostStepUserFunction(after_step)
     try:
-        with runs.closing(Joints(mbs)):
+        with runs.closing(Joints(mbs)) if jointed else contextlib.nullcontext():
             yield
     finally:
         exu.config.suppressWarnings = warnings_off

@@ -32,7 +32,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .hooks import begun, cause, closed_joints, controlled, residual, watched
+from .hooks import begun, cause, controlled, multipliers_at_work, residual, watched
 from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
 from .review import noted, reviewed, warn_of_turns
@@ -224,7 +224,7 @@ def _run(
         one_blas_thread(),
         bar as report,
         runs.sensors_alone(),
-        closed_joints(mbs, method),
+        multipliers_at_work(mbs, method),
         begun(mbs, start, method),
         watched(mbs, start, end_time, step, report) as watch,
         controlled(mbs, control, settings),

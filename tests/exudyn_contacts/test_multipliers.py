@@ -56,6 +56,30 @@ def test_multipliers_keep_gaps_closed(mbs, nodal_bodies):
     assert contact.force(result).max() > 100
 
 
+def test_energy_does_not_swing_while_multipliers_push(mbs, nodal_bodies):
+    """Half of the impulse that acts at a sample is in the velocities there, in sensors as in what plain runs keep."""
+    striker, target, _ = nodal_impact(mbs, nodal_bodies)
+    step = 0.5 * ep.stability_limit(mbs)
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 2000 * step, 2000
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+
+    def plain():
+        mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+        return ep.collect(mbs)
+
+    def by_library():
+        mbs.SetPostStepUserFunction(lambda mbs, t: True)  # set after contacts
+        return ep.solve_dynamic(mbs, end_time=2000 * step, step=step)
+
+    for run in (plain, by_library):
+        result = run()
+        energy = striker.energy(result) + target.energy(result)
+        assert len(energy) == 2001
+        assert abs(energy / energy[0] - 1).max() < 1e-5
+        assert energy.max() < energy[0] * (1 + 1e-9)
+
+
 def test_pairs_that_are_followed_from_now_on_cause_no_impact(mbs, nodal_bodies):
     """The ball slides out of reach of the frozen pairs: gaps jump by what they did not know, and the force does not."""
     striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[8.0, 0, -1.0])

@@ -150,8 +150,9 @@ class LagrangeContact(ContactLaw):
     def check(self, q: Array) -> None:
         """Raise if a gap at coordinates q, (n,), is negative."""
         gap = self.gaps.of_present(q)
+        faded = (1 / self._fading - 1) * abs(self._jump).max(initial=0.0)  # since the step that ended here
         deepest = (gap - self._jump[self.gaps.row_nodes]).min(initial=0.0)
-        if deepest < -_CLOSED * self.gaps.size:
+        if deepest < -_CLOSED * self.gaps.size - faded:
             raise _not_central_differences(f"a gap is {deepest:.3g} m")
 
 
