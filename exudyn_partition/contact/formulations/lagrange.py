@@ -106,16 +106,19 @@ class LagrangeContact(ContactLaw):
         step : float
             Length of the step [s].
         """
-        self._check_last_step(q)
         gaps, frozen, nodes = self.gaps, self.gaps.linear, self.gaps.row_nodes
+        self._check_last_step(q)  # which may find that the pairs have slid out of reach
         to = gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt)
         gap = gaps.at(to)
         self._jump *= self._fading
         self._frozen_steps += 1
         if gaps.moving:
             if frozen is not None:
-                _, old, new = np.intersect1d(nodes, gaps.row_nodes, return_indices=True)
-                self._jump[nodes[old]] += gap[new] - (frozen.start + frozen.H @ to)[old]
+                start, before = gaps.of_present(q), np.zeros(len(self._jump))
+                before[gaps.row_nodes] = np.maximum(start, 0.0)  # a row that was not there may be closed already
+                before[nodes] = frozen.start + frozen.H @ q
+                self._jump[gaps.row_nodes] += start - before[gaps.row_nodes]
+                gap = gaps.at(to)
                 self._fading = 1 - 1 / max(self._frozen_steps / _SOONER, _SOONEST)
             self._frozen_steps = 0
         gap = gap - self._jump[gaps.row_nodes]
