@@ -187,7 +187,8 @@ def exudyn_examples(d):
 
 def ordering(d):
     return [
-        Row(f"time of factors, {n}", "SuperLU's best order", d["limit"], c["factors"]) for n, c in d["cases"].items()
+        Row(f"time of factors, {n}", "SuperLU in its best order", d["limit"], c["factors"])
+        for n, c in d["cases"].items()
     ]
 
 
@@ -295,7 +296,7 @@ CASES = {
                         figures=("inelastic_rod_on_plate.png",)),
     "plastic_front": Case("inelastic/front.py", limits(("tolerance 0.1", "tolerance 0.01", "full_fe_quicker")),
                           figures=("inelastic_front.png",)),
-    "plastic_large": Case("inelastic/large.py", limits(("force", "work", "offline", "memory_GiB"))),
+    "plastic_large": Case("inelastic/large.py", limits(("force", "work", "offline", "memory_GB"))),
     "plastic_nodes": Case("inelastic/nodal_region.py", limits(("contact-adapted", "all nodes", "balance")), quick=None),
     "indentation": Case("inelastic/indentation.py",
                         limits(("first_yield", "mean_pressure", "work_again", "stiffness", "unloading")),

@@ -1,1 +1,1 @@
-"""Linear algebra: ordering, factorisation, Krylov vectors and modes, and linear complementarity."""
+"""Linear algebra: factorisation, Krylov vectors and modes, and linear complementarity."""

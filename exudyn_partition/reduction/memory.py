@@ -16,10 +16,10 @@ from ..support.machine import available_memory
 _LOG = logging.getLogger(__name__)
 
 _GB = 1e9
-# Entries of the factors in the order of nested dissection, over n^(4/3): 45 for a cube of 61 000 dofs, 40 for bodies
-# with a refined patch, 17 for a thin plate. Most entries take fewer bytes than _ENTRY, since columns share indices.
-_FILL = 30
-_ENTRY = 12  # bytes of an entry and its index
+# Numbers in factors and fronts while they are made, over n^(4/3): 41 for a cube of 113 000 dofs, 18 to 25 for bodies
+# with a refined patch, 9 for a thin plate.
+_FILL = 25
+_ENTRY = 12  # bytes of an entry of a sparse matrix and its index
 _DENSE_BLOCKS = 5  # of right-hand sides at a time
 _KRYLOV = 150  # vectors of a large Krylov space, with M times each and the room to grow
 _SQUARES = 6  # dense matrices of the order of all patch rows at a time
@@ -48,7 +48,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
 
 def _factors(fem: FEModel) -> float:
     """Memory of the factors of a body while they are made [bytes]."""
-    return float(_ENTRY * (_FILL * fem.n_dofs ** (4 / 3) + _MATRICES * fem.stiffness.nnz))
+    return float(8 * _FILL * fem.n_dofs ** (4 / 3) + _ENTRY * _MATRICES * fem.stiffness.nnz)
 
 
 def fits_together(models: Sequence[tuple[FEModel, Partition]]) -> bool:

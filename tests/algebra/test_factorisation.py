@@ -1,19 +1,22 @@
 """Factorisation: solutions of blocks, counts of negative pivots, threads of BLAS."""
 
 import threading
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import scipy.sparse.linalg
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from exudyn_partition.algebra.factorisation import Factorisation, one_blas_thread
-from exudyn_partition.algebra.pardiso import library
+from exudyn_partition.algebra.sparse import fronts, multifrontal
+from exudyn_partition.algebra.sparse.pardiso import library
 from exudyn_partition.errors import IndefiniteMatrixError
 
 
-@pytest.fixture(params=["superlu", "pardiso"])
+@pytest.fixture(params=["multifrontal", "pardiso"])
 def by(request):
     if request.param == "pardiso" and library() is None:
         pytest.skip("mkl is not installed")
@@ -47,13 +50,59 @@ def test_negative_pivots_are_as_many_as_negative_eigenvalues(shift, by):
     assert factors.negative_pivots() == np.count_nonzero(eigenvalues < shift)
 
 
-def test_no_count_without_pivots_on_the_diagonal():
-    """PARDISO takes pivots of two rows, which have a sign each."""
+def test_pivots_of_two_rows_have_a_sign_each(by):
     swap = sp.csr_matrix(np.array([[0.0, 1.0], [1.0, 0.0]]))
-    with pytest.raises(IndefiniteMatrixError, match="move the shift"):
-        Factorisation(swap, "superlu").negative_pivots()
-    if library() is not None:
-        assert Factorisation(swap, "pardiso").negative_pivots() == 1
+    factors = Factorisation(swap, by)
+    assert factors.negative_pivots() == 1
+    np.testing.assert_allclose(factors.solve(np.array([2.0, 3.0])), [3.0, 2.0])
+
+
+def springs(*shape):
+    """Stiffness of springs on a grid that is held at its ends, a little uneven."""
+    total = sp.csr_matrix((1, 1))
+    for n in shape:
+        total = sp.kronsum(total, sp.diags([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1]))
+    return sp.csr_matrix(total + sp.diags(np.linspace(0.0, 0.1, total.shape[0])))
+
+
+@pytest.mark.parametrize("with_loops", [True, False])
+@pytest.mark.parametrize("shift", [0.0, 2.0])
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        springs(30, 35),
+        springs(9, 10, 11),
+        sp.block_diag([springs(9), springs(30, 40)]),
+        sp.kron(springs(7, 8, 9), np.eye(3) + 1),
+    ],
+    ids=["plane", "solid", "two parts", "three dofs a node"],
+)
+def test_fronts_against_dense_algebra(matrix, shift, with_loops, monkeypatch):
+    """Chains of fronts, fronts that several children change, and fronts with negative pivots."""
+    monkeypatch.setattr(fronts, "_WIDEST", 40)
+    if not with_loops:
+        monkeypatch.setattr(multifrontal, "kernels", lambda layer: None)
+    matrix = sp.csr_matrix(matrix - shift * sp.identity(matrix.shape[0]))
+    dense = matrix.toarray()
+    factors = Factorisation(matrix, "multifrontal")
+    assert factors.negative_pivots() == np.count_nonzero(np.linalg.eigvalsh(dense) < 0)
+    rhs = np.random.default_rng(1).standard_normal((len(dense), 5))
+    expected = np.linalg.solve(dense, rhs)
+    np.testing.assert_allclose(factors.solve(rhs), expected, rtol=0, atol=1e-10 * abs(expected).max())
+
+
+def test_memory_of_factors_is_little_more_than_their_entries(block):
+    """One triangle is stored, and it is no larger than that of SuperLU, which stores two."""
+    matrix = sp.csc_matrix(block.stiffness + 1e10 * block.mass)
+    both = scipy.sparse.linalg.splu(matrix, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    tracemalloc.start()
+    try:
+        factors = Factorisation(matrix, "multifrontal")
+        memory, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert factors.nnz < 0.6 * both.nnz
+    assert memory < 1.5 * 8 * factors.nnz
 
 
 def blas_threads():

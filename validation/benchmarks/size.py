@@ -77,7 +77,7 @@ def run_online(bodies, end_time=END_TIME):
 
 
 def peak_memory():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
 
 
 def size_case(maxh):

@@ -13,8 +13,8 @@ from functools import cache
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import IndefiniteMatrixError
-from ..support.arrays import Array
+from ...errors import IndefiniteMatrixError
+from ...support.arrays import Array
 
 _SYMMETRIC = -2  # PARDISO's type of matrix: real, symmetric, not necessarily definite
 _FACTORISE, _SOLVE, _RELEASE = 12, 33, -1  # its phases

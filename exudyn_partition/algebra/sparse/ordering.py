@@ -1,8 +1,7 @@
 """Order of elimination that keeps the factors of a sparse symmetric matrix small: nested dissection.
 
-It serves SciPy's SuperLU, which has no such order: `validation/benchmarks/ordering.py` compares it with SuperLU's own,
-and with PARDISO. PARDISO brings metis along and does not come here. A binding to metis for SuperLU would be one more
-package to install for those who have no PARDISO, and would leave SuperLU far behind it.
+`validation/benchmarks/ordering.py` compares it with the orders of SciPy's SuperLU, and with PARDISO, which brings metis
+along and does not come here. A binding to metis would be one more package to install.
 """
 
 from __future__ import annotations
@@ -12,14 +11,25 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_bipartite_matching
 
-from ..support.arrays import Array
+from ...support.arrays import Array
 
 _LEAF = 500  # parts with fewer nodes are not cut any more
 _BALANCE = 0.25  # least share of the nodes on each side of a cut
 
 
-def nested_dissection(matrix: sp.spmatrix) -> Array:
-    """Order the rows of a symmetric matrix so that its factors fill little.
+def node_graph(matrix: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
+    """Graph of the nodes of a matrix of symmetric pattern, (n, n), and the node of each row, (n,) int array.
+
+    The dofs of a node have the same neighbours. They stay together.
+    """
+    pattern = sp.csr_matrix((np.ones(matrix.nnz, dtype=np.int64), matrix.indices, matrix.indptr), matrix.shape)
+    label = pattern @ np.random.default_rng(0).integers(2**62, size=pattern.shape[0])
+    _, first, node = np.unique(label, return_index=True, return_inverse=True)
+    return pattern[first][:, first].astype(float), node
+
+
+def nested_dissection(graph: sp.csr_matrix) -> Array:
+    """Order the nodes of a graph, so that the factors of a matrix with its pattern fill little.
 
     A small set of nodes cuts the graph in two, and each half is cut again. A cut is eliminated after the parts that it
     separates (George 1973). Cuts follow the fronts of a breadth-first search between far ends of the graph, and are
@@ -28,26 +38,14 @@ def nested_dissection(matrix: sp.spmatrix) -> Array:
 
     Parameters
     ----------
-    matrix : (n, n) sparse matrix
-        Of symmetric pattern.
+    graph : (n, n) csr matrix
+        Of symmetric pattern; its entries are positive.
 
     Returns
     -------
     (n,) int array
-        The rows in order of elimination.
+        The nodes in order of elimination.
     """
-    pattern = sp.csr_matrix(matrix)
-    pattern = sp.csr_matrix((np.ones(pattern.nnz, dtype=np.int64), pattern.indices, pattern.indptr), pattern.shape)
-    # The dofs of a node have the same neighbours; they stay together, and the graph is that of the nodes.
-    label = pattern @ np.random.default_rng(0).integers(2**62, size=pattern.shape[0])
-    _, first, node = np.unique(label, return_index=True, return_inverse=True)
-    order = _dissect(pattern[first][:, first].astype(float))
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    return np.argsort(rank[node], kind="stable")
-
-
-def _dissect(graph: sp.csr_matrix) -> Array:
     pieces = []  # last eliminated first
     parts = [(graph, np.arange(graph.shape[0]))]
     while parts:

@@ -1,0 +1,183 @@
+"""Factors of a sparse symmetric matrix by fronts: dense blocks that BLAS and LAPACK work on.
+
+Theory: I. S. Duff, J. K. Reid, The multifrontal solution of indefinite sparse symmetric linear equations, ACM
+Transactions on Mathematical Software 9, 1983.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.linalg import blas, lapack
+
+from ...errors import IndefiniteMatrixError
+from ...support.arrays import Array
+from ...support.compiled import kernels
+from .fronts import find_fronts
+
+_BLOCK = 96  # most right-hand sides that go through the fronts together
+
+
+class _Factor(NamedTuple):
+    """What a front leaves: with C = inverse^-1, its rows of the matrix are [C; below] diag(signs) [C; below]'.
+
+    Parameters
+    ----------
+    rows : slice
+        What it eliminates, in order of elimination.
+    changes : (m,) int array
+        Rows beyond them.
+    inverse : (k, k) array
+    signs : (k,) array or None
+        None if all are 1.
+    below : (m, k) array
+    """
+
+    rows: slice
+    changes: Array
+    inverse: Array
+    signs: Array | None
+    below: Array
+
+
+class Multifrontal:
+    """Block factors C S C' of a sparse symmetric matrix, with S of ones and minus ones; one triangle is stored.
+
+    Fronts that are positive definite are factorised by Cholesky, others by Bunch and Kaufman. Pivots are exchanged
+    within a front only.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse matrix, or function
+        Symmetric; see `Factorisation`.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If the matrix is singular.
+    """
+
+    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix]) -> None:
+        matrix = sp.csr_matrix(matrix() if callable(matrix) else matrix)
+        fronts = find_fronts(matrix)
+        self._order, n = fronts.order, len(fronts.order)
+        matrix = sp.triu(matrix[self._order][:, self._order], format="csr")
+        spans = [slice(*bounds) for bounds in pairwise(fronts.starts.tolist())]
+        sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
+        # In one piece, pages of which are taken when they are written: the memory of updates stays whole.
+        store = np.zeros(sum(k * (k + m) for k, m in sizes))
+        place, begin = np.empty(n, dtype=np.int64), 0
+        updates: list[tuple[Array, Array]] = []
+        self._factors: list[_Factor] = []
+        for rows, (k, m), changes, count in zip(spans, sizes, fronts.below, fronts.n_children, strict=True):
+            own = store[begin : begin + k * k].reshape((k, k), order="F")
+            below = store[begin + k * k : begin + k * (k + m)].reshape((m, k), order="F")
+            begin += k * (k + m)
+            place[rows], place[changes] = np.arange(k), np.arange(k, k + m)
+            _place(matrix, rows, place, own, below)
+            update = np.zeros((m, m), order="F")
+            for _ in range(count):
+                child, change = updates.pop()
+                _add(change, place[child], own, below, update)
+                del change
+            signs = _eliminate(own, below, update)
+            self._factors.append(_Factor(rows, changes, own, signs, below))
+            updates.append((changes, update))
+            del update
+
+    def solve(self, rhs: Array, threads: int = 2) -> Array:
+        """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks, `threads` of them at a time."""
+        if rhs.ndim == 1:
+            return self.solve(rhs[:, None])[:, 0]
+        result = np.empty(rhs.shape, order="F")
+
+        def solve_block(block: slice) -> None:
+            x = np.array(rhs[self._order, block], order="C")
+            for rows, changes, inverse, _, below in self._factors:
+                x[rows] = inverse @ x[rows]
+                x[changes] -= below @ x[rows]
+            for rows, changes, inverse, signs, below in reversed(self._factors):
+                own = x[rows] if signs is None else signs[:, None] * x[rows]
+                x[rows] = inverse.T @ (own - below.T @ x[changes])
+            result[self._order, block] = x
+
+        n = rhs.shape[1]
+        count = min(n, threads * -(-n // (threads * _BLOCK)))
+        bounds = np.linspace(0, n, count + 1).astype(int).tolist()
+        with ThreadPoolExecutor(threads) as pool:  # products of NumPy let other threads run
+            list(pool.map(solve_block, map(slice, bounds[:-1], bounds[1:])))
+        return result
+
+    @property
+    def nnz(self) -> int:
+        """Number of entries of one triangular factor."""
+        return sum(len(inverse) * (len(inverse) + 1) // 2 + below.size for _, _, inverse, _, below in self._factors)
+
+    def negative_pivots(self) -> int:
+        """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia)."""
+        return sum(int(np.count_nonzero(f.signs < 0)) for f in self._factors if f.signs is not None)
+
+
+def _place(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> None:
+    """Write the entries of some rows of an upper triangle to a front, as columns."""
+    starts, k = matrix.indptr[rows.start : rows.stop + 1], len(own)
+    entries = slice(starts[0], starts[-1])
+    row, column = place[matrix.indices[entries]], np.repeat(np.arange(k), np.diff(starts))
+    inside, values = row < k, matrix.data[entries]
+    own[row[inside], column[inside]] = values[inside]
+    below[row[~inside] - k, column[~inside]] = values[~inside]
+
+
+def _add(change: Array, place: Array, own: Array, below: Array, update: Array) -> None:
+    """Add what a child leaves, (c, c), to its places in the front, (c,) int array; only lower triangles count."""
+    # Transposed, the entries of a row lie one behind the other.
+    change, own, below, update = change.T, own.T, below.T, update.T
+    if loops := kernels("algebra.sparse"):
+        loops.add(change, place, own, below, update)
+        return
+    inside = int(np.searchsorted(place, len(own)))
+    mine, others = place[:inside], place[inside:] - len(own)
+    own[np.ix_(mine, mine)] += change[:inside, :inside]
+    below[np.ix_(mine, others)] += change[:inside, inside:]
+    update[np.ix_(others, others)] += change[inside:, inside:]
+
+
+def _eliminate(own: Array, below: Array, update: Array) -> Array | None:
+    """Factorise a front in place: `own` becomes the inverse of its factor; return signs, see `_Factor`."""
+    factor, indefinite = lapack.dpotrf(own, lower=1)
+    if not indefinite:
+        if len(below):
+            blas.dtrsm(1.0, factor, below, side=1, lower=1, trans_a=1, overwrite_b=1)
+            blas.dsyrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
+        own[:] = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
+        return None
+    own[:], signs = _indefinite(own)
+    below[:] = below @ (own.T * signs)
+    update -= (below * signs) @ below.T
+    return signs
+
+
+def _indefinite(matrix: Array) -> tuple[Array, Array]:
+    """Inverse of C, and S, of C S C' = matrix, (k, k), whose lower triangle is given.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If it is singular.
+    """
+    factor, blocks, order = scipy.linalg.ldl(matrix, check_finite=False)
+    inverse = np.empty_like(matrix)
+    inverse[:, order] = lapack.dtrtri(factor[order], lower=1, unitdiag=1)[0]
+    values, second = blocks.diagonal().copy(), np.flatnonzero(blocks.diagonal(-1)) + 1
+    for pair in np.column_stack([second - 1, second]):
+        values[pair], turn = np.linalg.eigh(blocks[np.ix_(pair, pair)])
+        inverse[pair] = turn.T @ inverse[pair]
+    if not (abs(values) > 0).all():
+        raise IndefiniteMatrixError(f"the matrix cannot be factorised: {np.count_nonzero(values == 0)} pivots are zero")
+    return inverse / np.sqrt(abs(values))[:, None], np.sign(values)
