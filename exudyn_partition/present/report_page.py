@@ -140,7 +140,11 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
         ]
         if (stress := contact.largest_stress(result)) is not None:
             rows.append(("Hertz-equivalent pressure", f"{1e-6 * stress.pressure:.4g} MPa at {stress.time:.6g} s"))
-            rows += [(f"von Mises stress of {name}", said) for name, said in stress.by_body(contact.side_names)]
+            flows = set() if contact.yielding is None else {side for side, _ in contact.yielding.zones}
+            rows += [
+                (f"von Mises stress of {name}", "its patch yields, see the plastic strain" if side in flows else said)
+                for side, (name, said) in enumerate(stress.by_body(contact.side_names))
+            ]
             if (stress.yield_ratio or 0.0) > 1.0:
                 peak_of = f" {rings.beside(stress.yield_force)}." if rings is not None and stress.yield_force else ""
                 warnings.append(f"Beyond first yield: {stress.advice(contact.side_names)}.{peak_of}")

@@ -293,6 +293,8 @@ def test_the_report_and_the_figure_of_energy_tell_of_plastic_work(run, tmp_path)
     assert "taken by plastic flow [J]" in page
     assert "taken by friction" not in page
     assert "depth of the dent" in page
+    assert "its patch yields, see the plastic strain" in page
+    assert page.count("no yield stress is known") == 1  # of the ball
 
 
 def test_the_zone_as_a_file(run, tmp_path):
