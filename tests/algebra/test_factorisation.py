@@ -79,7 +79,7 @@ def springs(*shape):
 )
 def test_fronts_against_dense_algebra(matrix, shift, with_loops, monkeypatch):
     """Chains of fronts, fronts that several children change, and fronts with negative pivots."""
-    monkeypatch.setattr(fronts, "_WIDEST", 40)
+    monkeypatch.setattr(fronts, "WIDEST", 40)
     if not with_loops:
         monkeypatch.setattr(multifrontal, "kernels", lambda layer: None)
     matrix = sp.csr_matrix(matrix - shift * sp.identity(matrix.shape[0]))

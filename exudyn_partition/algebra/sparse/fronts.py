@@ -16,7 +16,7 @@ from .ordering import nested_dissection, node_graph
 
 _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fronts are quicker than many small ones
 _SMALL, _SMALL_ZEROS = 32, 0.5  # and that one with at most so many rows to eliminate may hold
-_WIDEST = 1024  # most rows that a front eliminates; more do so in a chain of fronts, whose triangles are smaller
+WIDEST = 1024  # most rows that a front eliminates; more do so in a chain of fronts, whose triangles are smaller
 
 
 class Fronts(NamedTuple):
@@ -95,7 +95,7 @@ def find_fronts(matrix: sp.csr_matrix) -> Fronts:
         beyond = np.repeat(place[nodes] - np.cumsum(count) + count, count) + np.arange(front.n_below)
         children = len(front.children)
         while starts[-1] < end:
-            starts.append(min(starts[-1] + _WIDEST, end))
+            starts.append(min(starts[-1] + WIDEST, end))
             below.append(np.r_[starts[-1] : end, beyond])
             n_children.append(children)
             children = 1
