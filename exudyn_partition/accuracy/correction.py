@@ -40,6 +40,7 @@ from ..surfaces.rows import point_matrix
 from ..surfaces.surface import Surface
 
 _STEPS, _SOLVED = 40, 0.03  # of conjugate gradients; relative residual, whose square is the error of x' r
+LEFT = 0.5  # share of the error that functions show, which stays in a corrected body at most: `validation/mesh/correct`
 _LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
 _INSIDE = np.array([[0.3, 0.2], [0.2, 0.3], [0.5, 0.25]])  # of a facet: where no function of its own is zero
 
@@ -97,6 +98,7 @@ class Finer:
 
     def __init__(self, fem: FEModel, body: ReducedBody, elastic: FreeBodyFlexibility | None = None) -> None:
         self.fem, self.body = fem, body
+        self._at_nodes: dict[int, Change] = {}
         free = FreeBody(with_free_zones(fem, body.partition), body.partition)
         self._expand = free.model.expand
         self._elastic = elastic or free.flexibility()
@@ -166,11 +168,24 @@ class Finer:
         interleaved = np.arange(3 * size).reshape(3, size).T.ravel()
         return np.asarray((points.mean @ by_axis[:, interleaved]).T.toarray())
 
-    def corrected(self, number: int) -> ReducedBody:
-        """Return the body with what the functions change of it and of the static answer of one of its patches.
+    def at_nodes(self, number: int) -> Change:
+        """What the functions change of the body and of the rows of a patch's nodes.
 
         The change is known for even loads around each node of the patch, hat functions. A matrix gives the mean
         displacements under these by those of the nodes; its inverse gives the change of the nodes themselves.
+        """
+        if number not in self._at_nodes:
+            patch = self.body.partition.patches[number]
+            on_nodes, to_rows, points = self._hats(patch)
+            change = self.change(to_rows @ on_nodes, points)
+            of_nodes = np.linalg.inv(to_rows.toarray())
+            self._at_nodes[number] = replace(
+                change, gaps=of_nodes @ change.gaps, flexibility=of_nodes @ change.flexibility @ of_nodes.T
+            )
+        return self._at_nodes[number]
+
+    def corrected(self, number: int) -> ReducedBody:
+        """Return the body with what the functions change of it and of the static answer of one of its patches.
 
         Raises
         ------
@@ -181,17 +196,21 @@ class Finer:
         if basis.zones:
             raise InputError("correct: expected elastic bodies, got one with a plastic zone, which it leaves as it is")
         patch, own = body.partition.patches[number], patch_slice(body.partition, number)
-        at_nodes, to_rows, points = self._hats(patch)
-        change = self.change(to_rows @ at_nodes, points)
-        of_nodes = np.linalg.inv(to_rows.toarray())
+        change = self.at_nodes(number)
         assert basis.flexibility is not None
         flexibility, shapes = basis.flexibility.copy(), basis.shapes @ change.turn
-        flexibility[own, own] += of_nodes @ change.flexibility @ of_nodes.T
+        flexibility[own, own] += change.flexibility
         inertia = InertiaIntegrals.of(self.fem, shapes[:, 6:], basis.mass)
         # A shape moves in addition at the patch alone, which has no mass.
-        shapes = shapes + at_nodes.T @ (of_nodes @ change.gaps @ change.turn)
+        shapes = shapes + self._on_nodes(patch).T @ (change.gaps @ change.turn)
         better = replace(basis, shapes=shapes, omega=np.sqrt(change.squares), flexibility=flexibility)
         return replace(body, basis=better, stiffness=sp.diags(change.squares, format="csr"), inertia=inertia)
+
+    def _on_nodes(self, patch: Patch) -> sp.csr_matrix:
+        """Rows of the patch's nodes on all nodes."""
+        n, dofs = len(patch.nodes), node_dofs(patch.nodes)
+        spread = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), (3 * n, self.fem.n_dofs))
+        return sp.kron(sp.identity(n), patch_axes(patch), format="csr") @ spread
 
     def _hats(self, patch: Patch) -> tuple[sp.csr_matrix, sp.csr_matrix, Points]:
         """Rows of the patch's nodes on all nodes, rows of hat functions on those, and points of the latter."""
@@ -199,15 +218,18 @@ class Finer:
         points = contact_points(surface, "integrated")
         nodes, weights, mean = points.nodes, points.weights, points.mean
         local = weights @ FACET_NODES[nodes.shape[1]]
-        axes = [patch.direction] if patch.axes == "normal" else [*np.eye(3)]
+        axes = patch_axes(patch)
         by_node = np.arange(len(axes) * n).reshape(len(axes), n).T.ravel()  # axes of a node stand together
         normals = np.repeat(axes, len(nodes), axis=0)
-        spread = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), node_dofs(patch.nodes))), (3 * n, self.fem.n_dofs))
-        at_nodes = sp.kron(sp.identity(n), np.array(axes), format="csr") @ spread
         to_rows = sp.kron(mean @ point_matrix(nodes, weights, n), sp.identity(len(axes)), format="csr")
         rows = sp.block_diag([mean] * len(axes), format="csr")[by_node]
         corners = np.tile(patch.nodes[nodes[:, :3]], (len(axes), 1))
-        return at_nodes, to_rows, Points(corners, np.tile(local, (len(axes), 1)), normals, rows)
+        return self._on_nodes(patch), to_rows, Points(corners, np.tile(local, (len(axes), 1)), normals, rows)
+
+
+def patch_axes(patch: Patch) -> Array:
+    """Directions of the rows of a patch's nodes, (1 or 3, 3)."""
+    return patch.direction[None] if patch.axes == "normal" else np.eye(3)
 
 
 def _solve(matrix: sp.csr_matrix, rhs: Array) -> Array:

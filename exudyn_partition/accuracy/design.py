@@ -11,39 +11,41 @@ import logging
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..algebra.factorisation import one_blas_thread
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
-from ..errors import InputError, MemoryLimitError, PartitionError, ToleranceWarning
+from ..errors import InputError, MemoryLimitError, MeshError, PartitionError, ToleranceWarning
 from ..fe.material import Material
-from ..fe.model import FEModel
-from ..fe.partition import Partition
-from ..meshing.mesh_size import Refine
-from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed, shape_of
-from ..meshing.ngsolve_fem import fe_model
+from ..meshing.netgen_mesh import CURVATURE, shape_of
 from ..prediction.hertz import contact_radius, effective, impact
-from ..reduction.estimate import grow_to_tolerance
+from ..reduction.estimate import frequency_for, grow_to_tolerance
 from ..reduction.free_body import AdaptedSpace
 from ..reduction.memory import fits_together, watched
 from ..reduction.reduction import bodies_of
 from ..support.arrays import Vector
-from ..support.checks import validate_callable, validate_integer, validate_number, validate_positive, validate_vector
-from ..support.foreign import NGSolveMesh, Shape
+from ..support.checks import (
+    validate_callable,
+    validate_flag,
+    validate_integer,
+    validate_number,
+    validate_positive,
+    validate_vector,
+)
+from ..support.foreign import Shape
 from ..support.progress import Progress, shown
-from .contact_place import ContactPlace, contact_place, sides_of
-from .correction import Finer
+from .contact_place import contact_place, sides_of
+from .correction import LEFT, Finer
 from .impact_design import TRUST, ImpactDesign, Look
+from .impact_scene import Model, Scene
 from .mesh_error import estimate_of
 from .mesh_rules import (
-    GRADING,
-    REACH,
-    REFINED,
     Sizes,
     count_of_dofs,
+    curvature_for,
     energy_frequency,
     first_sizes,
     sizes_by_rule,
@@ -55,6 +57,7 @@ _LOG = logging.getLogger(__name__)
 _TOLERANCES = (2e-3, 0.2)
 _FIRST_LOOK = 0.15  # tolerance of the reduction on the first meshes
 _TRUNCATION = 0.45  # share of the tolerance that the reduction gets; its estimate is then below 0.3
+_TOP = 2.2  # f_top by the f_cut that the last reduction foretells: twice that, and a tenth more to be safe
 _COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while their meshes do not fit
 _LOOKS = 6  # most meshes, the first look included
 _COUNTS = 0.3  # parts of the error below this share of the largest one are not refined
@@ -67,34 +70,6 @@ _SETTLED = 0.2  # relative change of the contact radius after which both contact
 _FASTEST = 1e4  # m/s
 
 Body = tuple[Shape | str | Path, Material]
-Model = tuple[FEModel, Partition]
-
-
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """What is asked for: shapes, materials, partner, place and impact."""
-
-    shapes: tuple[Shape, ...]
-    materials: tuple[Material, ...]
-    rigid: RigidSurface | None
-    place: ContactPlace
-    speed: float
-    tolerance: float
-    max_dofs: int
-
-    def mesh(self, i: int, sizes: Sizes, circle: float) -> NGSolveMesh:
-        """Mesh of a body."""
-        long, _ = self.place.semi_axes(circle)
-        fine = [Refine(self.place.points[i], REFINED * long, sizes.near)] if sizes.near < sizes.far else []
-        with ONE_AT_A_TIME:
-            return meshed(self.shapes[i], sizes.far, fine, GRADING[sizes.order], sizes.order)
-
-    def model(self, i: int, mesh: NGSolveMesh, sizes: Sizes, circle: float) -> Model:
-        """FE model of a body and its partition."""
-        fem = fe_model(mesh, self.materials[i], order=sizes.order)
-        line = self.place.normal if i == 0 else -self.place.normal
-        reach = REACH[i] * self.place.semi_axes(circle)[0] + sizes.near / 2
-        return fem, Partition.ball(fem, self.place.points[i], reach, direction=line)
 
 
 def design_impact(
@@ -107,6 +82,7 @@ def design_impact(
     duration: float | None = None,
     scale: float = 1.0,
     max_dofs: int = _MOST_DOFS,
+    correct: bool = False,
     progress: Progress | None = None,
 ) -> ImpactDesign:
     """Mesh and reduce two bodies, or one, such that the total error of their impact is below a tolerance.
@@ -132,6 +108,9 @@ def design_impact(
         Factor on the lengths of both shapes; Netgen reads STEP files in millimetres: give 1e-3.
     max_dofs : int
         Most dofs of both FE models together.
+    correct : bool
+        Give the bodies what functions of one order more change of them, as `with_mesh_error` does. Coarser meshes are
+        then enough. The estimate counts half of the error that these functions show, and all of that of the rows.
     progress : callable, optional
         As for `reduce`.
 
@@ -157,7 +136,10 @@ def design_impact(
     """
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
+    validate_flag("correct", correct)
     scene, duration = _scene(first, second, speed, contact, tolerance, duration, scale, max_dofs)
+    if correct:
+        scene = replace(scene, left=LEFT)
     with shown(progress, "design an impact") as report:
         design = Search(scene, duration).run(report)
     if design.limit:
@@ -179,7 +161,7 @@ def _scene(
     duration: float | None,
     scale: float,
     max_dofs: int,
-) -> tuple[_Scene, float | None]:
+) -> tuple[Scene, float | None]:
     """Check the arguments, and find the place of contact."""
     rigid = second if isinstance(second, (RigidPlane, RigidSphere, RigidCylinder)) else None
     named = [("first", first)] if rigid is not None else [("first", first), ("second", second)]
@@ -210,13 +192,13 @@ def _scene(
     shapes = tuple(shape_of(body[0], scale, name) for name, body in named)  # type: ignore[index]
     materials = tuple(body[1] for _, body in named)  # type: ignore[index]
     place = contact_place(shapes, rigid, point, lambda radius: _first_circle(shapes, materials, speed, radius))
-    return _Scene(shapes, materials, rigid, place, speed, tolerance, max_dofs), duration
+    return Scene(shapes, materials, rigid, place, speed, tolerance, max_dofs), duration
 
 
 class Search:
     """Meshes, one after the other, until one is good enough."""
 
-    def __init__(self, scene: _Scene, duration: float | None) -> None:
+    def __init__(self, scene: Scene, duration: float | None) -> None:
         self.scene, self.duration = scene, duration
         self.looks: list[Look] = []
         self.best: ImpactDesign | None = None
@@ -234,9 +216,13 @@ class Search:
         circle, near, limit = first.circle, place.semi_axes(first.circle)[1], ""
 
         def by_rule(tolerance: float) -> list[Sizes]:
-            return [
-                sizes_by_rule(fem, own, first.frequency, near, tolerance, slave=i == 0)
+            rules = [
+                sizes_by_rule(fem, own, first.frequency, near, tolerance, slave=i == 0, corrected=scene.left < 1)
                 for i, (fem, own) in enumerate(zip(fems, sides, strict=True))
+            ]
+            return [
+                replace(rule, curvature=curvature_for(own.curvature, missed, tolerance))
+                for rule, own, missed in zip(rules, first.sizes, first.missed, strict=True)
             ]
 
         allowed = scene.tolerance
@@ -281,10 +267,16 @@ class Search:
                 f"max_dofs: {scene.max_dofs}, and the meshes that are needed next have {sum(dofs)} dofs. Allow more, "
                 "or a larger tolerance"
             )
-        made = [
-            (own, circle, scene.model(i, meshes[i], own, circle)) if i in meshes else self.models[i]
-            for i, own in enumerate(sizes)
-        ]
+        try:
+            made = [
+                (own, circle, scene.model(i, meshes[i], own, circle)) if i in meshes else self.models[i]
+                for i, own in enumerate(sizes)
+            ]
+        except MeshError:  # curved sides turned elements inside out
+            curved = [replace(own, curvature=CURVATURE) for own in sizes]
+            if curved == list(sizes):
+                raise
+            return self.look_at(curved, circle, tolerance, estimated)
         self.models = made
         models = [model for _, _, model in made]
         times["assemble"], begin = time.perf_counter() - begin, time.perf_counter()
@@ -299,6 +291,7 @@ class Search:
                 rigid=None if rigid is None else lambda points: rigid.project(points)[0],
                 known=[None if i in meshes else self.spaces[i] for i in range(len(models))],
                 keep=estimated and fits_together(models),
+                f_top=self.first_top(tolerance),
             )
             bodies = bodies_of(self.spaces, truncation, begin)
         times["reduce"], begin = time.perf_counter() - begin, time.perf_counter()
@@ -309,7 +302,9 @@ class Search:
             mesh = None
             if estimated:
                 finers = [Finer(*pair, space.elastic) for pair, space in zip(pairs, self.spaces, strict=True)]
-                mesh = estimate_of(sides, impact_now, scene.speed, duration, finers)
+                mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left)
+                if scene.left < 1:
+                    bodies = tuple(finer.corrected(0) for finer in finers)
             step = impact_now.step(truncation.f_cut)
             t, force, _ = impact_now.run(duration, step / _FINER)
             at, coarse, _ = impact_now.run(duration, step)
@@ -322,6 +317,7 @@ class Search:
         look = Look(
             sizes=tuple(sizes),
             dofs=tuple(dofs),
+            missed=tuple(scene.missed(i, fem) for i, (fem, _) in enumerate(models)),
             circle=contact_radius(peak, place.radius, np.inf, *scene.materials),
             peak=peak,
             frequency=energy_frequency(t, force),
@@ -346,6 +342,15 @@ class Search:
                 place=place,
             )
         return look
+
+    def first_top(self, tolerance: float) -> float | None:
+        """Frequency up to which the bodies are to be known, by the last reduction [Hz]; None if there is none."""
+        if not self.looks:
+            return None
+        last = self.looks[-1].truncation
+        if last.tolerance <= tolerance:
+            return last.f_top
+        return _TOP * frequency_for(last.f_cut, last.error, tolerance)
 
     def refined(self, look: Look) -> list[Sizes]:
         """Smaller elements where the estimate is largest."""

@@ -26,6 +26,8 @@ class Look:
         Of the elements of each body.
     dofs : tuple of int
         Of each FE model.
+    missed : tuple of float
+        Shares of the bodies' volumes that their meshes miss, because curved sides only follow the shapes nearly.
     circle : float
         Radius of the contact at the peak of the force, of a circle of the same area [m].
     peak : float
@@ -46,6 +48,7 @@ class Look:
 
     sizes: tuple[Sizes, ...]
     dofs: tuple[int, ...]
+    missed: tuple[float, ...]
     circle: float
     peak: float
     frequency: float
@@ -55,15 +58,19 @@ class Look:
     step_error: float
     seconds: dict[str, float]
 
+    def by_meshes(self, quantity: str) -> float:
+        """Estimated error of "force" or "velocity" by elements and by missed volume, which changes them less."""
+        return (getattr(self.mesh, quantity) if self.mesh else 0.0) + max(self.missed)
+
     @property
     def force(self) -> float:
         """Estimated error of the force by all together."""
-        return self.truncation.force + (self.mesh.force if self.mesh else 0.0)
+        return self.truncation.force + self.by_meshes("force")
 
     @property
     def velocity(self) -> float:
         """Estimated error of the velocities by all together."""
-        return self.truncation.velocity + (self.mesh.velocity if self.mesh else 0.0)
+        return self.truncation.velocity + self.by_meshes("velocity")
 
     @property
     def error(self) -> float:
@@ -144,6 +151,7 @@ class ImpactDesign:
         cut = f"f_cut {1e-3 * look.truncation.f_cut:.3g} kHz"
         rows += [
             ("error by the meshes", f"{mesh.error:.2%}", f"force {mesh.force:.2%}, velocity {mesh.velocity:.2%}"),
+            ("  by their shape", f"{max(look.missed):.2%}", "share of a body's volume that its mesh misses"),
             (
                 "  by truncation and step",
                 f"{look.truncation.error:.2%}",

@@ -33,7 +33,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.estimate import Estimate
 from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_type
-from .correction import Change, Finer, Points
+from .correction import Change, Finer, Points, patch_axes
 from .modal_pair import Pair, Side, impact_of
 
 _ROW_RATE = 3  # power of the spacing of rows, by which their error falls
@@ -217,12 +217,17 @@ def estimate_of(
     speed: float,
     duration: float,
     finers: Sequence[Finer],
+    left: float = 1.0,
 ) -> MeshEstimate:
-    """Estimate the error of the meshes, for what `impact_of` returns and what the next order adds to each body."""
+    """Estimate the error of the meshes, for what `impact_of` returns and what the next order adds to each body.
+
+    Bodies that will be corrected keep only a share `left` of it; that of the rows stays.
+    """
     f_cut, n = min(side.body.f_cut for side in sides), len(sides)
     loaded = impact.loaded(duration, impact.step(f_cut))
     rows = _near(sides[0].mean, loaded)
-    changes = [_change(finer, side, rows) for finer, side in zip(finers, sides, strict=True)]
+    change_of = _change if left == 1 else _nodal_change
+    changes = [change_of(finer, side, rows) for finer, side in zip(finers, sides, strict=True)]
     whole = [(True, True)] * n
     both, _ = _corrected(impact, changes, rows, whole)
     step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
@@ -234,7 +239,8 @@ def estimate_of(
         """Relative change of force and velocity by some of the corrections."""
         better_impact, turn = _corrected(impact, changes, rows, kept)
         _, better, better_velocity = better_impact.run(duration, step)
-        return off(better, better_velocity @ turn.T)
+        force_off, velocity_off = off(better, better_velocity @ turn.T)
+        return left * force_off, left * velocity_off
 
     def off(better: Array, better_velocity: Array) -> tuple[float, float]:
         scale = np.linalg.norm(better_velocity - better_velocity[0])
@@ -293,6 +299,14 @@ def _change(finer: Finer, side: Side, rows: Array) -> Change:
     on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
     points = Points(side.corners, side.local, side.normals, side.mean[rows])
     return finer.change(side.on_patch[rows] @ on_body, points)
+
+
+def _nodal_change(finer: Finer, side: Side, rows: Array) -> Change:
+    """The same by that of the patch's nodes, which a corrected body has."""
+    (number,) = (i for i, patch in enumerate(side.body.partition.patches) if patch is side.patch)
+    change, n = finer.at_nodes(number), len(side.patch.nodes)
+    by_nodes = side.on_patch[rows] @ sp.kron(sp.identity(n), patch_axes(side.patch).T, format="csr")
+    return replace(change, gaps=by_nodes @ change.gaps, flexibility=by_nodes @ change.flexibility @ by_nodes.T)
 
 
 def _corrected(

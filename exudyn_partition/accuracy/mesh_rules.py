@@ -3,6 +3,7 @@
 Far: a wave takes four elements. The frequency is the one below which 99 % of the force's energy lies. The wave is a
 bending wave in walls that are thinner than half of it and that few elements span, and a shear wave elsewhere. Elements
 of such walls are cubic: one or two layers of quadratic ones cannot hold the parabolic shear of a plate that bends.
+Round sides take as few elements as keep the volume. Bodies that are corrected have larger elements there.
 Near: quadratic elements of 0.55 contact radii, cubic ones of 0.85, within 1.5 radii; then elements grow. Those of the
 slave are smaller by 0.8, for its facets also carry the rows, which have an error of their own.
 
@@ -21,24 +22,30 @@ from ..errors import FrequencyRangeError
 from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.walls import Wall, bending_frequency
+from ..meshing.netgen_mesh import CURVATURE
 from ..prediction.spectrum import truncation_frequency
 from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh
 
-GRADING = {2: 0.4, 3: 0.5}  # growth of elements away from the contact, by order
+GRADING = {2: 0.5, 3: 0.5}  # growth of elements away from the contact, by order
 REFINED = 1.5  # radius of the refined ball, by the larger semi-axis of the contact
 REACH = (1.5, 2.0)  # radii of the patches of the first and of the second body, by the same; half an element is added
 
 _OF_A_WAVE = 4  # elements
 _LOCAL = {2: 0.55, 3: 0.85}  # elements at the contact, by order and smaller semi-axis
 _SLAVE = 0.8  # of these at the slave
+# Of bodies that are corrected, by others: far sizes, and those at the slave, whose rows are not corrected.
+_CORRECTED, _SLAVE_CORRECTED = 1.6, 0.85
 _FIRST_LOOK = 12  # elements in the longest side of a body, on its first mesh
 _LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadratic ones are enough
-_FEWEST = 3  # elements in the shortest side of a stocky body
+_FEWEST, _ACROSS = 3, 2  # elements in the longest side of any body, and in the shortest one of a stocky body
 _ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
 # Tolerances for which the rules are, and powers of it that far and near sizes follow.
 _FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 4
 _FAR_RATE, _NEAR_RATE = 2.0, 2.5  # powers by which errors fall with these sizes, at least
+MISSED = 0.1  # of the tolerance: share of its volume that a mesh with curved sides may miss
+_COARSE_CURVATURE = 1.3  # elements in a radius of curvature; with fewer, curved sides often turn elements inside out
+_VOLUME_RATE = 3.5  # power of them by which quadratic elements miss less volume
 _LEAST_CHANGE, _MOST_CHANGE = 0.85, 0.45  # of a size in one refinement
 
 
@@ -56,12 +63,15 @@ class Sizes:
         Elements at the contact [m].
     why : str
         What decided on order and far size.
+    curvature : float
+        Elements in a radius of curvature.
     """
 
     order: int
     far: float
     near: float
     why: str
+    curvature: float = CURVATURE
 
     def finer(self, far: float | None, near: float | None, wall: Wall) -> Sizes:
         """Smaller elements, by the ratios of allowed and estimated errors, far and near; None leaves a size.
@@ -85,12 +95,25 @@ def _factor(ratio: float, rate: float) -> float:
 
 def first_sizes(sides: Array, near: float) -> Sizes:
     """Quadratic elements of a first look, by the sides of a body, (3,) [m], and the smaller semi-axis [m]."""
-    far = max(float(sides.max()) / _FIRST_LOOK, float(sides.min()) / _FEWEST)
-    return Sizes(2, far, near, "a first look")
+    far = max(float(sides.max()) / _FIRST_LOOK, float(sides.min()) / _ACROSS)
+    return Sizes(2, far, near, "a first look", _COARSE_CURVATURE)
+
+
+def curvature_for(curvature: float, missed: float, tolerance: float) -> float:
+    """Elements in a radius of curvature that miss little of a body's volume, by the relative share that others miss."""
+    needed = curvature * math.pow(missed / (MISSED * tolerance), 1 / _VOLUME_RATE)
+    return min(max(needed, _COARSE_CURVATURE), CURVATURE)
 
 
 def sizes_by_rule(
-    fem: FEModel, sides: Array, frequency: float, near: float, tolerance: float, *, slave: bool = False
+    fem: FEModel,
+    sides: Array,
+    frequency: float,
+    near: float,
+    tolerance: float,
+    *,
+    slave: bool = False,
+    corrected: bool = False,
 ) -> Sizes:
     """Order and sizes for an impact, by the walls that a first mesh shows; see the module.
 
@@ -108,18 +131,22 @@ def sizes_by_rule(
         For the whole error.
     slave : bool
         Whether the body carries the rows of the contact.
+    corrected : bool
+        Whether the body is to be corrected; then elements far from the contact may be larger.
     """
     wall, material = fem.weakest_wall, fem.material
     shear = material.shear_wave_speed / frequency
     bending = bending_wavelength(frequency, wall.thickness, material)
-    far_factor = (tolerance / _FAR_TOLERANCE) ** _FAR_POWER
+    far_factor = (tolerance / _FAR_TOLERANCE) ** _FAR_POWER * (_CORRECTED if corrected else 1.0)
     if wall.thickness < min(bending / 2, _LAYERS * wall.element):
         far, order = bending / _OF_A_WAVE * far_factor, 3
         why = f"bending waves of {1e3 * bending:.3g} mm at {1e-3 * frequency:.3g} kHz in {1e3 * wall.thickness:.3g} mm"
     else:
-        far, order = min(shear / _OF_A_WAVE * far_factor, float(sides.min()) / _FEWEST), 2
-        why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or a third of the shortest side"
-    local = _LOCAL[order] * near * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER * (_SLAVE if slave else 1.0)
+        far, order = min(shear / _OF_A_WAVE * far_factor, float(sides.min()) / _ACROSS), 2
+        why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or half of the shortest side"
+    local = _LOCAL[order] * near * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER
+    if slave:
+        local *= _SLAVE * (_SLAVE_CORRECTED if corrected else 1.0)
     return Sizes(order, min(far, float(sides.max()) / _FEWEST), local, why)
 
 

@@ -25,6 +25,7 @@ _LOG = logging.getLogger(__name__)
 
 _SHARP = np.sin(np.radians(44.0))  # sine of a cone's half angle, below which Netgen fails at the tip
 GRADING = 0.3
+CURVATURE = 2.0  # elements in a radius of curvature
 _SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
 _GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
@@ -75,7 +76,9 @@ def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), g
         return meshed(shape, maxh, refine, grading, 1)
 
 
-def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: int) -> NGSolveMesh:
+def meshed(
+    shape: Shape, maxh: object, refine: object, grading: object, order: int, curvature: float = CURVATURE
+) -> NGSolveMesh:
     """Do the work of `generate_mesh`, also for `fe_model`, of some order; warnings name the line that called either."""
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
     maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
@@ -93,7 +96,9 @@ def meshed(shape: Shape, maxh: object, refine: object, grading: object, order: i
     _check_tips(shape, size)
     surface = sum(face.mass for face in shape.faces)
     elements = check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
-    parameters = meshing.MeshingParameters(maxh=maxh, grading=grading, parallel_meshing=elements > _MANY)
+    parameters = meshing.MeshingParameters(
+        maxh=maxh, grading=grading, curvaturesafety=curvature, parallel_meshing=elements > _MANY
+    )
     for region in regions:
         for x, y, z in region.points():
             parameters.RestrictH(x=x, y=y, z=z, h=region.h)

@@ -265,6 +265,7 @@ def grow_to_tolerance(
     progress: Progress | None = None,
     known: Sequence[AdaptedSpace | None] = (),
     keep: bool = False,
+    f_top: float | None = None,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
@@ -290,6 +291,8 @@ def grow_to_tolerance(
         Spaces of these models from an earlier call, where there are some.
     keep : bool
         As for `AdaptedSpace`.
+    f_top : float, optional
+        The first one [Hz]; default: by the frequency of longitudinal waves in the smaller body.
 
     Returns
     -------
@@ -297,7 +300,7 @@ def grow_to_tolerance(
     """
     crossing = [np.ptp(fem.points, axis=0).max() / fem.material.bar_wave_speed for fem, _ in models]
     f_limit = min(fem.resolved_frequency for fem, _ in models)
-    f_top = min(_FIRST / (2 * min(crossing)), 2 * f_limit)
+    f_top = min(f_top or _FIRST / (2 * min(crossing)), 2 * f_limit)
     duration = _CROSSINGS * max(crossing) if duration is None else duration
     shortest, longest = _SHORTEST * min(crossing), _LONGEST * max(crossing)
     if not shortest <= duration <= longest:
@@ -335,10 +338,10 @@ def grow_to_tolerance(
         hopeless = found[flat].max(axis=(0, 2), initial=0.0)
         if good[:, -1].all() or at_end or (good[~flat, -1].all() and hopeless[-1] > hopeless[-3] / 2):
             break
-        # Errors fall as f^-2.
-        f_top = min(f_top * np.clip(np.sqrt(found[:, -1].max() * _AIM / tolerance), 1.5, 4.0), 2 * f_limit)
+        raised = frequency_for(f_top, found[:, -1].max(), tolerance)
+        f_top = min(np.clip(raised, 1.5 * f_top, 4.0 * f_top), 2 * f_limit)
     kept = good.all(axis=0) if good[:, -1].all() else good[~flat].all(axis=0)
-    # The lowest truncation from which on all are good. If none is, the richest: a least error would be by chance.
+    # The lowest truncation from which on all are good. If none is, the richest: a least error is by chance.
     n_good = int(np.argmin(np.r_[kept[::-1], False]))
     chosen = len(ladder) - max(1, n_good)
     worst = found[:, chosen].max(axis=1)
@@ -355,6 +358,11 @@ def grow_to_tolerance(
     )
     _LOG.info("tolerance: f_cut = %.4g Hz is kept, its estimated error is %.3g", estimate.f_cut, estimate.error)
     return spaces, estimate
+
+
+def frequency_for(f: float, error: float, tolerance: float) -> float:
+    """Truncation frequency that keeps a tolerance, by the error of another one; errors fall as f^-2."""
+    return f * float(np.sqrt(error * _AIM / tolerance))
 
 
 def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: float, flat: bool) -> str:

@@ -386,6 +386,7 @@ CALLS = {
         duration=v.positive.or_none(20e-6),
         scale=v.positive(1.0),
         max_dofs=v.count.but(few=10)(200_000),
+        correct=v.flag(False),
         progress=v.function,
         swaps=False,
     ),

@@ -1,0 +1,50 @@
+"""What a design is asked for, and the FE models of its bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..contact.rigid import RigidSurface
+from ..fe.material import Material
+from ..fe.model import FEModel
+from ..fe.partition import Partition
+from ..meshing.mesh_size import Refine
+from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed
+from ..meshing.ngsolve_fem import fe_model
+from ..support.foreign import NGSolveMesh, Shape
+from .contact_place import ContactPlace
+from .mesh_rules import GRADING, REACH, REFINED, Sizes
+
+Model = tuple[FEModel, Partition]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is asked for: shapes, materials, partner, place and impact."""
+
+    shapes: tuple[Shape, ...]
+    materials: tuple[Material, ...]
+    rigid: RigidSurface | None
+    place: ContactPlace
+    speed: float
+    tolerance: float
+    max_dofs: int
+    left: float = 1.0  # share of the error by functions of one order more that stays
+
+    def mesh(self, i: int, sizes: Sizes, circle: float) -> NGSolveMesh:
+        """Mesh of a body."""
+        long, _ = self.place.semi_axes(circle)
+        fine = [Refine(self.place.points[i], REFINED * long, sizes.near)] if sizes.near < sizes.far else []
+        with ONE_AT_A_TIME:
+            return meshed(self.shapes[i], sizes.far, fine, GRADING[sizes.order], sizes.order, sizes.curvature)
+
+    def missed(self, i: int, fem: FEModel) -> float:
+        """Share of a body's volume that its mesh misses."""
+        return float(abs(fem.cell_volume.sum() / abs(self.shapes[i].mass) - 1))
+
+    def model(self, i: int, mesh: NGSolveMesh, sizes: Sizes, circle: float) -> Model:
+        """FE model of a body and its partition."""
+        fem = fe_model(mesh, self.materials[i], order=sizes.order)
+        line = self.place.normal if i == 0 else -self.place.normal
+        reach = REACH[i] * self.place.semi_axes(circle)[0] + sizes.near / 2
+        return fem, Partition.ball(fem, self.place.points[i], reach, direction=line)
