@@ -303,6 +303,7 @@ CASES = {
                         figures=("inelastic_indentation.png",)),
     "plastic_extremes": Case("inelastic/extremes.py", limits(("explicit", "implicit")), quick=()),
     "bearing": Case("wandering/bearing.py", limits(("force", "deflection", "moving", "stribeck", "balance"))),
+    "chain": Case("wandering/chain.py", limits(("force", "time", "velocity"))),
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
