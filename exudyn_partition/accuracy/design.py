@@ -343,10 +343,10 @@ class Search:
             )
         return look
 
-    def first_top(self, tolerance: float) -> float | None:
-        """Frequency up to which the bodies are to be known, by the last reduction [Hz]; None if there is none."""
+    def first_top(self, tolerance: float) -> float:
+        """Frequency up to which the bodies are to be known, by the last reduction [Hz]; zero if there is none."""
         if not self.looks:
-            return None
+            return 0.0
         last = self.looks[-1].truncation
         if last.tolerance <= tolerance:
             return last.f_top
