@@ -140,3 +140,10 @@ def test_blas_has_its_threads_back_after_an_error():
     with pytest.raises(ZeroDivisionError), one_blas_thread(), one_blas_thread():
         raise ZeroDivisionError
     assert blas_threads() == before
+
+
+def test_factors_that_lost_their_digits_are_refused(monkeypatch):
+    """A front of one row has no other pivot than its own, however small that is."""
+    monkeypatch.setattr(fronts, "WIDEST", 1)
+    with pytest.raises(IndefiniteMatrixError, match="take another shift"):
+        Factorisation(sp.csr_matrix([[1e-20, 1.0], [1.0, 1e-20]]), by="multifrontal")

@@ -22,6 +22,7 @@ from ...support.compiled import kernels
 from .fronts import find_fronts
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
+_ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
 
 class _Factor(NamedTuple):
@@ -50,7 +51,7 @@ class Multifrontal:
     """Block factors C S C' of a sparse symmetric matrix, with S of ones and minus ones; one triangle is stored.
 
     Fronts that are positive definite are factorised by Cholesky, others by Bunch and Kaufman. Pivots are exchanged
-    within a front only.
+    within a front only. That need not be accurate where the matrix is indefinite, so that one solution is checked then.
 
     Parameters
     ----------
@@ -60,11 +61,12 @@ class Multifrontal:
     Raises
     ------
     IndefiniteMatrixError
-        If the matrix is singular.
+        If the matrix is singular, or the factors are not accurate.
     """
 
     def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix]) -> None:
-        matrix = sp.csr_matrix(matrix() if callable(matrix) else matrix)
+        given = matrix
+        matrix = sp.csr_matrix(given() if callable(given) else given)
         fronts = find_fronts(matrix)
         self._order, n = fronts.order, len(fronts.order)
         matrix = sp.triu(matrix[self._order][:, self._order], format="csr")
@@ -90,6 +92,18 @@ class Multifrontal:
             self._factors.append(_Factor(rows, changes, own, signs, below))
             updates.append((changes, update))
             del update
+        if any(factor.signs is not None for factor in self._factors):
+            self._check(given() if callable(given) else given)
+
+    def _check(self, matrix: sp.spmatrix) -> None:
+        """Refuse factors that do not solve the equations of a matrix that is not positive definite."""
+        rhs = matrix @ np.random.default_rng(0).standard_normal(matrix.shape[0])
+        residual = float(np.linalg.norm(matrix @ self.solve(rhs) - rhs) / np.linalg.norm(rhs))
+        if not residual < _ACCURATE:
+            raise IndefiniteMatrixError(
+                f"the matrix cannot be factorised: a solution leaves {residual:.2g} of its right-hand side, expected "
+                f"at most {_ACCURATE:g}. If it is shifted, take another shift"
+            )
 
     def solve(self, rhs: Array, threads: int = 2) -> Array:
         """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks, `threads` of them at a time."""
