@@ -13,7 +13,7 @@ from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed
 from ..meshing.ngsolve_fem import fe_model
 from ..support.foreign import NGSolveMesh, Shape
 from .contact_place import ContactPlace
-from .mesh_rules import GRADING, REACH, REFINED, Sizes
+from .mesh_rules import GRADING, GRADING_CORRECTED, REACH, REFINED, Sizes
 
 Model = tuple[FEModel, Partition]
 
@@ -35,8 +35,9 @@ class Scene:
         """Mesh of a body."""
         long, _ = self.place.semi_axes(circle)
         fine = [Refine(self.place.points[i], REFINED * long, sizes.near)] if sizes.near < sizes.far else []
+        grading = GRADING_CORRECTED if self.left < 1 else GRADING[sizes.order]
         with ONE_AT_A_TIME:
-            return meshed(self.shapes[i], sizes.far, fine, GRADING[sizes.order], sizes.order, sizes.curvature)
+            return meshed(self.shapes[i], sizes.far, fine, grading, sizes.order, sizes.curvature)
 
     def missed(self, i: int, fem: FEModel) -> float:
         """Share of a body's volume that its mesh misses."""

@@ -27,7 +27,8 @@ from ..prediction.spectrum import truncation_frequency
 from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh
 
-GRADING = {2: 0.5, 3: 0.5}  # growth of elements away from the contact, by order
+GRADING = {2: 0.4, 3: 0.5}  # growth of elements away from the contact, by order
+GRADING_CORRECTED = 0.5  # the same of bodies that are corrected
 REFINED = 1.5  # radius of the refined ball, by the larger semi-axis of the contact
 REACH = (1.5, 2.0)  # radii of the patches of the first and of the second body, by the same; half an element is added
 
