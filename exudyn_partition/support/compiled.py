@@ -2,21 +2,24 @@
 
 The modules named `kernels`, or like `moving_kernels`, hold these loops. They are imported only where `compiles` is
 true, because numba takes long to load. Compiled code is kept on disk, beside the modules or in the user's folder for
-caches, so that only the first process waits for the compiler. It is made again if its module changes, but not if a loop
-of another module does that it calls: then delete it. NUMBA_CACHE_DIR names another folder, NUMBA_DISABLE_JIT=1 switches
-compiling off.
+caches, so that only the first process waits for the compiler. Beside the modules it is made again if any of them
+changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
+switches compiling off.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
 F = TypeVar("F", bound=Callable[..., object])
 
+_PACKAGE = Path(__file__).parents[1]
 _OPTIONS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}  # sums in any order; NaN stays NaN
 
 
@@ -33,7 +36,23 @@ def compiles() -> bool:
 @cache
 def kernels(layer: str, module: str = "kernels") -> ModuleType | None:
     """Compiled loops of a layer of this package; None if they are not compiled."""
-    return importlib.import_module(f"..{layer}.{module}", __package__) if compiles() else None
+    if not compiles():
+        return None
+    forget_stale(_PACKAGE)
+    return importlib.import_module(f"..{layer}.{module}", __package__)
+
+
+@cache
+def forget_stale(folder: Path) -> None:
+    """Delete compiled code beside the modules that is older than one of them, once a process.
+
+    numba compares it with its own module only, and loops of other modules may be part of it.
+    """
+    changed = max((module.stat().st_mtime for module in folder.rglob("*kernels.py")), default=0.0)
+    for index in folder.rglob("__pycache__/*kernels.*.nbi"):
+        with contextlib.suppress(OSError):  # another process may delete it too, or a user must not
+            if index.stat().st_mtime < changed:
+                index.unlink()
 
 
 def compiled(function: F) -> F:

@@ -1,5 +1,7 @@
 """Inner loops are compiled if numba is there, and done by NumPy if not."""
 
+import os
+
 from oracles import without_numba
 
 from exudyn_partition.support import compiled
@@ -19,3 +21,18 @@ def test_loops_are_compiled_where_they_cannot_be_kept():
     twice = compiled.compiled(scope["twice"])
     assert twice(2.0) == 4.0
     assert len(twice.signatures) == 1
+
+
+def test_compiled_code_older_than_any_module_is_deleted(tmp_path):
+    """It may hold loops of that module; younger code stays."""
+    caches = tmp_path / "contact" / "__pycache__"
+    caches.mkdir(parents=True)
+    for age, path in (
+        (30, caches / "kernels.old.nbi"),
+        (20, tmp_path / "kernels.py"),
+        (10, caches / "kernels.new.nbi"),
+    ):
+        path.touch()
+        os.utime(path, (1e9 - age, 1e9 - age))
+    compiled.forget_stale(tmp_path)
+    assert [path.name for path in caches.iterdir()] == ["kernels.new.nbi"]
