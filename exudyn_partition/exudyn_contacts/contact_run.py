@@ -9,6 +9,7 @@ import numpy as np
 
 from ..algebra.friction import SLIP, STICK
 from ..contact.formulations.formulation import Law, Together
+from ..contact.formulations.frictional import FrictionalContact
 from ..contact.frozen import FrozenContacts
 from ..contact.gaps import dense
 from ..errors import RunError
@@ -67,6 +68,8 @@ class ContactRun:
         self._remembering: list[ContactRun] = []
         self._evaluation: object = None
         self._jacobian: Array | None = None
+        self._open_index: Array | None = None
+        self._open_values: list[float] = []  # of `sFriction`
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
@@ -123,11 +126,11 @@ class ContactRun:
             self._note(forces)
             return forces[self._place]
         law = self.law
-        if law.elastic:
-            few = q is not None and len(q) <= _FEW
-            return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
         if law.remembers:
             self.follow(start_of_step(mbs), t)
+        if law.elastic or isinstance(law, FrictionalContact):
+            few = q is not None and len(q) <= _FEW
+            return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
         return law.evaluate(SolverMotion(mbs, self))
 
     def update(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> None:
@@ -222,11 +225,15 @@ class ContactRun:
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
         law = self.law
+        if law.index is self._open_index:  # the same array as long as all rows stay open
+            return self._open_values
         if law.index.size:
             stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
             values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), law.stored()]
+            if not law.ahead:
+                self._open_index, self._open_values = law.index, values
         return values + self._impulse[4:].tolist() if law.ahead else values
 
     def plastic_values(self) -> list[float]:

@@ -46,7 +46,7 @@ def test_following_only_the_nodes_that_rows_need_changes_no_force(round_body, fl
         monkeypatch.setattr(gaps, "MANY", many)
         with nullcontext() if compiled else without_numba():
             law = FrictionalCompliance(PatchGaps(*sides), Coulomb(0.3))
-            forces = [law.respond(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
+            forces = [law.force(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
             followed = [side.n_followed for side in law.gaps.near_sides]
         assert (followed < [side.n_followed for side in law.gaps.sides]) is (many == 0)
         found.append(np.array(forces))
@@ -62,7 +62,7 @@ def test_forces_with_friction_are_the_same(round_body, flat_body):
         law, found, states = FrictionalCompliance(PatchGaps(*sides), Coulomb(0.3)), [], set()
         for step, q in enumerate(ways(sides[0], flat_body.n_dofs)):
             law.commit(float(step))
-            found.append(law.respond(q).copy())
+            found.append(law.force(q).copy())
             states |= set(law.state)
         assert states == {0, 1, 2}
         return np.array([*found, np.full(len(found[0]), law.dissipated())])

@@ -123,7 +123,10 @@ class Law(Protocol):
         """Return the state at the start of a run with this method; the law itself does not change."""
 
     def force(self, q: Array) -> Array:
-        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master; of elastic laws only."""
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master.
+
+        Only of elastic laws, and of those with friction whose forces follow from q and from the last accepted step.
+        """
 
     def evaluate(self, motion: Motion) -> Array:
         """Generalised contact force, (n,), of laws that are not elastic."""

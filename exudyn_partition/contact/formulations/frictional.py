@@ -195,9 +195,9 @@ class FrictionalContact(FrictionalRows):
 
     def evaluate(self, motion: Motion) -> Array:
         """See `Law`."""
-        return self.respond(motion.q)
+        return self.force(motion.q)
 
-    def respond(self, q: Array) -> Array:
+    def force(self, q: Array) -> Array:
         """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
         self.answer(self.gaps.at(q))
         return self.generalised()

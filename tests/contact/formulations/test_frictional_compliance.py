@@ -34,9 +34,9 @@ def pressed(law, along=(0.0, 0.0)):
 def begin(law):
     """A fresh law that was pressed in without sliding, and has accepted that."""
     law = law.fresh()
-    law.respond(np.zeros(law.gaps.n))
+    law.force(np.zeros(law.gaps.n))
     law.commit(0.0)
-    law.respond(pressed(law))
+    law.force(pressed(law))
     law.commit(1.0)
     return law
 
@@ -48,7 +48,7 @@ def tangential(law):
 def test_a_small_shift_sticks_and_pulls_back(law):
     law = begin(law)
     before = tangential(law)
-    law.respond(pressed(law, (1e-3 * DEPTH, 0)))
+    law.force(pressed(law, (1e-3 * DEPTH, 0)))
     inner = law.state == STICK
     assert inner.sum() > len(law.index) / 2
     pull = tangential(law) - before
@@ -59,7 +59,7 @@ def test_a_small_shift_sticks_and_pulls_back(law):
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, -0.8)])
 def test_a_large_shift_slips_at_the_limit_against_its_direction(law, direction):
     law = begin(law)
-    law.respond(pressed(law, 5 * DEPTH * np.array(direction)))
+    law.force(pressed(law, 5 * DEPTH * np.array(direction)))
     assert (law.state[law.index] == SLIP).all()
     limit = MU * law.lam.sum()
     np.testing.assert_allclose(tangential(law)[:2], -limit * np.array(direction), atol=2e-2 * limit)
@@ -69,7 +69,7 @@ def test_a_large_shift_slips_at_the_limit_against_its_direction(law, direction):
 def test_no_row_is_beyond_the_limit_and_none_that_sticks_moves(law):
     law = begin(law)
     for n in range(1, 6):
-        law.respond(pressed(law, (0.15 * n * DEPTH, 0.05 * n * DEPTH)))
+        law.force(pressed(law, (0.15 * n * DEPTH, 0.05 * n * DEPTH)))
         assert (np.linalg.norm(law.traction, axis=1) <= MU * law.lam * (1 + 1e-8) + 1e-12).all()
         slip = np.linalg.norm(law.slips(), axis=1)
         assert slip[law.state == STICK].max(initial=0.0) < 1e-9 * DEPTH
@@ -81,10 +81,10 @@ def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
     straight, asked = begin(law), begin(law)
     for n in (1, 2, 3):
         q = pressed(law, (0.3 * n * DEPTH, 0))
-        asked.respond(pressed(law, (4 * DEPTH, -2 * DEPTH)))
+        asked.force(pressed(law, (4 * DEPTH, -2 * DEPTH)))
         asked.rollback()
-        expected = straight.respond(q)
-        np.testing.assert_allclose(asked.respond(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
+        expected = straight.force(q)
+        np.testing.assert_allclose(asked.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
         straight.commit(1.0 + n)
         asked.commit(1.0 + n)
     assert asked.dissipated() == pytest.approx(straight.dissipated(), rel=1e-6)
@@ -95,15 +95,15 @@ def test_work_of_a_cycle_is_what_friction_takes(law):
     law, steps, work = begin(law), 400, 0.0
     phase = np.linspace(0, 2 * np.pi, steps + 1)
     path = np.outer(np.sin(phase), [0.8, 0.3]) * DEPTH
-    last_q, last_force = pressed(law), law.respond(pressed(law)).copy()
+    last_q, last_force = pressed(law), law.force(pressed(law)).copy()
     stored = law.stored()
     for n, along in enumerate(path[1:]):
         q = pressed(law, along)
-        force = law.respond(q).copy()
+        force = law.force(q).copy()
         work -= 0.5 * (force + last_force) @ (q - last_q)
         law.commit(2.0 + n)
         last_q, last_force = q, force
-    law.respond(last_q)
+    law.force(last_q)
     assert law.dissipated() > 0
     assert work == pytest.approx(law.dissipated() + law.stored() - stored, rel=2e-3)
 
@@ -113,7 +113,7 @@ def test_tangent_against_finite_differences(law, along):
     """In stick, in partial slip and in gross slip, where it is not symmetric."""
     law = begin(law)
     q = pressed(law, (along * DEPTH, 0.3 * along * DEPTH))
-    law.respond(q)
+    law.force(q)
     tangent = law.tangent_matrix(1.0, 0.0).toarray()
     state = law.state.copy()
     rng = np.random.default_rng(0)
@@ -121,7 +121,7 @@ def test_tangent_against_finite_differences(law, along):
     for _ in range(6):
         d = rng.standard_normal(len(q))
         d *= 1e-6 * DEPTH / abs(law.tangential.jacobian(law.index) @ d).max()
-        ahead, back = law.respond(q + d).copy(), law.respond(q - d).copy()
+        ahead, back = law.force(q + d).copy(), law.force(q - d).copy()
         if (law.state == state).all():
             checked += 1
             assert relative(-2 * tangent @ d, ahead - back) < 1e-4
@@ -146,9 +146,9 @@ def test_rolling_keeps_the_material_point(round_body):
     """A rigid plane that is fixed: places count from where the slave's points were, along the plane."""
     gaps = RigidGaps(Side.of(InertialKinematics(round_body, np.zeros(3))), RigidPlane())
     law = FrictionalCompliance(gaps, ep.Coulomb(MU))
-    law.respond(np.zeros(gaps.n))
+    law.force(np.zeros(gaps.n))
     law.commit(0.0)
     q = round_body.rigid[:, :3] @ np.array([2e-6, -1e-6, -DEPTH])
-    law.respond(q)
+    law.force(q)
     way = law.tangential.in_space(law.tangential.way())
     np.testing.assert_allclose(way - [2e-6, -1e-6, 0], 0, atol=1e-15)
