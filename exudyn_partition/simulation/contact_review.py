@@ -202,9 +202,9 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
 def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
     """A body that enters a rigid surface beside its patch, as when it has turned, feels nothing."""
     item, number = contact.sides[0]
-    open_samples = np.flatnonzero(contact.force(result) == 0.0)
     if isinstance(contact.master, PartitionBody) or contact.law.gaps.carried or result.method == "static":
         return
+    open_samples = np.flatnonzero(contact.force(result) == 0.0)
     if not len(open_samples) or contact.edge_reached(result) is not None:
         return
     nodes = np.setdiff1d(item.body.facets, item.body.partition.patches[number].nodes)
