@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
-from ..contact.formulations.formulation import Law, Together
+from ..contact.formulations.formulation import Law, Method, Together
 from ..contact.formulations.frictional import FrictionalContact
 from ..contact.frozen import FrozenContacts
 from ..contact.gaps import dense
@@ -36,6 +36,7 @@ class ContactRun:
         Where the coordinates of slave and master are among the model's.
     t : float
         When the run begins [s].
+    method : {"explicit", "implicit", "static"}
 
     Attributes
     ----------
@@ -55,8 +56,9 @@ class ContactRun:
         Whether the multipliers are found together with those of joints.
     """
 
-    def __init__(self, name: str, law: Law, slices: Sequence[slice], t: float) -> None:
+    def __init__(self, name: str, law: Law, slices: Sequence[slice], t: float, method: Method) -> None:
         self.name, self._law, self.slices = name, law, [*slices]
+        self._explicit = method == "explicit"  # then the last evaluation is the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self.together: Together | None = None
         self._group: GroupRun | None = None
@@ -127,7 +129,10 @@ class ContactRun:
             return forces[self._place]
         law = self.law
         if law.remembers:
-            self.follow(start_of_step(mbs), t)
+            if self._explicit and law.flies_on(self._at):
+                self._start, self._at = self._at, t
+            else:
+                self.follow(start_of_step(mbs), t)
         if law.elastic or isinstance(law, FrictionalContact):
             few = q is not None and len(q) <= _FEW
             return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
@@ -215,7 +220,7 @@ class ContactRun:
             values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
-        return values if law.elastic else values + self._impulse[:4].tolist()
+        return values + self._impulse[:4].tolist() if law.ahead else values
 
     def look_for_edge(self, t: float) -> None:
         """Note when and where a row at the edge of its patch closes first."""

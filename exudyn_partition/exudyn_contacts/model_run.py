@@ -59,7 +59,7 @@ class ModelRun:
     ) -> None:
         self._contacts, self._stepping_s = [*contacts], 0.0
         self._runs = {
-            id(contact): ContactRun(contact.name, contact.law.for_run(method), contact.slices(mbs), t)
+            id(contact): ContactRun(contact.name, contact.law.for_run(method), contact.slices(mbs), t, method)
             for contact in contacts
         }
         self.record = RunRecord(t, keep)

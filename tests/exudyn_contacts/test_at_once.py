@@ -124,7 +124,8 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
     mbs, contacts = chain(marble)
     laws = [[contact.law.for_run("explicit") for contact in contacts] for _ in range(2)]
     alone, together = (contacts[0].together.for_run(some) for some in laws)
-    runs = [ContactRun("", law, contact.slices(mbs), 0.0) for law, contact in zip(laws[1], contacts, strict=True)]
+    each = zip(laws[1], contacts, strict=True)
+    runs = [ContactRun("", law, contact.slices(mbs), 0.0, "explicit") for law, contact in each]
     for run in runs:
         run.join(together, runs)
     group, size = GroupRun(together, runs), contacts[0].slave_facet_size

@@ -164,6 +164,13 @@ class Law(Protocol):
     def commit(self, start: float) -> None:
         """Begin a step at time `start` [s]: the step before was accepted."""
 
+    def flies_on(self, start: float) -> bool:
+        """Begin a step at time `start` [s] in which, as in the one before, all rows are open; else do nothing.
+
+        The last evaluation is the end of the step before. Return whether the step has begun, so that `commit` need not
+        be called: there is nothing to remember but the places.
+        """
+
     def rollback(self) -> None:
         """Forget everything since the last `commit`: the step is repeated with another length."""
 

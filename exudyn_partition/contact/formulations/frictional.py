@@ -234,6 +234,14 @@ class FrictionalContact(FrictionalRows):
             self._remember(start - self._start)
         self._start, self._answered = start, False
 
+    def flies_on(self, start: float) -> bool:
+        """See `Law`."""
+        if not self._answered or self.index.size or self._closed_before or self.yielding is not None:
+            return False
+        self._start = start
+        self.tangential.hold(soon=False)
+        return True
+
     def _remember(self, step: float) -> None:
         closed = self.index.size > 0
         if closed or self._closed_before:

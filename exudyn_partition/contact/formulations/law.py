@@ -89,6 +89,10 @@ class ContactLaw:
     def commit(self, start: float) -> None:
         """See `Law`."""
 
+    def flies_on(self, start: float) -> bool:
+        """See `Law`."""
+        return False
+
     def rollback(self) -> None:
         """See `Law`."""
 

@@ -78,6 +78,10 @@ class TwoPass:
     def commit(self, start: float) -> None:
         """See `Law`."""
 
+    def flies_on(self, start: float) -> bool:
+        """See `Law`."""
+        return False
+
     def rollback(self) -> None:
         """See `Law`."""
 
