@@ -5,8 +5,9 @@ tangential force and of velocities near the contact; energy, momentum, and run t
 the reference's stepping. The energy is also that of runs at half of the stability limit, with other formulations too: a
 penalty, and multipliers on Craig-Bampton bodies.
 
-Processor time of a step, in runs without a reference: in contact, with an impact of the same angles at 2.7 times the
-speed, which closes 60 rows; and in free flight, beside the same flight without friction.
+On-line times are those of the quickest of three runs. Processor time of a step, in runs without a reference: in
+contact, with an impact of the same angles at 2.7 times the speed, which closes 60 rows; and in free flight, beside the
+same flight without friction.
 
 Limits: normal force 1 %, tangential force 2 %, velocities of the tip 2 %, energy with what friction took 1e-4, momentum
 1e-9, at most 2 ms a step in contact, as long in free flight as without friction within the noise of 5 %, and 200 times
@@ -96,7 +97,8 @@ def times(bodies, speed, end):
 
 def compared(model, fems, partitions, bodies, along, end):
     """Errors and times of one speed, and both histories."""
-    items, contact, run = model.oblique_run(bodies, along, FRICTION, end)
+    runs = [model.oblique_run(bodies, along, FRICTION, end) for _ in range(3)]
+    items, contact, run = min(runs, key=lambda found: found[2].time_s)  # a tenth of a second is soon disturbed
     points = {name: (items[index], point) for name, (index, point) in model.NEAR_CONTACT.items()}
     history = run.history(contact, points)
     reference = model.full_reference(fems, partitions, end, points=model.NEAR_CONTACT, along=along, friction=FRICTION)
