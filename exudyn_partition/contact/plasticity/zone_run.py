@@ -88,8 +88,7 @@ class _Ordered:
 
     Parameters
     ----------
-    given : (3 nz, 3 nz) array
-        The flexibility [m/N].
+    given : ZoneFlexibility
     kind : type
         Of the numbers in the products.
 
@@ -99,12 +98,15 @@ class _Ordered:
         Numbers of the nodes in their order, and the place of each node in it.
     own : (3 nz, 3 nz) array
         Flexibility in this order [m/N]. Only the rows of the first nodes are filled, so that others take no memory.
+    of_patch : (3 nz, r) array
+        Displacements of the nodes, in the zone's own order, by forces on the rows of the patch [m/N].
     """
 
-    def __init__(self, given: Array, kind: type) -> None:
-        self._given, self._filled = given, 0
-        self.nodes, self.place = np.arange(len(given) // 3), np.arange(len(given) // 3)
-        self.own: Array = np.empty(given.shape, kind)
+    def __init__(self, given: ZoneFlexibility, kind: type) -> None:
+        self._given, self._filled = given.own, 0
+        self.nodes, self.place = np.arange(len(given.own) // 3), np.arange(len(given.own) // 3)
+        self.own: Array = np.empty(given.own.shape, kind)
+        self.of_patch: Array = given.of_patch.astype(kind)
 
     def bring(self, nodes: Array) -> None:
         """Let some nodes, (k,), be the first ones."""
@@ -147,8 +149,7 @@ class _Active:
         ordered.bring(self.part.nodes)
         self._ordered, self._back = ordered, node_dofs(ordered.place)
         self._first = self._back[self.dofs]
-        assert motion.flexibility is not None
-        self._of_patch = motion.flexibility.of_patch[self.dofs].astype(ordered.own.dtype)
+        self._of_patch = ordered.of_patch[self.dofs]
         self._rows = motion.kinematics.rows[self.dofs]
 
     def moved(self, q: Array, before: Array) -> Array:
@@ -208,7 +209,7 @@ class ZoneRun:
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
-        self._ordered = _Ordered(self.flexibility.own, float)
+        self._ordered = _Ordered(self.flexibility, float)
         # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
@@ -222,7 +223,7 @@ class ZoneRun:
     def for_run(self, kind: type) -> Self:
         """Return the same zone in its start state, for another run with numbers of this dtype in large products."""
         result = copy.copy(self)
-        result._ordered = _Ordered(self.flexibility.own, kind)
+        result._ordered = _Ordered(self.flexibility, kind)
         result.reset()
         return result
 
@@ -369,7 +370,8 @@ class ZoneRun:
     def _excess(self, state: PlasticState) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
         q, force = self._at
-        moved = self.motion.kinematics.rows @ q + self.flexibility.of_patch @ force + self._moved
+        of_patch = self._ordered.of_patch
+        moved = self.motion.kinematics.rows @ q + of_patch @ force.astype(of_patch.dtype) + self._moved
         return self.zone.excess(moved, state)
 
     def _near(self, excess: Array, flow: int) -> Array:
