@@ -200,6 +200,7 @@ class ContactRun:
         law = self.law
         closed = law.index
         if law.yielding is not None:
+            law.yielding.check()
             for side, zone in law.yielding.zones:
                 self.plastic_strains[side].keep(t, zone.present.strain)
         if law.ahead:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..algebra.anderson import Anderson
 from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
+from ..algebra.secants import Anderson
 from ..errors import ComplementarityError
 from ..fe.model import node_dofs
 from ..plasticity.flow import PlasticState

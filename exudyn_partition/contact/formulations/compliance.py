@@ -247,6 +247,10 @@ class PlasticCompliance(ComplianceContact):
         """Generalised forces, (n,), of rows and zones."""
         return self.yielding.generalised(super().generalised())
 
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q of closed rows and zones, (n, n), with the pairs held."""
+        return self.yielding.tangent(super().tangent())
+
     @property
     def since(self) -> float:
         """Start of the step that forces depend on [s]."""

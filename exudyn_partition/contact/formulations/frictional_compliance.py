@@ -196,6 +196,10 @@ class PlasticFrictionalCompliance(FrictionalCompliance):
         """Generalised forces, (n,), of rows and zones."""
         return self.yielding.generalised(super().generalised())
 
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """See `Law`."""
+        return sp.csr_matrix(by_q * self.yielding.tangent(super().tangent_matrix(1.0, 0.0).toarray()))
+
     def stored(self) -> float:
         """See `Law`."""
         return super().stored() + self.yielding.stored()

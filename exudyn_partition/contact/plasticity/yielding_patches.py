@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...algebra.anderson import Anderson
+from ...algebra.secants import Anderson, Broyden
 from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
 from ...plasticity.zone import PlasticZone
@@ -17,7 +17,7 @@ from ...support.arrays import Array
 from .zone_run import ZoneMotion, ZoneRun
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
-_SETTLED_FOR_NEWTON = 2e-7  # in implicit and static steps: Newton's method does not converge on rough forces
+_SETTLED_FOR_NEWTON = 5e-8  # in implicit and static steps: Newton's method does not converge on rough forces
 _ROUGH, _STALLED = 2e-6, 4  # a change that is enough if it has not become less in so many iterations: rounding holds it
 _MOST = 60  # iterations
 
@@ -62,8 +62,17 @@ class Zones:
 
     zones: Sequence[tuple[int, Zone]]
 
+    def check(self) -> None:
+        """Refuse a step that ends in the present states, if they are no solution.
+
+        Raises
+        ------
+        ComplementarityError
+        """
+
     def commit(self) -> None:
         """Accept the present states."""
+        self.check()
         for _, zone in self.zones:
             zone.commit()
 
@@ -100,6 +109,10 @@ class YieldingPatches(Zones):
     by a fixed-point iteration on p with Anderson acceleration. The zones have no mass of their own, as the contact has
     none. Generalised forces are Phi' (G' lambda + p).
 
+    In implicit and static steps, the iteration may fail to settle in a state that Newton's method only tries, far from
+    the answer. Its last forces serve there, and `check` refuses a step that ends so. The stiffness of rows alone would
+    be too large where much flows: Newton's own last step corrects it.
+
     A step in which nothing yields costs one look at the strains, and not even that as long as a bound of the stresses,
     which are a norm of coordinates and forces, excludes it.
 
@@ -124,6 +137,8 @@ class YieldingPatches(Zones):
     def _take(self, law: Any, method: str = "explicit") -> None:
         self.law, self.iterations = law, 0
         self._settled = _SETTLED if method == "explicit" else _SETTLED_FOR_NEWTON
+        self._broyden = None if method == "explicit" else Broyden()
+        self._unsettled = 0.0
         self._rows: dict[int, tuple[object, Array]] = {}
 
     def for_run(self, law: Any, method: str) -> YieldingPatches:
@@ -146,6 +161,7 @@ class YieldingPatches(Zones):
         pushed : array
             What other contacts add.
         """
+        self._unsettled = 0.0
         parts = self.law.gaps.coordinates
         rows = {side: self._side_rows(side) for side, _ in self.zones}
         for _, zone in self.zones:
@@ -176,10 +192,18 @@ class YieldingPatches(Zones):
             if change <= self._settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
                 return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
             p = anderson.guess(p, found)
-        raise ComplementarityError(
-            f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by "
-            f"{change / size:.2g}. Take smaller steps, or a finer mesh in the plastic zone"
-        )
+        self._unsettled = float(change / size)
+        if self._broyden is None:
+            self.check()
+        return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
+
+    def check(self) -> None:
+        """See `Zones`."""
+        if self._unsettled:
+            raise ComplementarityError(
+                f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by "
+                f"{self._unsettled:.2g}. Take smaller steps, or a finer mesh in the plastic zone"
+            )
 
     def _moved(self, rows: dict[int, Array], p: Sequence[Array] | None = None) -> Array:
         """What pseudo-forces add to the places of the rows, in the shape of the law's forces [m].
@@ -220,4 +244,10 @@ class YieldingPatches(Zones):
             if zone.generalised.any():
                 force = force.copy()
                 force[ends[number] - len(zone.generalised) : ends[number]] += zone.generalised
+        if self._broyden is not None:
+            self._broyden.see(self.law.gaps.q, force)
         return force
+
+    def tangent(self, of_rows: Array) -> Array:
+        """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows while nothing flows."""
+        return of_rows if self._broyden is None or not self.flowing() else self._broyden.corrected(of_rows)

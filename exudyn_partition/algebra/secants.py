@@ -1,4 +1,4 @@
-"""Anderson acceleration of a fixed-point iteration.
+"""Iterations that learn from their last steps: Anderson's acceleration of fixed points, Broyden's stiffness.
 
 Theory: examples/site/theory.md, "Plastic zones".
 """
@@ -9,6 +9,8 @@ import numpy as np
 import scipy.linalg
 
 from ..support.arrays import Array
+
+_TELLING = 1e-3  # change of a force, relative: smaller ones may be the rounding of an iteration that found it
 
 
 class Anderson:
@@ -42,3 +44,31 @@ class Anderson:
             return led_to
         shares = scipy.linalg.lstsq(np.array(self._changes).T, residual, cond=1e-12, check_finite=False)[0]
         return np.asarray(led_to - shares @ np.array(self._steps))
+
+
+class Broyden:
+    """Stiffness K of a force f(q), df = -K dq, corrected along the last step dq of an iteration by what f did there.
+
+    References
+    ----------
+    C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math. Comp. 19, 1965.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[Array, Array] | None = None
+        self._step: tuple[Array, Array] | None = None
+
+    def see(self, q: Array, force: Array) -> None:
+        """Take note of the force, (n,), at coordinates q, (n,)."""
+        if self._last is not None:
+            step, change = q - self._last[0], force - self._last[1]
+            if np.linalg.norm(change) > _TELLING * np.linalg.norm(force):
+                self._step = step, change
+        self._last = q.copy(), force.copy()
+
+    def corrected(self, stiffness: Array) -> Array:
+        """Stiffness, (n, n), that explains the last step, with the least change of the given one, (n, n)."""
+        if self._step is None:
+            return stiffness
+        step, change = self._step
+        return stiffness - np.outer(change + stiffness @ step, step / (step @ step))

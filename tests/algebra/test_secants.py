@@ -1,0 +1,27 @@
+"""Corrections of a stiffness by what a force did in the last step."""
+
+import numpy as np
+
+from exudyn_partition.algebra.secants import Broyden
+
+
+def test_the_corrected_stiffness_explains_the_last_step_and_keeps_what_lies_across():
+    rng = np.random.default_rng(0)
+    stiff, soft = (a @ a.T for a in rng.standard_normal((2, 5, 5)))
+    q, step = rng.standard_normal((2, 5))
+    broyden = Broyden()
+    broyden.see(q, -soft @ q)
+    np.testing.assert_array_equal(broyden.corrected(stiff), stiff)  # there was no step yet
+    broyden.see(q + step, -soft @ (q + step))
+    corrected = broyden.corrected(stiff)
+    np.testing.assert_allclose(corrected @ step, soft @ step)
+    across = np.linalg.svd(step[None])[2][1:].T
+    np.testing.assert_allclose(corrected @ across, stiff @ across)
+
+
+def test_rounding_tells_nothing():
+    """A step as small as what an inner iteration leaves behind would correct the stiffness by noise."""
+    broyden, stiffness = Broyden(), np.eye(3)
+    broyden.see(np.zeros(3), np.ones(3))
+    broyden.see(np.full(3, 1e-9), np.ones(3) + 1e-6)
+    np.testing.assert_array_equal(broyden.corrected(stiffness), stiffness)

@@ -1,0 +1,60 @@
+"""Equilibrium of a patch that yields: large load steps, and the next load."""
+
+import warnings
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import netgen.occ as occ
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.errors import YieldWarning
+
+RADIUS, SIDE, HEIGHT, REACH, FORCE = 5e-3, 6e-3, 3e-3, 0.35e-3, 25.0
+
+
+@pytest.fixture(scope="module", params=[500e6, 0.0], ids=["hardening", "perfect"])
+def body(request):
+    """A block of aluminium that yields on its top, with its bottom as interface."""
+    material = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=240e6, hardening=request.param)
+    shape = occ.Box((-SIDE / 2, -SIDE / 2, -HEIGHT), (SIDE / 2, SIDE / 2, 0))
+    shape.faces.Min(occ.Z).name = "bottom"
+    fem = ep.fe_model(shape, material, maxh=3e-3, refine=[ep.Refine((0, 0, 0), 0.45e-3, 0.15e-3)], grading=0.6)
+    top = ep.Partition.ball(fem, (0, 0, 0), REACH, direction=(0, 0, 1), plastic_radius=0.45e-3)
+    return ep.reduce(fem, top | ep.Partition.interface(fem, "bottom", "bottom", kind="averaged"), f_cut=150e3)
+
+
+def pressed(body, load_steps, state=None):
+    """Contact and result of a rigid ball, against which a force presses the block from below."""
+    mbs = exu.SystemContainer().AddSystem()
+    block = ep.CreatePartitionBody(mbs, body, plasticStates=None if state is None else {0: state})
+    bottom = block.CreateInterfaceMarker(mbs, "bottom")
+    ground = mbs.CreateGround(referencePosition=[0, 0, -HEIGHT])
+    guide = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground))
+    mbs.AddObject(items.ObjectJointGeneric(markerNumbers=[guide, bottom], constrainedAxes=[1, 1, 0, 1, 1, 1]))
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=[guide, bottom], stiffness=[0, 0, 1e4]))
+    mbs.AddLoad(items.LoadForceVector(markerNumber=bottom, loadVector=[0, 0, FORCE]))
+    contact = ep.CreatePartitionContact(mbs, block, ep.RigidSphere(center=(0, 0, RADIUS), radius=RADIUS))
+    mbs.Assemble()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", YieldWarning)  # a little flow reaches the edge of the zone
+        return contact, ep.solve_static(mbs, load_steps=load_steps)
+
+
+def test_large_load_steps_settle_and_the_next_load_is_elastic(body):
+    contact, result = pressed(body, 5)
+    assert result.steps == 5  # none was divided
+    assert contact.force(result)[-1] == pytest.approx(FORCE, rel=0.01)  # the spring has the rest
+    work = contact.plastic_work(result)[-1]
+    (state,) = contact.plastic_states(result).values()
+    again, repeated = pressed(body, 2, state)
+    assert again.force(repeated)[-1] == pytest.approx(contact.force(result)[-1], rel=1e-3)
+    assert again.plastic_work(repeated)[-1] < 1e-3 * work
+    assert np.all(np.diff(contact.plastic_work(result)) >= 0)
+
+
+def test_small_load_steps_agree(body):
+    coarse, fine = (pressed(body, steps) for steps in (5, 20))
+    assert fine[0].force(fine[1])[-1] == pytest.approx(coarse[0].force(coarse[1])[-1], rel=1e-4)
+    assert fine[0].plastic_work(fine[1])[-1] == pytest.approx(coarse[0].plastic_work(coarse[1])[-1], rel=0.01)
