@@ -3,9 +3,9 @@
 A steel ball of 10 mm on a free aluminium plate of 20 x 20 x 5 mm (Y 200 MPa, H 500 MPa), at 2, 10 and 50 times the
 speed at which it begins to yield by Hertz. Quantity: relative L2 error of the force, relative errors of its peak, of
 the speed of rebound and of plastic work, energy balance at the default step, and run times of the same session:
-off-line and on-line, and the reference's stepping; of the two runs also in time of the processor, which other work on
-the machine disturbs less.
-Limits: 1 % each, energy balance 1e-3.
+off-line and on-line (the quickest of three runs), and the reference's stepping; of the two runs also in time of the
+processor, which other work on the machine disturbs less.
+Limits: 1 % each, energy balance 1e-3, and 50 times quicker than the reference.
 
     python -m validation.inelastic.impact [--quick]
 """
@@ -28,6 +28,7 @@ ALUMINIUM = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardeni
 STEEL = replace(ep.STEEL, yield_stress=None)
 RADIUS, WIDTH, THICKNESS = 5e-3, 20e-3, 5e-3
 RATIOS, ELEMENTS, F_CUT, ZONE = (2.0, 10.0, 50.0), 2.0, 250e3, 1.8
+QUICKER, FASTER = 50, ("faster_online", "faster_online_cpu")  # than the reference
 LIMITS = {"force": 0.01, "peak": 0.01, "rebound": 0.01, "work": 0.01, "balance": 1e-3}
 
 
@@ -82,9 +83,12 @@ def compared(ratio, elements):
             ep.hertz.effective(*(body.total_mass for body in bodies)), speed, RADIUS, math.inf, STEEL, ALUMINIUM
         ).duration
     )
-    begin = time.process_time()
-    items, contact, run = reduced_run(bodies, speed, end)
-    online_cpu_s = time.process_time() - begin
+    runs = []
+    for _ in range(3):  # half a second is soon disturbed: the quickest one counts
+        begin = time.process_time()
+        found = reduced_run(bodies, speed, end)
+        runs.append((time.process_time() - begin, found))
+    online_cpu_s, (items, contact, run) = min(runs, key=lambda one: one[0])
     history = run.history(contact)
     elastic_bodies = [replace(body, basis=replace(body.basis, zones=())) for body in bodies]
     with warnings.catch_warnings():
@@ -132,6 +136,7 @@ def compared(ratio, elements):
         "plastic_steps": plastic_steps,
         "cpu_ms_a_plastic_step": 1e3 * online_cpu_s / max(plastic_steps, 1),
         "reference_s": reference.info["time_s"],
+        "faster_online": reference.info["time_s"] / run.time_s,
         "online_cpu_s": online_cpu_s,  # with the set-up of the model
         "reference_cpu_s": reference_cpu_s,
         "faster_online_cpu": reference_cpu_s / online_cpu_s,
@@ -166,9 +171,16 @@ def main():
             for key, error in cases[name]["errors"].items()
             if not abs(error) <= LIMITS[key]
         ]
+        failed += [f"{name}: {kind} {cases[name][kind]:.3g}" for kind in FASTER if not cases[name][kind] >= QUICKER]
     console.print(str(draw(histories)))
     worst = {key: max(abs(one["errors"][key]) for one in cases.values()) for key in LIMITS}
-    result = {"found": worst, "limits": LIMITS, "cases": cases, "time_s": time.perf_counter() - begin}
+    result = {
+        "found": worst,
+        "limits": LIMITS,
+        "speedup_limit": QUICKER,
+        "cases": cases,
+        "time_s": time.perf_counter() - begin,
+    }
     scenes.finish(__file__, result, failed)
 
 
