@@ -15,9 +15,11 @@ It is no bound. Below two elements in a contact radius it is too small.
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -227,7 +229,8 @@ def estimate_of(
     loaded = impact.loaded(duration, impact.step(f_cut))
     rows = _near(sides[0].mean, loaded)
     change_of = _change if left == 1 else _nodal_change
-    changes = [change_of(finer, side, rows) for finer, side in zip(finers, sides, strict=True)]
+    with ThreadPoolExecutor(n) as pool:  # products of matrices let other threads run
+        changes = list(pool.map(change_of, finers, sides, itertools.repeat(rows)))
     whole = [(True, True)] * n
     both, _ = _corrected(impact, changes, rows, whole)
     step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
