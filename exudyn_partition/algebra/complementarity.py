@@ -90,10 +90,16 @@ class Complementarity:
         self.active, self.index = active, np.flatnonzero(active)
         self._factor: Array | None = None  # made when it is needed
 
+    @property
+    def _by_rows(self) -> Array:
+        """F, row after row in memory; F is symmetric."""
+        return self.F if self.F.flags.c_contiguous else self.F.T
+
     def _active_factor(self) -> Array:
         """Lower factor of Cholesky of the active part, (na, na)."""
         if self._factor is None:
-            self._factor, info = lapack.dpotrf(self.F[np.ix_(self.index, self.index)], lower=1)
+            active = self._by_rows.take(self.index, axis=0).take(self.index, axis=1)
+            self._factor, info = lapack.dpotrf(active.T, lower=1, overwrite_a=1)
             if info:
                 raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
         return self._factor
@@ -106,8 +112,7 @@ class Complementarity:
     @property
     def compiled(self) -> tuple[Array, Array, Array]:
         """F, the factor of its active part and the active rows, as compiled loops take them, see `check_active`."""
-        rows = self.F if self.F.flags.c_contiguous else self.F.T  # the same, because F is symmetric
-        return rows, self._active_factor().T, self.index
+        return self._by_rows, self._active_factor().T, self.index
 
     def forces(self, h: Array) -> tuple[Array, Array]:
         """Forces lambda on the present active set, and gaps w = h + F lambda, (nc,) each."""

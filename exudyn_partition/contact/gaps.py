@@ -293,6 +293,10 @@ class Gaps:
         if not self.moving:
             value: Array = lam @ self.H
             return value
+        return self._generalised(lam)
+
+    def _generalised(self, lam: Array) -> Array:
+        """Do the same for rows that move."""
         parts = zip(self.near_sides, self.split(self._q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
@@ -370,6 +374,12 @@ class Gaps:
             along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
         return self.points.mean @ rows
+
+
+def needed(gap: Array) -> float:
+    """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
+    least = float(gap.min(initial=np.inf))
+    return max(least, -BULGE * least)
 
 
 def dense(matrix: Rows) -> Array:

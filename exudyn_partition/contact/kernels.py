@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..algebra.kernels import check_active
+from ..frames.kernels import add_on_shapes
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
-from ..surfaces.moving_kernels import Moving, follow_points
+from ..surfaces.moving_kernels import Moving, follow_points, forces_on_nodes
 
 if TYPE_CHECKING:
     from .frozen import FlatRows
@@ -137,6 +138,20 @@ def answer_again(
     for i in range(len(near)):
         lam[near[i]] = some[i]
     return lam, least, count == 0
+
+
+@compiled
+def generalised(m: Moving, lam: Array, normals: Array, rows_s: Array, rows_m: Array) -> Array:
+    """Generalised forces of both bodies, (n,), of forces on rows that are followed, along their points' normals.
+
+    `rows_s` and `rows_m` are the bodies' rows at the nodes of their patches, in frames that do not move.
+    """
+    of_slave, of_master = forces_on_nodes(m, lam, normals, len(rows_s) // 3, len(rows_m) // 3)
+    n = rows_s.shape[1]
+    result = np.zeros(n + rows_m.shape[1])
+    add_on_shapes(rows_s, of_slave, result, 0)
+    add_on_shapes(rows_m, of_master, result, n)
+    return result
 
 
 @compiled

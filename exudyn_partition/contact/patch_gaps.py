@@ -31,7 +31,7 @@ from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import pose_of, spread, triangle_frame
-from .gaps import BULGE, Gaps, dense
+from .gaps import BULGE, Gaps, dense, needed
 from .pairings import LinearGaps, Pairing
 from .side import Side
 
@@ -153,6 +153,15 @@ class PatchGaps(Gaps):
             nodes, weights = self._pairs.carriers
             self._shares = (self.points.nodes, self.points.weights), (nodes, -weights)
         return self._shares
+
+    def _generalised(self, lam: Array) -> Array:
+        """See `Gaps._generalised`; one compiled call while points are followed, if no frame moves."""
+        rows, loops = [side.fixed_rows for side in self.sides], kernels("contact")
+        if loops is None or not self._just_followed or any(of is None for of in rows):
+            return super()._generalised(lam)
+        moving = self._pairs.moving(self.points, self._followed_points)
+        value: Array = loops.generalised(moving, lam, self.normals, *rows)
+        return value
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """See `Gaps.nodal_forces`."""
@@ -301,7 +310,7 @@ class PatchGaps(Gaps):
         normal, gap = self._followed(every.points, np.arange(len(every.facet)), places)
         row_gap = every.points.average(gap)
         if near is None:
-            near = min(_needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
+            near = min(needed(row_gap) + _AHEAD * self.size, _NEAR * self.size)
         chosen = row_gap < near
         points, self._followed_points = every.points.of_rows(np.flatnonzero(chosen))
         self._take(points, every.at_edge[chosen])
@@ -345,7 +354,7 @@ class PatchGaps(Gaps):
         rigid = self._from + self._rigidly @ (pose_of(here) - self._pose)
         off = abs(gap - rigid[: len(gap)]).max(initial=0.0)
         nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
-        return bool(nearest < min(_needed(gap), _NEAR * self.size))
+        return bool(nearest < min(needed(gap), _NEAR * self.size))
 
     def _follow(self, places: list[Array], reach: float) -> tuple[Array, bool] | None:
         """Gaps of the present rows, (nr,) [m], and whether these are all that can close.
@@ -389,9 +398,3 @@ class PatchGaps(Gaps):
         """Whether the patches have hardly slid since the last call."""
         last, self._stood_at = self._stood_at, here
         return last is not None and bool(abs(here - last)[:, :2].max() < _STILL * _HELD * self.size)
-
-
-def _needed(gap: Array) -> float:
-    """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
-    least = float(gap.min(initial=np.inf))
-    return max(least, -BULGE * least)

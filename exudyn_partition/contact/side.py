@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,12 @@ class Side:
     def n_followed(self) -> int:
         """Number of nodes of the patch that are followed."""
         return len(self.surface.points if self.active is None else self.active)
+
+    @cached_property
+    def fixed_rows(self) -> Array | None:
+        """Rows of its coordinates at the patch's nodes, (3 np, n), if they are dense and its frame does not move."""
+        rows = self.kinematics.rows
+        return rows if self.kinematics.linear and isinstance(rows, np.ndarray) else None
 
     @property
     def normal_only(self) -> bool:

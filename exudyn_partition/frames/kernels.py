@@ -53,15 +53,22 @@ def moved_places(start: Array, rows: Array, q: Array) -> Array:
     return result
 
 
+@inlined
+def add_on_shapes(rows: Array, forces: Array, result: Array, first: int) -> None:
+    """Add generalised forces of forces on nodes, (k, 3), to a result, from its entry `first` on."""
+    n = rows.shape[1]
+    for node in range(len(forces)):
+        x, y, z = forces[node, 0], forces[node, 1], forces[node, 2]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            for k in range(n):
+                result[first + k] += x * rows[3 * node, k] + y * rows[3 * node + 1, k] + z * rows[3 * node + 2, k]
+
+
 @compiled
 def on_shapes(rows: Array, forces: Array) -> Array:
     """Generalised forces, (n,), of forces on nodes, (k, 3), see `InertialKinematics.generalised`."""
     result = np.zeros(rows.shape[1])
-    for node in range(len(forces)):
-        x, y, z = forces[node, 0], forces[node, 1], forces[node, 2]
-        if x != 0.0 or y != 0.0 or z != 0.0:
-            for k in range(len(result)):
-                result[k] += x * rows[3 * node, k] + y * rows[3 * node + 1, k] + z * rows[3 * node + 2, k]
+    add_on_shapes(rows, forces, result, 0)
     return result
 
 

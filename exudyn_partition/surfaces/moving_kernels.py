@@ -169,8 +169,8 @@ def add(share: float, x: float, y: float, z: float, row: int, column: int, resul
     result[row, column, 2] += share * z
 
 
-@compiled
-def nodal_forces(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
+@inlined
+def forces_on_nodes(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
     """Forces on all nodes of both patches, (n, 3), of forces on the rows along their points' normals, (k, 3).
 
     On the master's facets forces are summed by powers of coordinates first: a facet has several points.
@@ -221,3 +221,9 @@ def nodal_forces(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> t
                             of_master,
                         )
     return of_slave.reshape(n_s, 3), of_master.reshape(n_m, 3)
+
+
+@compiled
+def nodal_forces(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
+    """See `forces_on_nodes`."""
+    return forces_on_nodes(m, lam, normals, n_s, n_m)
