@@ -61,6 +61,20 @@ def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
         np.testing.assert_allclose(slope[near], (H @ d)[near], atol=2e-11)
 
 
+@pytest.mark.parametrize("frame", [inertial, floating])
+@pytest.mark.parametrize("kind", ROWS)
+def test_forces_of_followed_rows_belong_to_their_gaps(round_body, flat_body, kind, frame):
+    """Generalised forces of rows that slide are the transpose of their gaps' derivative, as power asks for."""
+    slave = frame(round_body)
+    law = ComplianceContact(PatchGaps(slave, inertial(flat_body), kind))
+    for x in np.linspace(0, 0.1e-3, 4):
+        force = law.force(np.r_[moved(slave, [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
+    H = law.gaps.jacobian(np.arange(len(law.lam)))
+    assert law.gaps.moving
+    assert np.count_nonzero(law.lam) > 1
+    np.testing.assert_allclose(force, law.lam @ H, rtol=0, atol=1e-11 * abs(force).max())
+
+
 def paths(round_body, slave):
     """Coordinates of the ball on its way: it comes down, slides over facets, tilts, jumps and leaves."""
     rng = np.random.default_rng(0)
