@@ -77,29 +77,34 @@ def rotation(angle):
     return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 
 
-def pair(bodies, gears, work, turn=0.0, side=1, spin=0.0, damping=0.0):
+def pair(bodies, gears, work, turn=0.0, side=1, spin=0.0, damping=0.0, frame="floating"):
     """The assembled pair, after a turn of the pinion [rad] from where its tooth 0 points at the wheel.
 
     Its upper (`side` = 1) or lower (-1) flanks are in touch, but for `CLEARANCE`. `spin` is its velocity [rad/s],
-    `damping` that of its shaft's bearings [N m s].
+    `damping` that of its shaft's bearings [N m s]. In an "inertial" frame the mesh is turned, and turns must be small.
     """
     mbs, made, shafts, turns = exu.SystemContainer().AddSystem(), [], [], []
     way = side * (play() - CLEARANCE)
     for body, (angle, place), velocity in zip(bodies, poses(gears, turn, way), (spin, 0.0), strict=True):
-        motion = {"referencePosition": place, "initialAngularVelocity": [0, 0, velocity]}
-        made.append(ep.CreatePartitionBody(mbs, body, frame="floating", referenceRotation=rotation(angle), **motion))
-        node = mbs.AddNode(items.Node1D(referenceCoordinates=[angle], initialVelocities=[velocity]))
+        motion = {"referencePosition": place, "initialAngularVelocity": [0, 0, velocity], "frame": frame}
+        if turns_along := frame == "floating":
+            motion["referenceRotation"] = rotation(angle)
+        made.append(ep.CreatePartitionBody(mbs, body, **motion))
+        node = mbs.AddNode(items.Node1D(referenceCoordinates=[angle * turns_along], initialVelocities=[velocity]))
         shaft = mbs.AddObject(items.ObjectRotationalMass1D(nodeNumber=node, inertia=INERTIA, referencePosition=place))
-        markers = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=shaft)), made[-1].CreateInterfaceMarker(mbs, "bore")]
-        mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[1] * 6))
+        if turns_along:
+            ends = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=shaft)), made[-1].CreateInterfaceMarker(mbs, "bore")
+            mbs.AddObject(items.GenericJoint(markerNumbers=[*ends], constrainedAxes=[1] * 6))
+        else:  # the bore's motions are linear in the body's coordinates
+            of_bore = items.MarkerObjectODE2Coordinates(objectNumber=made[-1]["oGenericODE2"])
+            ends = mbs.AddMarker(items.MarkerNodeCoordinates(nodeNumber=node)), mbs.AddMarker(of_bore)
+            scaling = {"scalingMarker0": np.eye(6)[:, 5:], "scalingMarker1": body.interface_rows("bore")}
+            mbs.AddObject(items.ObjectConnectorCoordinateVector(markerNumbers=[*ends], **scaling))
         shafts.append(mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0)))
         kind = exu.OutputVariableType.Coordinates
         turns.append(mbs.AddSensor(items.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True)))
-
-    def load(mbs, t, unused):
-        return float(work.torque(t * work.begun))
-
-    mbs.AddLoad(items.LoadCoordinate(markerNumber=shafts[0], load=1.0, loadUserFunction=load))
+    torque = {"load": 1.0, "loadUserFunction": lambda mbs, t, unused: float(work.torque(t * work.begun))}
+    mbs.AddLoad(items.LoadCoordinate(markerNumber=shafts[0], **torque))
     ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
     mbs.AddObject(items.CoordinateSpringDamper(markerNumbers=[ground, shafts[0]], stiffness=0, damping=damping))
     if work.turn is not None:

@@ -107,13 +107,14 @@ def poses(gears, turn, way=0.0):
     return list(zip(angles, ([0, 0, 0], [pinion.pitch + wheel.pitch, 0, 0]), strict=True))
 
 
-def gear_part(gear, fine, flanks=FLANKS, axes="normal", **sizes):
-    """FE model and partition of a gear, with elements of size `fine` on its flanks [m]; `sizes` are Netgen's."""
+def gear_part(gear, fine, flanks=FLANKS, axes="normal", angle=0.0, **sizes):
+    """FE model and partition of a gear turned by `angle` [rad]; `fine` [m] are its flanks; `sizes` are Netgen's."""
     geometry = occ.OCCGeometry(gear.shape(WIDTH / STRETCH, flanks, fine))
     mesh = ngs.Mesh(geometry.GenerateMesh(**sizes))
     mesh.Curve(2)
-    stretch = ngs.GridFunction(ngs.VectorH1(mesh, order=1))
-    stretch.Set(ngs.CF((0, 0, (STRETCH - 1) * ngs.z)))
+    stretch = ngs.GridFunction(ngs.VectorH1(mesh, order=2))
+    cos, sin = np.cos(angle), np.sin(angle)
+    stretch.Set(ngs.CF(((cos - 1) * ngs.x - sin * ngs.y, sin * ngs.x + (cos - 1) * ngs.y, (STRETCH - 1) * ngs.z)))
     mesh.SetDeformation(stretch)
     fem = ep.fe_model(mesh, ep.STEEL)
     return fem, ep.Partition.surface(fem, flanks, axes=axes) | ep.Partition.interface(fem, "bore", "bore")
