@@ -73,6 +73,8 @@ class Gaps:
         Number of searches for the pairs of all points since the start of the run.
     carried : bool
         Whether an Exudyn body carries the rigid surface.
+    between : (d np, d np) array or None
+        Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
     """
 
     sides: tuple[Side, ...]
@@ -89,6 +91,7 @@ class Gaps:
     approach: Array
     faced: bool = True
     carried: bool = False
+    between: Array | None = None
     searches: int = 0
     H: Rows
     _all: ContactPoints  # of the slave
@@ -353,6 +356,9 @@ class Gaps:
         for place, (side, q) in enumerate(zip(self.sides, self.split(self._q), strict=True)):
             if side.flexibility is not None:
                 F += self.loaded_nodes(place).flexibility(q, self.points, self.shares[place], self.normals)
+        if self.between is not None:
+            across = self.side_rows(0) @ (self.side_rows(1) @ self.between.T).T
+            F += across + across.T
         return F
 
     def loaded_nodes(self, place: int) -> LoadedNodes:

@@ -79,8 +79,10 @@ class Pairing:
     problem: Complementarity | None = None
 
     @classmethod
-    def of(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:
+    def of(cls, slave: Side, master: Side, kind: RowKind, itself: bool = False) -> Pairing:
         """Pair two sides, or return what they were paired to in the same places to each other before.
+
+        `itself` tells that both are patches of one body in the model, so that each moves the other's nodes.
 
         Raises
         ------
@@ -88,7 +90,7 @@ class Pairing:
             See `rows.pair_surfaces`.
         """
         kept = KEPT.setdefault(slave.kinematics.body, [])
-        key = (kind, *_attitude(slave), weakref.ref(master.kinematics.body), *_attitude(master))
+        key = (kind, itself, *_attitude(slave), weakref.ref(master.kinematics.body), *_attitude(master))
         points = np.vstack([slave.surface.points, master.surface.points])
         places, rounding = points - master.surface.points[0], _ROUNDING * abs(points).max()
         for i, (known, pairing) in enumerate(kept):

@@ -51,6 +51,8 @@ class PatchGaps(Gaps):
     ----------
     slave, master : Side
     kind : {"integrated", "node-to-segment"}
+    between : (d np, d np) array, optional
+        See `Gaps`.
 
     Raises
     ------
@@ -58,17 +60,15 @@ class PatchGaps(Gaps):
         See `rows.pair_surfaces`.
     """
 
-    def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated") -> None:
-        self.sides, self._kind = (slave, master), kind
-        self._paired = self.sides
-        self._pairing = pairing = Pairing.of(slave, master, kind)
+    def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated", between: Array | None = None) -> None:
+        self.sides, self._kind, self.between = (slave, master), kind, between
+        self._paired, self._here, self.held, self.moving = self.sides, np.zeros((3, 3)), None, True
+        self._pairing = pairing = Pairing.of(slave, master, kind, itself=between is not None)
         self._all, self._start, self._start_q = pairing.points, pairing.rows, pairing.pose
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = self._start.facet_size, self._start.approach
         self._linear = all(side.kinematics.linear and not side.surface.wanders for side in self.sides)
         self._witnesses = [spread(side.surface.points) for side in self.sides]
-        self._here = np.zeros((3, 3))
-        self.held, self.moving = None, True
         self.reset()
 
     def exchanged(self) -> PatchGaps:

@@ -20,6 +20,11 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     group = coupled_with(contact, others)
     if len(group) == 1:
         return
+    if any(member.slave is member.master for member in group):
+        raise InputError(
+            "slave, master: a body that touches itself has another contact, whose forces move the same rows. These are "
+            "not solved together; leave one of them out"
+        )
     together = contact.formulation.together([member.law for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together

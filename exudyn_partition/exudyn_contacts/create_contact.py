@@ -9,7 +9,7 @@ from typing import Literal, get_args, overload
 import numpy as np
 
 from ..algebra.coulomb import Coulomb, friction_of
-from ..contact.formulations.choices import FormulationName, TwoPasses, formulation_of
+from ..contact.formulations.choices import Compliance, FormulationName, TwoPasses, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
 from ..contact.patch_gaps import PatchGaps
@@ -22,6 +22,7 @@ from ..errors import EmptyRegionError, InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registry, user_function, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..frames.inertial import InertialKinematics
 from ..support.checks import validate_choice, validate_items, validate_positive, validate_text
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
@@ -93,6 +94,9 @@ def CreatePartitionContact(
 
     The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
     contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
+
+    Slave and master may be one body, with two patches that face each other, as the ends of a clip: in an inertial
+    frame, without friction, by "compliance".
 
     Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Each two of their patches that face
     each other nearby at the start get a contact.
@@ -169,8 +173,6 @@ def CreatePartitionContact(
     for role, item in (("slave", slave), ("master", other)):
         if item is not None and not any(item is body for body in bodies):
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
-    if slave is master:
-        raise InputError("slave, master: expected two bodies, got the same twice")
     validate_new_name(mbs, name, ("Object", "Sensor"))
     chosen = formulation_of(formulation, stiffness)
     rows = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
@@ -188,6 +190,8 @@ def CreatePartitionContact(
     sides = [(slave, slave.body.partition.patch(slavePatch))]
     if other is not None:
         sides.append((other, other.body.partition.patch(masterPatch)))
+    if slave is other:
+        _check_itself(slave, [patch for _, patch in sides], chosen)
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in sides]
     for side in placed:
         _check_digits(side)
@@ -206,7 +210,11 @@ def CreatePartitionContact(
     if rigid is None:
         wanders = any(side.surface.wanders for side in placed)
         try:
-            gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
+            if slave is other:
+                between = slave.body.flexibility(*(patch for _, patch in sides))
+                gaps = PatchGaps(placed[0], placed[1], rows, between)
+            else:
+                gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
         except PenetrationError as error:
             first, second = (repr(item.name) if item.name else str(bodies.index(item)) for item, _ in sides)
             raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}") from error
@@ -273,6 +281,28 @@ def _facing_each_other(
             "within=, or name the pairs in a call each"
         )
     return [(sides[i], sides[j]) for i, j in pairs]
+
+
+def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Formulation) -> None:
+    """Two patches of one body may touch each other; the residual flexibility between them belongs to the contact."""
+    if patches[0] == patches[1]:
+        raise InputError(
+            "slave, master: expected two bodies, or two patches of one by slavePatch= and masterPatch=, got patch "
+            f"{patches[0]} of one body twice. Divide the patch into two, each of which faces the other"
+        )
+    if type(formulation) is not Compliance or formulation.friction is not None:
+        raise InputError(
+            "formulation, friction, passes: a body touches itself by formulation='compliance' alone, without friction "
+            "and in one pass"
+        )
+    if not isinstance(item.kinematics, InertialKinematics):
+        raise InputError("slave, master: a body touches itself in an inertial frame alone; take frame='inertial'")
+    patches_of = item.body.partition.patches
+    if any(patches_of[patch].plastic or patches_of[patch].wanders for patch in patches):
+        raise InputError(
+            "slave, master: patches of one body that touch each other must be those of Partition.ball, of a material "
+            "without hardening"
+        )
 
 
 def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:

@@ -61,7 +61,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
         x = scale * x.ravel()
         y = K @ x
         for dofs, stiffness in closed:
-            y[dofs] += stiffness @ x[dofs]
+            np.add.at(y, dofs, stiffness @ x[dofs])  # a body that touches itself is there twice
         value: Array = scale * y
         return value
 

@@ -268,7 +268,7 @@ def test_misuse(mbs, bodies, block):
     with pytest.raises(InputError, match=r"initialVelocity: expected shape \(3,\)"):
         ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[1.0])
     body = ep.CreatePartitionBody(mbs, bodies[0])
-    with pytest.raises(InputError, match="expected two bodies, got the same twice"):
+    with pytest.raises(InputError, match="expected two bodies, or two patches of one"):
         ep.CreatePartitionContact(mbs, body, body)
     with pytest.raises(InputError, match="formulation: expected one of"):
         ep.CreatePartitionContact(mbs, body, ep.CreatePartitionBody(mbs, bodies[1]), formulation="glue")

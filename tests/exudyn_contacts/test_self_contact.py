@@ -1,0 +1,131 @@
+"""A clip whose ends touch each other: two patches of one body, against the full FE model with the same rows."""
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import relative
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.complementarity import Complementarity, regularised
+from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.errors import InputError
+from exudyn_partition.reference.full_body import rows_on_dofs
+from exudyn_partition.reference.integrator import HHT
+from exudyn_partition.reference.laws import Frictionless
+from exudyn_partition.surfaces.rows import pair_surfaces
+
+ARM, THICK, MOUTH, R, CLEARANCE = 20e-3, 4e-3, 3e-3, 20e-3, 5e-6  # of the clip, and of the tip on its lower arm [m]
+END, STEP, SPEED = 120e-6, 0.25e-6, 1.0  # [s], [s], of the arms to each other [m/s]
+TIP, FACE = (17e-3, 0, -CLEARANCE), (17e-3, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def clip():
+    """FE model and partition of a C; a ball on its lower arm is the tip that meets the upper arm."""
+    outside = occ.Box(occ.Pnt(-THICK, -THICK / 2, -MOUTH - THICK), occ.Pnt(ARM, THICK / 2, THICK))
+    mouth = occ.Box(occ.Pnt(0, -THICK, -MOUTH), occ.Pnt(2 * ARM, THICK, 0))
+    ball = occ.Sphere(occ.Pnt(TIP[0], 0, TIP[2] - R), R)
+    lower = occ.Box(occ.Pnt(0, -THICK / 2, -MOUTH - THICK), occ.Pnt(ARM, THICK / 2, 0))
+    shape = (outside - mouth) + ball * lower
+    refine = [ep.Refine(place, 1e-3, 0.35e-3) for place in (TIP, FACE)]
+    fem = ep.fe_model(shape, ep.STEEL, maxh=3e-3, refine=refine)
+    tip = ep.Partition.ball(fem, TIP, 1e-3, direction=(0, 0, 1), name="tip")
+    return fem, tip | ep.Partition.ball(fem, FACE, 1e-3, direction=(0, 0, -1), name="face")
+
+
+@pytest.fixture(scope="module")
+def body(clip):
+    return ep.reduce(*clip, f_cut=200e3)
+
+
+def closing(body):
+    """Velocities of the coordinates, (n_dofs,), of the lowest shape that closes the clip, with SPEED."""
+    shapes, (tip, face) = np.eye(body.n_dofs), [patch.nodes for patch in body.partition.patches]
+    moved = [body.displacement(shape)[:, 2] for shape in shapes]
+    speed = np.array([z[tip].mean() - z[face].mean() for z in moved])
+    first = np.flatnonzero(np.abs(speed) > 0.5 * np.abs(speed).max())[0]
+    return shapes[first] * SPEED / speed[first]
+
+
+def model(body):
+    """The assembled model of the clip, and its contact."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, frame="inertial")
+    contact = ep.CreatePartitionContact(mbs, item, item, slavePatch="tip", masterPatch="face", passes="given")
+    mbs.Assemble()
+    return mbs, contact
+
+
+def reduced(body, method, step):
+    """Times, and the force of the contact, of a clip that closes."""
+    mbs, contact = model(body)
+    mbs.systemData.SetODE2Coordinates_t(closing(body), exu.ConfigurationType.Initial)
+    result = ep.solve_dynamic(mbs, end_time=END, step=step, method=method)
+    return result.t, contact.force(result)
+
+
+def full_rows(fem, partition):
+    """Gaps [m] and rows on all dofs of the full FE model, csr (m, 3n)."""
+    sides = [ep.reference.FullBody(fem, partition, patch=name) for name in ("tip", "face")]
+    patch_nodes = [len(side.contact.nodes) for side in sides]
+    law = Frictionless(pair_surfaces(*(side.surface for side in sides)), patch_nodes, 0)
+    return law.rows.gap, sum(rows_on_dofs(side, rows) for side, rows in zip(sides, law.matrices, strict=True))
+
+
+def full(fem, partition, velocity):
+    """Force over the run of the full FE model with the same rows."""
+    gap, G = full_rows(fem, partition)
+    steps = HHT(fem.mass, fem.stiffness, G, STEP, velocity=velocity)
+    contact, force = Complementarity(regularised(steps.compliance())), np.zeros(round(END / STEP) + 2)
+    for i in range(1, len(force) - 1):  # a step's force is that of its middle
+        lam = contact.solve(gap + steps.predict())
+        steps.correct(lam)
+        force[i] = lam.sum()
+    return STEP * np.arange(len(force) - 1), (force[1:] + force[:-1]) / 2
+
+
+def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
+    """That of the clip between its ends: of modes, of both patches, and across from one patch to the other."""
+    fem, partition = clip
+    body = ep.reduce(fem, partition, f_cut=20e3)
+    gaps = model(body)[1].law.gaps
+    every = np.arange(len(gaps.row_nodes))
+    H = gaps.jacobian(every).reshape(len(every), 2, -1).sum(axis=1)  # both sides have the same coordinates
+    found = H @ np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True) @ H.T + gaps.flexibility(every)
+    _, G = full_rows(fem, partition)
+    a, b = fem.points[:, 0].argmin(), fem.points[:, 0].argmax()
+    c = fem.points[:, 2].argmax()
+    held = np.array([3 * a, 3 * a + 1, 3 * a + 2, 3 * b + 1, 3 * b + 2, 3 * c + 1])  # what carries no force
+    free = np.setdiff1d(np.arange(fem.n_dofs), held)
+    loads = G[:, free].T.toarray()
+    expected = loads.T @ Factorisation(fem.stiffness[free][:, free]).solve(loads)
+    assert relative(found, expected) < 1e-4  # 7e-4 without one of both parts across
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")  # a coarse mesh, both have it
+def test_ends_of_a_clip_meet(clip, body):
+    """Explicit and implicit steps, against the full FE model."""
+    t_full, expected = full(*clip, body.displacement(closing(body)).ravel())
+    assert expected.max() > 10.0
+    for method, step in (("explicit", None), ("implicit", STEP)):
+        t, force = reduced(body, method, step)
+        assert relative(np.interp(t_full, t, force), expected) < 0.01, method
+
+
+def test_what_is_not_supported(body):
+    mbs = exu.SystemContainer().AddSystem()
+    floating = ep.CreatePartitionBody(mbs, body, frame="floating")
+    item = ep.CreatePartitionBody(mbs, body, frame="inertial", referencePosition=[0, 0, 1])
+    patches = {"slavePatch": "tip", "masterPatch": "face"}
+    with pytest.raises(InputError, match="got patch 0 of one body twice"):
+        ep.CreatePartitionContact(mbs, item, item, slavePatch="tip", masterPatch="tip")
+    for options in ({"formulation": "penalty"}, {"passes": "two"}):
+        with pytest.raises(InputError, match="touches itself by formulation='compliance' alone"):
+            ep.CreatePartitionContact(mbs, item, item, **patches, **options)
+    with pytest.raises(InputError, match="touches itself in an inertial frame alone"):
+        ep.CreatePartitionContact(mbs, floating, floating, **patches)
+    ep.CreatePartitionContact(mbs, item, item, **patches)
+    wall = ep.RigidPlane(point=[0, 0, 1 + 1e-5], normal=[0, 0, -1])
+    with pytest.raises(InputError, match="a body that touches itself has another contact"):
+        ep.CreatePartitionContact(mbs, item, wall, slavePatch="tip")
