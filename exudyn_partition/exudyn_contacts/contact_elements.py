@@ -49,8 +49,11 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
             return exu.MatrixContainer(sp.csr_matrix(fODE2 * touching))
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
-        H = run.row_jacobian()
-        return exu.MatrixContainer(sp.csr_matrix(fODE2 * (H.T @ _between(run, run) @ H)))
+        H, yielding = run.row_jacobian(), run.law.yielding
+        stiffness = H.T @ _between(run, run) @ H
+        if yielding is not None:
+            stiffness = yielding.tangent(stiffness)
+        return exu.MatrixContainer(sp.csr_matrix(fODE2 * stiffness))
 
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
 

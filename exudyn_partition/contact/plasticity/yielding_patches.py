@@ -70,6 +70,10 @@ class Zones:
         ComplementarityError
         """
 
+    def tangent(self, of_rows: Array) -> Array:
+        """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows while nothing flows."""
+        return of_rows
+
     def commit(self) -> None:
         """Accept the present states."""
         self.check()
@@ -249,5 +253,5 @@ class YieldingPatches(Zones):
         return force
 
     def tangent(self, of_rows: Array) -> Array:
-        """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows while nothing flows."""
+        """See `Zones`; corrected by Newton's last step."""
         return of_rows if self._broyden is None or not self.flowing() else self._broyden.corrected(of_rows)
