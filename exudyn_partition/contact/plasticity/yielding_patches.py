@@ -180,6 +180,7 @@ class YieldingPatches(Zones):
 
     def _iterate(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> bool:
         """Find the pseudo-forces of the active points; whether no other point flows."""
+        self._unsettled = 0.0  # also after an answer that was rough, but left points out
         own = [zone.guess for _, zone in self.zones]
         p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
         least, stalled = math.inf, 0
