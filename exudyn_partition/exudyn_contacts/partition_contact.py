@@ -95,7 +95,8 @@ class PartitionContact(ContactResults):
         force when it is largest, along the direction of the impulse. Vibration and distance from the centre of mass are
         so treated alike in both frames. `speed_before` is positive if they approach, `speed_after` if they separate;
         their ratio is Newton's coefficient of restitution. A speed is None if the run begins or ends in this contact,
-        if a body of another kind carries the rigid surface, and of results from files if forces are not elastic.
+        if a body touches itself or one of another kind carries the rigid surface, and of results from files if forces
+        are not elastic.
 
         Parameters
         ----------
@@ -131,7 +132,7 @@ class PartitionContact(ContactResults):
         """Approach before and separation after a contact, from its first to its last sample [m/s]; see `impacts`."""
         t, on_slave = result.t, self.force_on_slave(result)
         along = np.trapezoid(on_slave[max(first - 1, 0) : last + 2], t[max(first - 1, 0) : last + 2], axis=0)
-        if self.law.gaps.carried or not (size := np.linalg.norm(along)):
+        if self.law.gaps.carried or self.slave is self.master or not (size := np.linalg.norm(along)):
             return None, None
         along = along / size
         peak = first + int(self.force(result)[first : last + 1].argmax())
