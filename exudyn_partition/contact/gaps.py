@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING = np.empty(0)
-MANY = 50_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
+MANY = 5_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 

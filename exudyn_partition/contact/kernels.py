@@ -6,9 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import types
+from numba.experimental import structref
 
 from ..algebra.kernels import check_active
-from ..frames.kernels import add_on_shapes
+from ..frames.kernels import add_on_shapes, place_moved
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
 from ..surfaces.moving_kernels import Moving, follow_points, forces_on_nodes
@@ -49,15 +51,53 @@ def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
     return see(x_s, some, x_m, others)
 
 
-@compiled
-def row_gaps(
-    m: Moving, of_points: Array, start: Array, rigidly: Array, pose: Array, here: Array, bulge: float, most: float
-) -> tuple[Array, float, bool]:
-    """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
+@structref.register
+class FollowedType(types.StructRef):
+    """Type of `Followed` in compiled loops."""
 
-    The least is NaN if a gap is. See `patch_gaps.PatchGaps._others_close`.
+    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
+        """See numba."""
+        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
+
+
+class Followed(structref.StructRefProxy):
+    """Rows that are followed, and what tells whether others may close, see `patch_gaps.PatchGaps`.
+
+    Parameters
+    ----------
+    points : Moving
+    some, others : (3,) int arrays
+        Nodes of the slave and of the master by which the patches are seen.
+    searched_at : (3, 3) array
+        Where the slave was seen at the last search.
+    gap, rigidly, pose : (m,), (m, 12), (12,) arrays
+        Gaps of all rows when those that are followed were chosen, which come first, and their derivatives by the
+        slave's pose; the pose then.
     """
-    starts, columns, means = m.starts, m.columns, m.means
+
+    points: Moving
+    some: Array
+    others: Array
+    searched_at: Array
+    gap: Array
+    rigidly: Array
+    pose: Array
+
+
+structref.define_proxy(Followed, FollowedType, [*Followed.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def followed(*fields: Array) -> Followed:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return Followed(*fields)  # type: ignore[no-untyped-call]
+
+
+@inlined
+def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
+    """See `row_gaps`."""
+    starts, columns, means = r.points.starts, r.points.columns, r.points.means
+    start, rigidly, pose = r.gap, r.rigidly, r.pose
     gap = np.zeros(len(starts) - 1)
     for row in range(len(gap)):
         for k in range(starts[row], starts[row + 1]):
@@ -82,10 +122,36 @@ def row_gaps(
 
 
 @compiled
+def row_gaps(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
+    """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
+
+    The least is NaN if a gap is. See `patch_gaps.PatchGaps._others_close`.
+    """
+    return gaps_of_rows(r, of_points, here, bulge, most)
+
+
+@inlined
+def follow_rows(
+    r: Followed, x_s: Array, x_m: Array, reach: float, by: float, steps: int, size: float, bulge: float, most: float
+) -> tuple[Array, Array, Array, Array, Array, float, bool]:
+    """See `followed_gaps`."""
+    here, nothing, far = see(x_s, r.some, x_m, r.others), np.empty(0), False
+    for i in range(3):
+        for j in range(3):
+            far = far or not abs(here[i, j] - r.searched_at[i, j]) <= reach
+    if far:
+        return here, np.empty((0, 3)), nothing, np.empty(0, np.int64), nothing, math.nan, True
+    normals, of_points, lost = follow_points(r.points, x_s, x_m, by, steps, size)
+    if len(lost):
+        return here, normals, of_points, lost, nothing, math.nan, True
+    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most)
+    return here, normals, of_points, lost, gap, least, more
+
+
+@compiled
 def followed_gaps(
-    m: Moving, x_s: Array, x_m: Array, some: Array, others: Array, searched_at: Array, reach: float,
-    start: Array, rigidly: Array, pose: Array, by: float, steps: int, size: float, bulge: float, most: float,
-) -> tuple[Array, Array, Array, Array, Array, float, bool]:  # fmt: skip
+    x_s: Array, x_m: Array, r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float
+) -> tuple[Array, Array, Array, Array, Array, float, bool]:
     """Follow points, see `moving_kernels.follow`, and find what `row_gaps` does, unless the patches have moved too far.
 
     Returns
@@ -93,17 +159,25 @@ def followed_gaps(
     Where the slave is seen, (3, 3), normals, gaps of points, points that must be searched, and what `row_gaps` returns.
     If there are points to be searched, or none were followed, the gaps of rows are empty.
     """
-    here, nothing, far = see(x_s, some, x_m, others), np.empty(0), False
-    for i in range(3):
-        for j in range(3):
-            far = far or not abs(here[i, j] - searched_at[i, j]) <= reach
-    if far:
-        return here, np.empty((0, 3)), nothing, np.empty(0, np.int64), nothing, math.nan, True
-    normals, of_points, lost = follow_points(m, x_s, x_m, by, steps, size)
-    if len(lost):
-        return here, normals, of_points, lost, nothing, math.nan, True
-    gap, least, more = row_gaps(m, of_points, start, rigidly, pose, here, bulge, most)
-    return here, normals, of_points, lost, gap, least, more
+    return follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
+
+
+@compiled
+def followed_gaps_at(
+    q: Array, start_s: Array, rows_s: Array, active_s: Array, start_m: Array, rows_m: Array, active_m: Array,
+    r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, float, bool]:  # fmt: skip
+    """Do the same at coordinates q, (n,), of patches whose frames do not move, see `Side.fixed`.
+
+    The places of the nodes that are followed, (np, 3) of each side, come first.
+    """
+    x_s, x_m = np.full(start_s.shape, np.nan), np.full(start_m.shape, np.nan)
+    for node in active_s:
+        place_moved(start_s, rows_s, q, 0, node, x_s)
+    for node in active_m:
+        place_moved(start_m, rows_m, q, rows_s.shape[1], node, x_m)
+    here, normals, of_points, lost, gap, least, more = follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
+    return x_s, x_m, here, normals, of_points, lost, gap, least, more
 
 
 @compiled

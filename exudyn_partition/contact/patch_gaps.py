@@ -154,13 +154,19 @@ class PatchGaps(Gaps):
             self._shares = (self.points.nodes, self.points.weights), (nodes, -weights)
         return self._shares
 
+    @property
+    def _fixed(self) -> tuple[Array, ...] | None:
+        """`Side.fixed` of both sides, one after the other."""
+        slave, master = (side.fixed for side in self.near_sides)
+        return slave + master if slave and master else None
+
     def _generalised(self, lam: Array) -> Array:
         """See `Gaps._generalised`; one compiled call while points are followed, if no frame moves."""
-        rows, loops = [side.fixed_rows for side in self.sides], kernels("contact")
-        if loops is None or not self._just_followed or any(of is None for of in rows):
+        fixed, loops = self._fixed, kernels("contact")
+        if loops is None or fixed is None or not self._just_followed:
             return super()._generalised(lam)
         moving = self._pairs.moving(self.points, self._followed_points)
-        value: Array = loops.generalised(moving, lam, self.normals, *rows)
+        value: Array = loops.generalised(moving, lam, self.normals, fixed[1], fixed[4])
         return value
 
     def nodal_forces(self, lam: Array) -> list[Array]:
@@ -195,10 +201,9 @@ class PatchGaps(Gaps):
                 return value
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
-        places = self.places_now()
-        found = self._follow(places, self._reach) if self._searched_at is not None and self._narrowed else None
+        found = self._follow(self._reach) if self._searched_at is not None and self._narrowed else None
         if found is None:
-            self._here = here = self._placed(places)
+            self._here = here = self._placed(self.places_now())
             at = None if self._searched_at is None or self._narrowed else self._searched_at
             if at is None or largest_change(here, at) > self._reach:
                 self._search(self._everywhere(), here)
@@ -225,7 +230,7 @@ class PatchGaps(Gaps):
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
-        found = self._follow(self.places(q), math.inf)  # wherever the points go
+        found = self._follow(math.inf, self.places(q))  # wherever the points go
         return self.at(q) if found is None else found[0]
 
     def surface_gap(self, q: Array) -> float:
@@ -323,7 +328,7 @@ class PatchGaps(Gaps):
         order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
         self._rigidly = np.hstack([normals, turning])[order]
         self._from, self._pose = row_gap[order], pose_of(here)
-        self._narrowed = True
+        self._narrowed, self._rows_followed = True, None
         self._follow_around(self._pairs.facet[some])
         value: Array = row_gap[chosen]
         return value
@@ -356,14 +361,15 @@ class PatchGaps(Gaps):
         nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
         return bool(nearest < min(needed(gap), _NEAR * self.size))
 
-    def _follow(self, places: list[Array], reach: float) -> tuple[Array, bool] | None:
+    def _follow(self, reach: float, places: list[Array] | None = None) -> tuple[Array, bool] | None:
         """Gaps of the present rows, (nr,) [m], and whether these are all that can close.
 
         None if the patches have moved by more than `reach` [m] since the last search, or a point has come to a facet
-        that is not followed.
+        that is not followed. `places` are those of the nodes of both sides, by default those that are followed.
         """
         if loops := kernels("contact"):
-            return self._follow_compiled(loops, places, reach)
+            return self._follow_compiled(loops, reach, places)
+        places = self.places_now() if places is None else places
         here = self._placed(places)
         if self._searched_at is None or largest_change(here, self._searched_at) > reach:
             return None
@@ -373,19 +379,28 @@ class PatchGaps(Gaps):
         gap = self.points.average(of_points)
         return None if math.isnan(gap.sum()) else (gap, not self._others_close(gap, here))
 
-    def _follow_compiled(self, loops: ModuleType, places: list[Array], reach: float) -> tuple[Array, bool] | None:
+    def _follow_compiled(
+        self, loops: ModuleType, reach: float, places: list[Array] | None
+    ) -> tuple[Array, bool] | None:
         """Do the same as `_follow`, compiled."""
-        moving = self._pairs.moving(self.points, self._followed_points)
-        rows, bounds = (self._from, self._rigidly, self._pose), (BULGE, _NEAR * self.size)
-        here, normals, of_points, lost, gap, least, others = loops.followed_gaps(
-            moving, *places, *self._witnesses, self._searched_at, reach, *rows, FOLLOWED, STEPS, self.size, *bounds
-        )
+        if self._rows_followed is None:
+            moving = self._pairs.moving(self.points, self._followed_points)
+            at_choice = self._searched_at, self._from, self._rigidly, self._pose
+            self._rows_followed = loops.followed(moving, *self._witnesses, *at_choice)
+        rows, bounds = self._rows_followed, (BULGE, _NEAR * self.size)
+        how = rows, reach, FOLLOWED, STEPS, self.size, *bounds
+        if places is None and (fixed := self._fixed):
+            *places, here, normals, of_points, lost, gap, least, others = loops.followed_gaps_at(self._q, *fixed, *how)
+            self._places, self._placed_at = places, self._q
+        else:
+            places = self.places_now() if places is None else places
+            here, normals, of_points, lost, gap, least, others = loops.followed_gaps(*places, *how)
         if not len(normals):
             return None
         if len(lost):
             x_s, x_m = places[0], self.places(self._q)[1]
             self._pairs.search(self.points, self._followed_points, lost, x_s, x_m, normals, of_points)
-            gap, least, others = loops.row_gaps(moving, of_points, *rows, here, *bounds)
+            gap, least, others = loops.row_gaps(rows, of_points, here, *bounds)
         self._here, self.normals, self._shares, self._just_followed = here, normals, None, True
         return None if math.isnan(least) else (gap, not others)
 

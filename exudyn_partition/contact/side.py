@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ..algebra.products import congruence, largest_change
 from ..fe.model import node_dofs
+from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import Kinematics, Rows
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
@@ -38,8 +39,6 @@ class Side:
         What may yield beneath the patch.
     active : (k,) int array or None
         Nodes of the patch that are followed, as rows of `surface.points`. Default: all.
-    near : InertialKinematics or like it, or None
-        Kinematics of these nodes.
     """
 
     surface: Surface
@@ -47,7 +46,6 @@ class Side:
     flexibility: Array | None = None
     zone: ZoneMotion | None = None
     active: Array | None = None
-    near: Kinematics | None = None
 
     @property
     def n(self) -> int:
@@ -60,10 +58,20 @@ class Side:
         return len(self.surface.points if self.active is None else self.active)
 
     @cached_property
-    def fixed_rows(self) -> Array | None:
-        """Rows of its coordinates at the patch's nodes, (3 np, n), if they are dense and its frame does not move."""
-        rows = self.kinematics.rows
-        return rows if self.kinematics.linear and isinstance(rows, np.ndarray) else None
+    def near(self) -> Kinematics | None:
+        """Kinematics of the nodes that are followed; None if all are."""
+        return None if self.active is None else self.kinematics.some(self.active)
+
+    @cached_property
+    def fixed(self) -> tuple[Array, Array, Array] | None:
+        """What places its nodes if its frame does not move and the rows of its coordinates are dense; else None.
+
+        Places of the patch's nodes at the start, (np, 3), rows, (3 np, n), and the nodes that are followed.
+        """
+        own = self.kinematics
+        if not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
+            return None
+        return own.start, own.rows, np.arange(len(own.start)) if self.active is None else self.active
 
     @property
     def normal_only(self) -> bool:
@@ -94,7 +102,7 @@ class Side:
 
     def following(self, nodes: Array) -> Side:
         """Return the side that follows some nodes of its patch, (k,) int array; its facets stay the same."""
-        return replace(self, active=nodes, near=self.kinematics.some(nodes))
+        return replace(self, active=nodes)
 
     def place(self, q: Array) -> Array:
         """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed."""

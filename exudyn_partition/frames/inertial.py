@@ -35,7 +35,7 @@ class InertialKinematics:
         self.mass: Array = body.mass.diagonal()
         self.arms: Array = body.points[nodes] - body.centre_of_mass
         self.rows = body.rows(nodes)
-        self._start = position + body.points[nodes]
+        self.start: Array = position + body.points[nodes]
 
     def at(self, nodes: Array) -> InertialKinematics:
         """See `Kinematics.at`."""
@@ -44,7 +44,7 @@ class InertialKinematics:
     def some(self, index: Array) -> InertialKinematics:
         """See `Kinematics.some`."""
         result = copy.copy(self)
-        result.nodes, result.arms, result._start = self.nodes[index], self.arms[index], self._start[index]
+        result.nodes, result.arms, result.start = self.nodes[index], self.arms[index], self.start[index]
         result.rows = self.rows[node_dofs(index)]
         return result
 
@@ -78,9 +78,9 @@ class InertialKinematics:
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
         if q.ndim == 1 and isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
-            found: Array = loops.moved_places(self._start, self.rows, q)
+            found: Array = loops.moved_places(self.start, self.rows, q)
             return found
-        place: Array = self._start + self.displacements(q)
+        place: Array = self.start + self.displacements(q)
         return place
 
     def displacements(self, q: Array) -> Array:

@@ -40,16 +40,23 @@ def _moved(arms: Array, rows: Array, q: Array, node: int, axis: int) -> float:
     return place
 
 
+@inlined
+def place_moved(start: Array, rows: Array, q: Array, first: int, node: int, result: Array) -> None:
+    """Set the place of a node, see `InertialKinematics.place`; its body's coordinates begin at q[first]."""
+    x, y, z = start[node, 0], start[node, 1], start[node, 2]
+    for k in range(rows.shape[1]):
+        x += rows[3 * node, k] * q[first + k]
+        y += rows[3 * node + 1, k] * q[first + k]
+        z += rows[3 * node + 2, k] * q[first + k]
+    result[node, 0], result[node, 1], result[node, 2] = x, y, z
+
+
 @compiled
 def moved_places(start: Array, rows: Array, q: Array) -> Array:
     """Places of nodes, (k, 3) [m], see `InertialKinematics.place`."""
     result = np.empty_like(start)
     for node in range(len(start)):
-        for axis in range(3):
-            total = start[node, axis]
-            for k in range(len(q)):
-                total += rows[3 * node + axis, k] * q[k]
-            result[node, axis] = total
+        place_moved(start, rows, q, 0, node, result)
     return result
 
 

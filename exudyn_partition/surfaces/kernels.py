@@ -59,15 +59,22 @@ def coordinate_at(c: Array, f: int, r: float, s: float, axis: int, cubic: bool) 
 @inlined
 def newton_steps(
     first: int, end: int, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
-    cubic: bool,
+    frames: Array, cubic: bool,
 ) -> None:  # fmt: skip
-    """Set steps of Newton's method, normals and gaps of points, x (k, 3), on their facets, see `pairs.follow`."""
+    """Set steps of Newton's method, normals and gaps of points, x (k, 3), on their facets, see `pairs.follow`.
+
+    Facets are looked up in a loop of its own, because the compiler makes vectors of the other one only. `frames`,
+    (9, k), is room between them.
+    """
     for i in range(first, end):
         f, r, s = facet[i], local[i, 0], local[i, 1]
-        px, ax, bx = coordinate_at(c, f, r, s, 0, cubic)
-        py, ay, by = coordinate_at(c, f, r, s, 1, cubic)
-        pz, az, bz = coordinate_at(c, f, r, s, 2, cubic)
-        mx, my, mz = x[i, 0] - px, x[i, 1] - py, x[i, 2] - pz
+        for axis in range(3):
+            value, by_r, by_s = coordinate_at(c, f, r, s, axis, cubic)
+            frames[axis, i], frames[3 + axis, i], frames[6 + axis, i] = x[i, axis] - value, by_r, by_s
+    for i in range(first, end):
+        mx, my, mz = frames[0, i], frames[1, i], frames[2, i]
+        ax, ay, az = frames[3, i], frames[4, i], frames[5, i]
+        bx, by, bz = frames[6, i], frames[7, i], frames[8, i]
         aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
         am, bm = ax * mx + ay * my + az * mz, bx * mx + by * my + bz * mz
         squared = aa * bb - ab * ab
@@ -81,7 +88,7 @@ def newton_steps(
 @compiled
 def settle(
     some: Array, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
-    enough: float, steps: int, cubic: bool,
+    frames: Array, enough: float, steps: int, cubic: bool,
 ) -> None:  # fmt: skip
     """Go on with some points until their last steps are no more than `enough`."""
     for i in some:
@@ -90,7 +97,7 @@ def settle(
                 break
             local[i, 0] += min(max(step[i, 0], -1.0), 1.0)
             local[i, 1] += min(max(step[i, 1], -1.0), 1.0)
-            newton_steps(i, i + 1, x, c, facet, local, step, normal, gap, cubic)
+            newton_steps(i, i + 1, x, c, facet, local, step, normal, gap, frames, cubic)
 
 
 @inlined
@@ -109,19 +116,20 @@ def place_all(nodes: Array, shares: Array, values: Array, result: Array) -> None
 @inlined
 def weigh(local: Array, step: Array, table: Array, weights: Array) -> None:
     """Set the shape functions at points plus their change to first order by a step."""
-    for i in range(len(weights)):
-        r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
-        rr, rs, ss = r * (r + 2 * dr), r * s + dr * s + r * ds, s * (s + 2 * ds)
-        for j in range(weights.shape[1]):
-            weights[i, j] = table[0, j] + (r + dr) * table[1, j] + (s + ds) * table[2, j]
-            weights[i, j] += rr * table[3, j] + rs * table[4, j] + ss * table[5, j]
-    if len(table) == 10:
+    for j in range(weights.shape[1]):
+        t0, t1, t2, t3, t4, t5 = table[0, j], table[1, j], table[2, j], table[3, j], table[4, j], table[5, j]
         for i in range(len(weights)):
             r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
-            rrr, rrs = r * r * (r + 3 * dr), r * r * (s + ds) + 2 * r * s * dr
-            rss, sss = s * s * (r + dr) + 2 * r * s * ds, s * s * (s + 3 * ds)
-            for j in range(weights.shape[1]):
-                weights[i, j] += rrr * table[6, j] + rrs * table[7, j] + rss * table[8, j] + sss * table[9, j]
+            rr, rs, ss = r * (r + 2 * dr), r * s + dr * s + r * ds, s * (s + 2 * ds)
+            weights[i, j] = t0 + (r + dr) * t1 + (s + ds) * t2 + rr * t3 + rs * t4 + ss * t5
+    if len(table) == 10:
+        for j in range(weights.shape[1]):
+            t6, t7, t8, t9 = table[6, j], table[7, j], table[8, j], table[9, j]
+            for i in range(len(weights)):
+                r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
+                rrr, rrs = r * r * (r + 3 * dr), r * r * (s + ds) + 2 * r * s * dr
+                rss, sss = s * s * (r + dr) + 2 * r * s * ds, s * s * (s + 3 * ds)
+                weights[i, j] += rrr * t6 + rrs * t7 + rss * t8 + sss * t9
 
 
 @inlined
@@ -146,7 +154,7 @@ def cross_edge(
 @compiled
 def cross_all(
     some: Array, x: Array, facets: Array, x_m: Array, table: Array, known: Array, places: Array,
-    facet: Array, local: Array, step: Array, normal: Array, gap: Array,
+    facet: Array, local: Array, step: Array, normal: Array, gap: Array, frames: Array,
     across: Array, its_edge: Array, turns: Array, middles: Array, by: float, steps: int,
 ) -> Array:  # fmt: skip
     """Project some points, which have left their facets, on the neighbours; return those that are not there either."""
@@ -160,8 +168,8 @@ def cross_all(
             f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
             facet[i], local[i, 0], local[i, 1] = f, r, s
             find_polynomials(facet[i : i + 1], facets, x_m, table, known, places)
-            newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, cubic)
-            settle(some[k : k + 1], x, places, facet, local, step, normal, gap, by, steps, cubic)
+            newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, frames, cubic)
+            settle(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, by, steps, cubic)
             is_lost = nearest_edge(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)[0] < -by
         if is_lost:
             lost[n_lost] = i

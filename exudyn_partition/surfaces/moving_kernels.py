@@ -49,9 +49,9 @@ class Moving(structref.StructRefProxy):
         Of the master, see `pairs.MovingPairs`.
     all_facet, all_local, all_last, past, gone : arrays
         Of all points, (p,).
-    facet, local, step : (k,) int array, (k, 2) arrays
+    facet, local, step : (k,) int array, (k, 2) arrays, coordinate after coordinate in memory
         Of the last projection: facets, coordinates before the last step of Newton's method, and this step.
-    last, x, some, known, places : arrays
+    last, x, some, frames, normal, weights, known, places : arrays
         Room to work in: to make it anew each time would take longer.
     """
 
@@ -78,6 +78,9 @@ class Moving(structref.StructRefProxy):
     last: Array
     x: Array
     some: Array
+    frames: Array
+    normal: Array
+    weights: Array
     known: Array
     places: Array
 
@@ -103,7 +106,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
     all_facet, all_local, all_last, facet, local, step = m.all_facet, m.all_local, m.all_last, m.facet, m.local, m.step
     k, cubic, quad = len(index), len(table) == 10, facets.shape[1] == 4
-    last, x, some, known, places = m.last, m.x, m.some, m.known, m.places
+    last, x, some, known, places, frames, along = m.last, m.x, m.some, m.known, m.places, m.frames, m.normal
     known[:] = False
     for i in range(k):
         p = index[i]
@@ -115,18 +118,18 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
             f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
         facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = f, r, s, last_r - r, last_s - s
     find_polynomials(facet, facets, x_m, table, known, places)
-    normal, gap = np.empty((k, 3)), np.empty(k)
+    gap = np.empty(k)
     place_all(nodes, shares, x_s, x)
     if cubic:
-        newton_steps(0, k, x, places, facet, local, step, normal, gap, True)
+        newton_steps(0, k, x, places, facet, local, step, along, gap, frames, True)
     else:
-        newton_steps(0, k, x, places, facet, local, step, normal, gap, False)
+        newton_steps(0, k, x, places, facet, local, step, along, gap, frames, False)
     n_some = 0
     for i in range(k):
         if max(abs(step[i, 0]), abs(step[i, 1])) > by:
             some[n_some] = i
             n_some += 1
-    settle(some[:n_some], x, places, facet, local, step, normal, gap, by, steps, cubic)
+    settle(some[:n_some], x, places, facet, local, step, along, gap, frames, by, steps, cubic)
     n_some = 0
     for i in range(k):
         p, r, s = index[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
@@ -136,7 +139,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
             some[n_some] = i
             n_some += 1
     lost = cross_all(
-        some[:n_some], x, facets, x_m, table, known, places, facet, local, step, normal, gap,
+        some[:n_some], x, facets, x_m, table, known, places, facet, local, step, along, gap, frames,
         across, its_edge, turns, middles, by, steps,
     )  # fmt: skip
     for i in range(k):
@@ -144,6 +147,9 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
         all_facet[p], all_local[p, 0], all_local[p, 1] = facet[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
         if gone[p]:
             gap[i] = size
+    normal = np.empty((k, 3))
+    for i in range(k):
+        normal[i, 0], normal[i, 1], normal[i, 2] = along[i, 0], along[i, 1], along[i, 2]
     return normal, gap, lost
 
 
@@ -156,71 +162,38 @@ def follow(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float
 @compiled
 def weights(m: Moving) -> Array:
     """Shape functions at the closest points, (k, n)."""
-    result = np.empty((len(m.facet), m.facets.shape[1]))
-    weigh(m.local, m.step, m.table, result)
-    return result
-
-
-@inlined
-def add(share: float, x: float, y: float, z: float, row: int, column: int, result: Array) -> None:
-    """Add a share of a force."""
-    result[row, column, 0] += share * x
-    result[row, column, 1] += share * y
-    result[row, column, 2] += share * z
+    weigh(m.local, m.step, m.table, m.weights)
+    return np.ascontiguousarray(m.weights)
 
 
 @inlined
 def forces_on_nodes(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
-    """Forces on all nodes of both patches, (n, 3), of forces on the rows along their points' normals, (k, 3).
-
-    On the master's facets forces are summed by powers of coordinates first: a facet has several points.
-    """
+    """Forces on all nodes of both patches, (n, 3), of forces on the rows along their points' normals, (k, 3)."""
     nodes, shares, starts, columns, means = m.nodes, m.shares, m.starts, m.columns, m.means
-    facets, facet, local, step, table = m.facets, m.facet, m.local, m.step, m.table
-    push, cubic = np.zeros(len(facet)), len(table) == 10
-    of_slave, of_master = np.zeros((n_s, 1, 3)), np.zeros((n_m, 1, 3))
-    powers, pushed = m.places, m.known
-    pushed[:] = False
+    facets, facet, weights = m.facets, m.facet, m.weights
+    k, push = len(facet), m.frames[0]
+    push[:] = 0.0
     for row in range(len(lam)):
         if lam[row] != 0.0:
             for i in range(starts[row], starts[row + 1]):
                 push[columns[i]] += means[i] * lam[row]
-    for i in range(len(facet)):
-        if push[i] == 0.0:
-            continue
-        f, x, y, z = facet[i], push[i] * normals[i, 0], push[i] * normals[i, 1], push[i] * normals[i, 2]
-        for c in range(nodes.shape[1]):
-            add(shares[i, c], x, y, z, nodes[i, c], 0, of_slave)
-        if not pushed[f]:
-            pushed[f], powers[f] = True, 0.0
-        r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
-        add(1.0, x, y, z, f, 0, powers)
-        add(r + dr, x, y, z, f, 1, powers)
-        add(s + ds, x, y, z, f, 2, powers)
-        add(r * (r + 2 * dr), x, y, z, f, 3, powers)
-        add(r * s + dr * s + r * ds, x, y, z, f, 4, powers)
-        add(s * (s + 2 * ds), x, y, z, f, 5, powers)
-        if cubic:
-            add(r * r * (r + 3 * dr), x, y, z, f, 6, powers)
-            add(r * r * (s + ds) + 2 * r * s * dr, x, y, z, f, 7, powers)
-            add(s * s * (r + dr) + 2 * r * s * ds, x, y, z, f, 8, powers)
-            add(s * s * (s + 3 * ds), x, y, z, f, 9, powers)
-    for f in range(len(facets)):
-        if pushed[f]:
-            for power in range(len(table)):
-                for c in range(facets.shape[1]):
-                    if table[power, c] != 0.0:
-                        share = -table[power, c]
-                        add(
-                            share,
-                            powers[f, power, 0],
-                            powers[f, power, 1],
-                            powers[f, power, 2],
-                            facets[f, c],
-                            0,
-                            of_master,
-                        )
-    return of_slave.reshape(n_s, 3), of_master.reshape(n_m, 3)
+    weigh(m.local, m.step, m.table, weights)
+    of_slave, of_master = np.zeros((n_s, 3)), np.zeros((n_m, 3))
+    for i in range(k):
+        if push[i] != 0.0:
+            x, y, z = push[i] * normals[i, 0], push[i] * normals[i, 1], push[i] * normals[i, 2]
+            for c in range(nodes.shape[1]):
+                node, share = nodes[i, c], shares[i, c]
+                of_slave[node, 0] += share * x
+                of_slave[node, 1] += share * y
+                of_slave[node, 2] += share * z
+            f = facet[i]
+            for c in range(facets.shape[1]):
+                node, share = facets[f, c], weights[i, c]
+                of_master[node, 0] -= share * x
+                of_master[node, 1] -= share * y
+                of_master[node, 2] -= share * z
+    return of_slave, of_master
 
 
 @compiled

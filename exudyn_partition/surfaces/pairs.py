@@ -102,11 +102,13 @@ class MovingPairs:
         if self._points is not points:
             loops, mean, k = kernels("surfaces", "moving_kernels"), points.mean, len(index)
             assert loops is not None
-            self._here = np.empty(k, dtype=np.int64), np.empty((k, 2)), np.zeros((k, 2))
+            self._here = np.empty(k, dtype=np.int64), np.empty((k, 2), order="F"), np.zeros((k, 2), order="F")
             rows = points.nodes, points.weights, index, mean.indptr, mean.indices, mean.data
             state = self.facet, self.local, self._last, self._past, self._gone
-            room = np.empty((k, 2)), np.empty((k, 3)), np.empty(k, dtype=np.int64), *self._room
-            self._moving, self._points = loops.moving(*rows, *self._of_master, *state, *self._here, *room), points
+            room = np.empty((k, 2)), np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((9, k))
+            more = np.empty((k, 3), order="F"), np.empty((k, self.facets.shape[1]), order="F"), *self._room
+            self._moving = loops.moving(*rows, *self._of_master, *state, *self._here, *room, *more)
+            self._points = points
         return self._moving
 
     def search(
