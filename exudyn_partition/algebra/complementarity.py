@@ -17,6 +17,7 @@ from ..support.compiled import kernels
 
 _REGULARISATION = 1e-9  # of the mean diagonal
 ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
+_FEW = 60  # active rows up to which compiled loops are faster than LAPACK
 PATIENCE = 10  # block steps without progress before single pivots begin
 
 
@@ -150,6 +151,15 @@ class Complementarity:
             if self.index.size:
                 self.reset()
             return np.zeros(len(h))
+        if loops := kernels("algebra"):
+            lam, upper, index, changes, count = loops.solve_active(*self.compiled, h, ROUNDING, PATIENCE, _FEW)
+            self.iterations += changes + 1
+            if changes:
+                self.active, self.index, self._factor = np.zeros(len(h), dtype=bool), index, upper.T
+                self.active[index] = True
+            if not count:
+                solution: Array = lam
+                return solution
         fewest, patience = len(h) + 1, PATIENCE
         for _ in range(50 + 20 * len(h)):
             self.iterations += 1

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled
+from ..support.compiled import compiled, inlined
 
 if TYPE_CHECKING:
     from .block_complementarity import FlatBlocks, FlatCore
 
 
-@compiled
-def check_active(
+@inlined
+def on_active(
     F: Array, factor: Array, index: Array, h: Array, rounding: float, scale: float
 ) -> tuple[Array, Array, int]:
     """Forces on the active rows, which rows violate their condition, and how many: see `Complementarity.check`.
@@ -63,6 +63,56 @@ def check_active(
         count += (x[i] < 0.0) - wrong[row]
         wrong[row] = x[i] < 0.0
     return lam, wrong, count
+
+
+@compiled
+def check_active(
+    F: Array, factor: Array, index: Array, h: Array, rounding: float, scale: float
+) -> tuple[Array, Array, int]:
+    """See `on_active`."""
+    return on_active(F, factor, index, h, rounding, scale)
+
+
+@compiled
+def solve_active(
+    F: Array, factor: Array, index: Array, h: Array, rounding: float, steps: int, most: int
+) -> tuple[Array, Array, Array, int, int]:
+    """Change the active rows, see `on_active`, until none violates its condition.
+
+    They are changed `steps` times at most, and only as long as they are no more than `most`.
+
+    Returns
+    -------
+    Forces, the active rows' factor, their numbers, how often they were changed, and how many rows violate their
+    condition; -1 if the active part of F is not positive definite.
+    """
+    lam, wrong, count = on_active(F, factor, index, h, rounding, 0.0)
+    for step in range(steps):
+        if count == 0:
+            return lam, factor, index, step, 0
+        active = wrong
+        for i in range(len(index)):
+            active[index[i]] = not active[index[i]]
+        if np.sum(active) > most:
+            return lam, factor, index, step, count
+        index = np.flatnonzero(active)
+        n = len(index)
+        factor = np.empty((n, n))
+        for i in range(n):
+            for k in range(i, n):
+                factor[i, k] = F[index[i], index[k]]
+        for i in range(n):
+            if not factor[i, i] > 0.0:
+                return lam, factor, index, step, -1
+            root = math.sqrt(factor[i, i])
+            for k in range(i, n):
+                factor[i, k] /= root
+            for k in range(i + 1, n):
+                share = factor[i, k]
+                for p in range(k, n):
+                    factor[k, p] -= share * factor[i, p]
+        lam, wrong, count = on_active(F, factor, index, h, rounding, 0.0)
+    return lam, factor, index, steps, count
 
 
 @compiled
@@ -382,6 +432,39 @@ def congruence(rows: Array, F: Array, threes: bool) -> Array:
         for j in range(i):
             result[i, j] = result[j, i]
     return result
+
+
+@compiled
+def moved(start: Array, rows: Array, way: Array) -> Array:
+    """See `products.moved`."""
+    result = start.copy()
+    for i in range(len(rows)):
+        total = 0.0
+        for k in range(len(way)):
+            total += rows[i, k] * way[k]
+        result[i] += total
+    return result
+
+
+@compiled
+def weighted_rows(weights: Array, rows: Array) -> Array:
+    """See `products.weighted_rows`."""
+    result = np.zeros(rows.shape[1])
+    for i in range(len(rows)):
+        weight = weights[i]
+        if weight != 0.0:
+            for k in range(len(result)):
+                result[k] += weight * rows[i, k]
+    return result
+
+
+@compiled
+def smallest(values: Array) -> float:
+    """See `products.smallest`."""
+    least, total = np.inf, 0.0
+    for i in range(len(values)):
+        least, total = min(least, values[i]), total + values[i]
+    return least if total == total else math.nan
 
 
 @compiled

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+import scipy.sparse as sp
+
 from ..support.arrays import Array
 from ..support.compiled import kernels
 
@@ -16,6 +19,31 @@ def congruence(rows: Array, F: Array, *, threes: bool = False) -> Array:
         return product
     value: Array = rows @ F @ rows.T
     return value
+
+
+def moved(start: Array, rows: Array | sp.csr_matrix, way: Array) -> Array:
+    """Return start + rows way, (n,), for rows, (n, m)."""
+    if isinstance(rows, np.ndarray) and (loops := kernels("algebra")):
+        found: Array = loops.moved(start, rows, way)
+        return found
+    value: Array = start + rows @ way
+    return value
+
+
+def weighted_rows(weights: Array, rows: Array | sp.csr_matrix) -> Array:
+    """Return the sum of rows, (n, m), times weights, (n,), many of which are zero."""
+    if isinstance(rows, np.ndarray) and (loops := kernels("algebra")):
+        found: Array = loops.weighted_rows(weights, rows)
+        return found
+    value: Array = weights @ rows
+    return value
+
+
+def smallest(values: Array) -> float:
+    """Smallest of some values, (n,); infinite if there are none, NaN if one is."""
+    if loops := kernels("algebra"):
+        return float(loops.smallest(values))
+    return float(values.min(initial=np.inf))
 
 
 def largest_change(a: Array, b: Array) -> float:

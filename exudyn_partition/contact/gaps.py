@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
+from ..algebra.products import weighted_rows
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
@@ -294,8 +295,7 @@ class Gaps:
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
         if not self.moving:
-            value: Array = lam @ self.H
-            return value
+            return weighted_rows(lam, self.H)
         return self._generalised(lam)
 
     def _generalised(self, lam: Array) -> Array:

@@ -22,7 +22,7 @@ from types import ModuleType
 import numpy as np
 
 from ..algebra.complementarity import Complementarity
-from ..algebra.products import largest_change
+from ..algebra.products import largest_change, moved
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -197,8 +197,7 @@ class PatchGaps(Gaps):
             frozen = self._frozen
             if largest_change(frozen.drift @ q, frozen.drift_start) <= frozen.reach:
                 self._q = q
-                value: Array = frozen.start + frozen.H @ q
-                return value
+                return moved(frozen.start, frozen.H, q)
             self.moving, self._since, self._searched_at = True, 0, None
         self._q = q
         found = self._follow(self._reach) if self._searched_at is not None and self._narrowed else None
@@ -225,8 +224,7 @@ class PatchGaps(Gaps):
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         if not self.moving:
-            value: Array = self._frozen.start + self.H @ q
-            return value
+            return moved(self._frozen.start, self._frozen.H, q)
         if self._searched_at is None or not self._narrowed:
             return self.at(q)
         self._q = q
@@ -329,7 +327,7 @@ class PatchGaps(Gaps):
         self._rigidly = np.hstack([normals, turning])[order]
         self._from, self._pose = row_gap[order], pose_of(here)
         self._narrowed, self._rows_followed = True, None
-        self._follow_around(self._pairs.facet[some])
+        self._follow_around(self._pairs.present_facets[some])
         value: Array = row_gap[chosen]
         return value
 

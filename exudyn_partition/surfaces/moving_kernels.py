@@ -47,11 +47,12 @@ class Moving(structref.StructRefProxy):
         The csr matrix of the rows, (nr, k).
     facets, across, its_edge, turns, middles, table : arrays
         Of the master, see `pairs.MovingPairs`.
-    all_facet, all_local, all_last, past, gone : arrays
-        Of all points, (p,).
-    facet, local, step : (k,) int array, (k, 2) arrays, coordinate after coordinate in memory
-        Of the last projection: facets, coordinates before the last step of Newton's method, and this step.
-    last, x, some, frames, normal, weights, known, places : arrays
+    past, gone : (p,) bool arrays
+        Of all points.
+    facet, local, step, last : (k,) int array, (k, 2) arrays, coordinate after coordinate in memory
+        Of the last projection: facets, coordinates before the last step of Newton's method, and this step; how far the
+        points have moved since the projection before.
+    x, some, frames, normal, weights, known, places : arrays
         Room to work in: to make it anew each time would take longer.
     """
 
@@ -67,9 +68,6 @@ class Moving(structref.StructRefProxy):
     turns: Array
     middles: Array
     table: Array
-    all_facet: Array
-    all_local: Array
-    all_last: Array
     past: Array
     gone: Array
     facet: Array
@@ -95,6 +93,12 @@ def moving(*fields: Array) -> Moving:
 
 
 @inlined
+def depth(r: float, s: float, quad: bool) -> float:
+    """Least distance from the edges of a facet, in its coordinates; positive inside."""
+    return min(min(r, 1 - r), min(s, 1 - s)) if quad else min(min(r, s), 1 - r - s)
+
+
+@inlined
 def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
     """Normals, (k, 3), and gaps, (k,), of points that have moved, see `pairs.MovingPairs.follow`.
 
@@ -102,24 +106,30 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     they have left their facet and are not on its neighbour either. What was found on the neighbour is told, or on their
     own facet if there is none.
     """
-    nodes, shares, index, facets, past, gone = m.nodes, m.shares, m.index, m.facets, m.past, m.gone
+    index, facets, past, gone = m.index, m.facets, m.past, m.gone
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
-    all_facet, all_local, all_last, facet, local, step = m.all_facet, m.all_local, m.all_last, m.facet, m.local, m.step
+    facet, local, step, last = m.facet, m.local, m.step, m.last
     k, cubic, quad = len(index), len(table) == 10, facets.shape[1] == 4
-    last, x, some, known, places, frames, along = m.last, m.x, m.some, m.known, m.places, m.frames, m.normal
-    known[:] = False
+    x, some, known, places, frames, along = m.x, m.some, m.known, m.places, m.frames, m.normal
+    inside = frames[0]
     for i in range(k):
-        p = index[i]
-        f, last_r, last_s = all_facet[p], all_last[p, 0], all_last[p, 1]
-        r, s = all_local[p, 0] + last_r, all_local[p, 1] + last_s
-        depth, edge = nearest_edge(r, s, quad)
-        if depth < 0.0 and not past[p] and across[f, edge] >= 0:
-            last_r, last_s = turned(turns, f, edge, last_r, last_s)
-            f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
-        facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = f, r, s, last_r - r, last_s - s
+        local[i, 0] += step[i, 0] + last[i, 0]
+        local[i, 1] += step[i, 1] + last[i, 1]
+        inside[i] = depth(local[i, 0], local[i, 1], quad)
+    for i in range(k):
+        if inside[i] < 0.0 and not past[index[i]]:
+            r, s, f = local[i, 0], local[i, 1], facet[i]
+            edge = nearest_edge(r, s, quad)[1]
+            if across[f, edge] >= 0:
+                last[i, 0], last[i, 1] = turned(turns, f, edge, last[i, 0], last[i, 1])
+                facet[i], local[i, 0], local[i, 1] = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
+    for i in range(k):
+        last[i, 0] -= local[i, 0]
+        last[i, 1] -= local[i, 1]
+    known[:] = False
     find_polynomials(facet, facets, x_m, table, known, places)
     gap = np.empty(k)
-    place_all(nodes, shares, x_s, x)
+    place_all(m.nodes, m.shares, x_s, x)
     if cubic:
         newton_steps(0, k, x, places, facet, local, step, along, gap, frames, True)
     else:
@@ -130,26 +140,26 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
             some[n_some] = i
             n_some += 1
     settle(some[:n_some], x, places, facet, local, step, along, gap, frames, by, steps, cubic)
+    for i in range(k):
+        r, s = local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        last[i, 0] += r
+        last[i, 1] += s
+        inside[i] = depth(r, s, quad)
     n_some = 0
     for i in range(k):
-        p, r, s = index[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
-        all_last[p, 0], all_last[p, 1] = last[i, 0] + r, last[i, 1] + s
-        if nearest_edge(r, s, quad)[0] < -by and not past[p]:
-            all_last[p, 0] = all_last[p, 1] = 0.0
+        if inside[i] < -by and not past[index[i]]:
+            last[i, 0] = last[i, 1] = 0.0
             some[n_some] = i
             n_some += 1
     lost = cross_all(
         some[:n_some], x, facets, x_m, table, known, places, facet, local, step, along, gap, frames,
         across, its_edge, turns, middles, by, steps,
     )  # fmt: skip
-    for i in range(k):
-        p = index[i]
-        all_facet[p], all_local[p, 0], all_local[p, 1] = facet[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
-        if gone[p]:
-            gap[i] = size
     normal = np.empty((k, 3))
     for i in range(k):
         normal[i, 0], normal[i, 1], normal[i, 2] = along[i, 0], along[i, 1], along[i, 2]
+        if gone[index[i]]:
+            gap[i] = size
     return normal, gap, lost
 
 

@@ -49,7 +49,9 @@ class MovingPairs:
         self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
         nf = len(self.facets)
         self._room = np.empty(nf, dtype=bool), np.empty((nf, len(TABLES[self.facets.shape[1]]), 3))
-        self._points: ContactPoints | None = None  # that `_moving` is made of
+        # Of compiled loops: the points that they follow, their numbers, and how far these have moved last.
+        self._points: ContactPoints | None = None
+        self._index, self._motion = np.empty(0, dtype=np.int64), np.zeros((0, 2))
         self._moving: Moving
         # Of the last projection: facets and coordinates; compiled, these are those before a last step, which comes
         # third, else the third are shape functions.
@@ -57,7 +59,7 @@ class MovingPairs:
 
     def rest(self) -> None:
         """Forget the last motion of the points."""
-        self._last[:] = 0.0
+        self._last[:] = self._motion[:] = 0.0
 
     def follow(
         self,
@@ -102,14 +104,28 @@ class MovingPairs:
         if self._points is not points:
             loops, mean, k = kernels("surfaces", "moving_kernels"), points.mean, len(index)
             assert loops is not None
-            self._here = np.empty(k, dtype=np.int64), np.empty((k, 2), order="F"), np.zeros((k, 2), order="F")
+            self._keep()
+            last, now = (np.asfortranarray(values.take(index, axis=0)) for values in (self._last, self.local))
+            self._here, self._motion, self._index = (self.facet.take(index), now, np.zeros_like(now)), last, index
             rows = points.nodes, points.weights, index, mean.indptr, mean.indices, mean.data
-            state = self.facet, self.local, self._last, self._past, self._gone
-            room = np.empty((k, 2)), np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((9, k))
+            state = self._past, self._gone, *self._here, last
+            room = np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((9, k))
             more = np.empty((k, 3), order="F"), np.empty((k, self.facets.shape[1]), order="F"), *self._room
-            self._moving = loops.moving(*rows, *self._of_master, *state, *self._here, *room, *more)
+            self._moving = loops.moving(*rows, *self._of_master, *state, *room, *more)
             self._points = points
         return self._moving
+
+    def _keep(self) -> None:
+        """Keep what is known of the points that compiled loops have followed."""
+        if self._points is not None:
+            facet, local, step = self._here
+            self.facet[self._index], self.local[self._index] = facet, local + step
+            self._last[self._index] = self._motion
+
+    @property
+    def present_facets(self) -> Array:
+        """Facets of the points that were projected last, (k,)."""
+        return self._here[0]
 
     def search(
         self, points: ContactPoints, index: Array, lost: Array, x_s: Array, x_m: Array, normal: Array, gap: Array

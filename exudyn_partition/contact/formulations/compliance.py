@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from ...algebra.complementarity import ROUNDING, Complementarity, regularised
+from ...algebra.products import smallest
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
@@ -90,7 +91,7 @@ class ComplianceContact(ElasticContact):
         h = gap if isinstance(pushed, float) else gap + pushed
         if self.gaps.moving and self.index.size and self._answered_again(h):
             return
-        self.least_gap = float(h.min(initial=np.inf))
+        self.least_gap = smallest(h)
         if self.gaps.moving and self.least_gap >= 0.0:
             self.open_rows()
             return
