@@ -36,6 +36,7 @@ BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the 
 _NOTHING = np.empty(0)
 MANY = 5_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
+Pressed = tuple[Array, Array, float]  # forces on rows, (nr,) [N], generalised forces, (n,), and the least gap [m]
 
 
 class Gaps:
@@ -132,6 +133,13 @@ class Gaps:
         point faces the master.
         """
         raise NotImplementedError
+
+    def pressed_at(self, q: Array, flexibility: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
+        """Gaps as `at` finds them, and the forces that the law would find from them, where one call can do both.
+
+        `flexibility` is what `flexibility` returned last, `problem` the rows that can close and the problem of these.
+        """
+        return self.at(q), None
 
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""

@@ -6,43 +6,15 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import types
-from numba.experimental import structref
 
 from ..algebra.kernels import check_active
 from ..frames.kernels import add_on_shapes, place_moved
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
-from ..surfaces.moving_kernels import Moving, follow_points, forces_on_nodes
+from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows, see
 
 if TYPE_CHECKING:
     from .frozen import FlatRows
-
-
-@compiled
-def frame_of(a: Array, b: Array, c: Array) -> Array:
-    """Axes of the frame of three points, (3, 3), as columns, see `witnesses.triangle_frame`."""
-    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    length = math.sqrt(x * x + y * y + z * z)
-    x, y, z = x / length, y / length, z / length
-    d, e, f = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    u, v, w = y * f - z * e, z * d - x * f, x * e - y * d
-    length = math.sqrt(u * u + v * v + w * w)
-    u, v, w = u / length, v / length, w / length
-    return np.array([[x, v * z - w * y, u], [y, w * x - u * z, v], [z, u * y - v * x, w]])
-
-
-@inlined
-def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
-    """Places of three of the slave's nodes in the frame of three of the master's, (3, 3) [m]."""
-    origin = x_m[others[0]]
-    axes = frame_of(origin, x_m[others[1]], x_m[others[2]])
-    result = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                result[i, j] += (x_s[some[i], k] - origin[k]) * axes[k, j]
-    return result
 
 
 @compiled
@@ -51,133 +23,18 @@ def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
     return see(x_s, some, x_m, others)
 
 
-@structref.register
-class FollowedType(types.StructRef):
-    """Type of `Followed` in compiled loops."""
-
-    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
-        """See numba."""
-        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
-
-
-class Followed(structref.StructRefProxy):
-    """Rows that are followed, and what tells whether others may close, see `patch_gaps.PatchGaps`.
-
-    Parameters
-    ----------
-    points : Moving
-    some, others : (3,) int arrays
-        Nodes of the slave and of the master by which the patches are seen.
-    searched_at : (3, 3) array
-        Where the slave was seen at the last search.
-    gap, rigidly, pose : (m,), (m, 12), (12,) arrays
-        Gaps of all rows when those that are followed were chosen, which come first, and their derivatives by the
-        slave's pose; the pose then.
-    """
-
-    points: Moving
-    some: Array
-    others: Array
-    searched_at: Array
-    gap: Array
-    rigidly: Array
-    pose: Array
-
-
-structref.define_proxy(Followed, FollowedType, [*Followed.__annotations__])  # type: ignore[no-untyped-call]
-
-
-@compiled
-def followed(*fields: Array) -> Followed:
-    """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Followed(*fields)  # type: ignore[no-untyped-call]
-
-
-@inlined
-def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
-    """See `row_gaps`."""
-    starts, columns, means = r.points.starts, r.points.columns, r.points.means
-    start, rigidly, pose = r.gap, r.rigidly, r.pose
-    gap = np.zeros(len(starts) - 1)
-    for row in range(len(gap)):
-        for k in range(starts[row], starts[row + 1]):
-            gap[row] += means[k] * of_points[columns[k]]
-    axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
-    for i in range(3):
-        change[i] = here[0, i] - pose[i]
-        for j in range(3):
-            change[3 + 3 * i + j] = axes[i, j] - pose[3 + 3 * i + j]
-    least, off, nearest, total = np.inf, 0.0, np.inf, 0.0
-    for row in range(len(start)):
-        rigid = start[row]
-        for k in range(12):
-            rigid += rigidly[row, k] * change[k]
-        if row < len(gap):
-            least, total = min(least, gap[row]), total + gap[row]
-            off = max(off, abs(gap[row] - rigid))
-        else:
-            nearest = min(nearest, rigid)
-    others = nearest - 2 * off < min(max(least, -bulge * least), most)
-    return gap, least if math.isfinite(total) else math.nan, others
-
-
 @compiled
 def row_gaps(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
-    """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
-
-    The least is NaN if a gap is. See `patch_gaps.PatchGaps._others_close`.
-    """
+    """See `gaps_of_rows`."""
     return gaps_of_rows(r, of_points, here, bulge, most)
-
-
-@inlined
-def follow_rows(
-    r: Followed, x_s: Array, x_m: Array, reach: float, by: float, steps: int, size: float, bulge: float, most: float
-) -> tuple[Array, Array, Array, Array, Array, float, bool]:
-    """See `followed_gaps`."""
-    here, nothing, far = see(x_s, r.some, x_m, r.others), np.empty(0), False
-    for i in range(3):
-        for j in range(3):
-            far = far or not abs(here[i, j] - r.searched_at[i, j]) <= reach
-    if far:
-        return here, np.empty((0, 3)), nothing, np.empty(0, np.int64), nothing, math.nan, True
-    normals, of_points, lost = follow_points(r.points, x_s, x_m, by, steps, size)
-    if len(lost):
-        return here, normals, of_points, lost, nothing, math.nan, True
-    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most)
-    return here, normals, of_points, lost, gap, least, more
 
 
 @compiled
 def followed_gaps(
     x_s: Array, x_m: Array, r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
-    """Follow points, see `moving_kernels.follow`, and find what `row_gaps` does, unless the patches have moved too far.
-
-    Returns
-    -------
-    Where the slave is seen, (3, 3), normals, gaps of points, points that must be searched, and what `row_gaps` returns.
-    If there are points to be searched, or none were followed, the gaps of rows are empty.
-    """
+    """See `follow_rows`."""
     return follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
-
-
-@compiled
-def followed_gaps_at(
-    q: Array, start_s: Array, rows_s: Array, active_s: Array, start_m: Array, rows_m: Array, active_m: Array,
-    r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float,
-) -> tuple[Array, Array, Array, Array, Array, Array, Array, float, bool]:  # fmt: skip
-    """Do the same at coordinates q, (n,), of patches whose frames do not move, see `Side.fixed`.
-
-    The places of the nodes that are followed, (np, 3) of each side, come first.
-    """
-    x_s, x_m = np.full(start_s.shape, np.nan), np.full(start_m.shape, np.nan)
-    for node in active_s:
-        place_moved(start_s, rows_s, q, 0, node, x_s)
-    for node in active_m:
-        place_moved(start_m, rows_m, q, rows_s.shape[1], node, x_m)
-    here, normals, of_points, lost, gap, least, more = follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
-    return x_s, x_m, here, normals, of_points, lost, gap, least, more
 
 
 @compiled
@@ -226,6 +83,45 @@ def generalised(m: Moving, lam: Array, normals: Array, rows_s: Array, rows_m: Ar
     add_on_shapes(rows_s, of_slave, result, 0)
     add_on_shapes(rows_m, of_master, result, n)
     return result
+
+
+@compiled
+def pressed_at(
+    q: Array, start_s: Array, rows_s: Array, active_s: Array, start_m: Array, rows_m: Array, active_m: Array,
+    r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float,
+    stood: Array, same: float, near: Array, F: Array, factor: Array, index: Array, rounding: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, float, bool, Array, Array, bool]:  # fmt: skip
+    """Follow rows of patches whose frames do not move, see `Side.fixed`, and find forces if nothing else changes.
+
+    Parameters
+    ----------
+    q : (n,) array
+    stood : (3, 3) array
+        Where the slave was seen, by `size`, when the flexibility was found; it may move by `same`.
+    near, F, factor, index, rounding
+        See `answer_again`; `near` is empty if no forces are asked for.
+
+    Returns
+    -------
+    Places of the nodes that are followed, (np, 3) of each side, what `follow_rows` returns, forces on the rows, (nr,),
+    generalised forces, (n,), and whether these two are right.
+    """
+    x_s, x_m = np.full(start_s.shape, np.nan), np.full(start_m.shape, np.nan)
+    for node in active_s:
+        place_moved(start_s, rows_s, q, 0, node, x_s)
+    for node in active_m:
+        place_moved(start_m, rows_m, q, rows_s.shape[1], node, x_m)
+    here, normals, of_points, lost, gap, least, more = follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
+    lam = force = np.empty(0)
+    settled = len(near) > 0 and not more and least < 0.0
+    for i in range(3):
+        for j in range(3):
+            settled = settled and abs(here[i, j] / size - stood[i, j]) <= same
+    if settled:
+        lam, _, settled = answer_again(gap, near, F, factor, index, bulge, rounding)
+        if settled:
+            force = generalised(r.points, lam, normals, rows_s, rows_m)
+    return x_s, x_m, here, normals, of_points, lost, gap, least, more, lam, force, settled
 
 
 @compiled

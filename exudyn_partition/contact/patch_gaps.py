@@ -21,7 +21,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ..algebra.complementarity import Complementarity
+from ..algebra.complementarity import ROUNDING, Complementarity
 from ..algebra.products import largest_change, moved
 from ..errors import ComplementarityError
 from ..support.arrays import Array
@@ -31,7 +31,7 @@ from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import pose_of, spread, triangle_frame
-from .gaps import BULGE, Gaps, dense, needed
+from .gaps import BULGE, SAME, Gaps, Pressed, dense, needed
 from .pairings import LinearGaps, Pairing
 from .side import Side
 
@@ -40,6 +40,7 @@ _STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluatio
 _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
 _NO_GAPS = np.empty(0)
+_NOT_ASKED = np.zeros((3, 3)), 0.0, np.empty(0, dtype=np.int64), *np.empty((2, 0, 0)), np.empty(0, dtype=np.int64)
 _NEAR = 1.0  # of a facet's size: larger gaps are not followed between searches, as closest points jump there
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 
@@ -80,6 +81,8 @@ class PatchGaps(Gaps):
         """Go back to the pairs at the start, before a new run."""
         self._since, self._apart = 0, False
         self._searched_at: Array | None = None
+        self._asked: tuple[Array | float, ...] | None = None
+        self._pressed: Pressed | None = None
         self._stood_at: Array | None = None
         self.follow_nodes(None)
         if self.moving or self.held is not self._start:
@@ -220,6 +223,14 @@ class PatchGaps(Gaps):
                 self._hold(rows, q)
                 return rows.gap
         return gap
+
+    def pressed_at(self, q: Array, flexibility: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
+        """See `Gaps.pressed_at`."""
+        if self._flexible_at is not None and self._flexible_some is flexibility:
+            self._asked = self._flexible_at.stance, SAME, *problem
+        gap, found = self.at(q), self._pressed
+        self._asked = self._pressed = None
+        return gap, found
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
@@ -382,14 +393,15 @@ class PatchGaps(Gaps):
     ) -> tuple[Array, bool] | None:
         """Do the same as `_follow`, compiled."""
         if self._rows_followed is None:
-            moving = self._pairs.moving(self.points, self._followed_points)
             at_choice = self._searched_at, self._from, self._rigidly, self._pose
-            self._rows_followed = loops.followed(moving, *self._witnesses, *at_choice)
+            self._rows_followed = self._pairs.followed(self.points, self._followed_points, *self._witnesses, *at_choice)
         rows, bounds = self._rows_followed, (BULGE, _NEAR * self.size)
         how = rows, reach, FOLLOWED, STEPS, self.size, *bounds
         if places is None and (fixed := self._fixed):
-            *places, here, normals, of_points, lost, gap, least, others = loops.followed_gaps_at(self._q, *fixed, *how)
+            found = loops.pressed_at(self._q, *fixed, *how, *(self._asked or _NOT_ASKED), ROUNDING)
+            *places, here, normals, of_points, lost, gap, least, others, lam, force, settled = found
             self._places, self._placed_at = places, self._q
+            self._pressed = (lam, force, least) if settled else None
         else:
             places = self.places_now() if places is None else places
             here, normals, of_points, lost, gap, least, others = loops.followed_gaps(*places, *how)

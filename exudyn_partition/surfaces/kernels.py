@@ -24,22 +24,35 @@ def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
     return least, edge
 
 
-@compiled
-def find_polynomials(which: Array, facets: Array, x_m: Array, table: Array, known: Array, out: Array) -> None:
-    """Places on some facets as polynomials of their coordinates: coefficients, out (nf, 6 or 10, 3)."""
+@inlined
+def add_polynomials(which: Array, facets: Array, x_m: Array, table: Array, known: Array, out: Array, n: int) -> None:
+    """See `find_polynomials`; n is the number of a facet's nodes."""
     for f in which:
         if known[f]:
             continue
         known[f] = True
         for power in range(len(table)):
             x, y, z = 0.0, 0.0, 0.0
-            for j in range(facets.shape[1]):
+            for j in range(n):
                 share, node = table[power, j], facets[f, j]
                 if share != 0.0:
                     x += share * x_m[node, 0]
                     y += share * x_m[node, 1]
                     z += share * x_m[node, 2]
             out[f, power, 0], out[f, power, 1], out[f, power, 2] = x, y, z
+
+
+@compiled
+def find_polynomials(which: Array, facets: Array, x_m: Array, table: Array, known: Array, out: Array) -> None:
+    """Places on some facets as polynomials of their coordinates: coefficients, out (nf, 6 or 10, 3).
+
+    A number that the compiler knows makes short loops straight ones; most facets have six nodes.
+    """
+    n = facets.shape[1]
+    if n == 6:
+        add_polynomials(which, facets, x_m, table, known, out, 6)
+    else:
+        add_polynomials(which, facets, x_m, table, known, out, n)
 
 
 @inlined

@@ -6,6 +6,8 @@ several times as long as to pass it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import types
 from numba.experimental import structref
@@ -170,10 +172,145 @@ def follow(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float
 
 
 @compiled
+def frame_of(a: Array, b: Array, c: Array) -> Array:
+    """Axes of the frame of three points, (3, 3), as columns, see `witnesses.triangle_frame`."""
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    d, e, f = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    u, v, w = y * f - z * e, z * d - x * f, x * e - y * d
+    length = math.sqrt(u * u + v * v + w * w)
+    u, v, w = u / length, v / length, w / length
+    return np.array([[x, v * z - w * y, u], [y, w * x - u * z, v], [z, u * y - v * x, w]])
+
+
+@inlined
+def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+    """Places of three of the slave's nodes in the frame of three of the master's, (3, 3) [m]."""
+    origin = x_m[others[0]]
+    axes = frame_of(origin, x_m[others[1]], x_m[others[2]])
+    result = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                result[i, j] += (x_s[some[i], k] - origin[k]) * axes[k, j]
+    return result
+
+
+@structref.register
+class FollowedType(types.StructRef):
+    """Type of `Followed` in compiled loops."""
+
+    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
+        """See numba."""
+        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
+
+
+class Followed(structref.StructRefProxy):
+    """Rows that are followed, and what tells whether others may close, see `patch_gaps.PatchGaps`.
+
+    Parameters
+    ----------
+    points : Moving
+    some, others : (3,) int arrays
+        Nodes of the slave and of the master by which the patches are seen.
+    searched_at : (3, 3) array
+        Where the slave was seen at the last search.
+    gap, rigidly, pose : (m,), (m, 12), (12,) arrays
+        Gaps of all rows when those that are followed were chosen, which come first, and their derivatives by the
+        slave's pose; the pose then.
+    """
+
+    points: Moving
+    some: Array
+    others: Array
+    searched_at: Array
+    gap: Array
+    rigidly: Array
+    pose: Array
+
+
+structref.define_proxy(Followed, FollowedType, [*Followed.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def followed(*fields: Array) -> Followed:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return Followed(*fields)  # type: ignore[no-untyped-call]
+
+
+@inlined
+def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
+    """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
+
+    The least is NaN if a gap is. See `patch_gaps.PatchGaps._others_close`.
+    """
+    starts, columns, means = r.points.starts, r.points.columns, r.points.means
+    start, rigidly, pose = r.gap, r.rigidly, r.pose
+    gap = np.zeros(len(starts) - 1)
+    for row in range(len(gap)):
+        for k in range(starts[row], starts[row + 1]):
+            gap[row] += means[k] * of_points[columns[k]]
+    axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
+    for i in range(3):
+        change[i] = here[0, i] - pose[i]
+        for j in range(3):
+            change[3 + 3 * i + j] = axes[i, j] - pose[3 + 3 * i + j]
+    least, off, nearest, total = np.inf, 0.0, np.inf, 0.0
+    for row in range(len(start)):
+        rigid = start[row]
+        for k in range(12):
+            rigid += rigidly[row, k] * change[k]
+        if row < len(gap):
+            least, total = min(least, gap[row]), total + gap[row]
+            off = max(off, abs(gap[row] - rigid))
+        else:
+            nearest = min(nearest, rigid)
+    others = nearest - 2 * off < min(max(least, -bulge * least), most)
+    return gap, least if math.isfinite(total) else math.nan, others
+
+
+@inlined
+def follow_rows(
+    r: Followed, x_s: Array, x_m: Array, reach: float, by: float, steps: int, size: float, bulge: float, most: float
+) -> tuple[Array, Array, Array, Array, Array, float, bool]:
+    """Follow points, see `follow_points`, and find what `gaps_of_rows` does, unless the patches have moved too far.
+
+    Returns
+    -------
+    Where the slave is seen, (3, 3), normals, gaps of points, points that must be searched, and what `gaps_of_rows`
+    returns. If there are points to be searched, or none were followed, the gaps of rows are empty.
+    """
+    here, nothing, far = see(x_s, r.some, x_m, r.others), np.empty(0), False
+    for i in range(3):
+        for j in range(3):
+            far = far or not abs(here[i, j] - r.searched_at[i, j]) <= reach
+    if far:
+        return here, np.empty((0, 3)), nothing, np.empty(0, np.int64), nothing, math.nan, True
+    normals, of_points, lost = follow_points(r.points, x_s, x_m, by, steps, size)
+    if len(lost):
+        return here, normals, of_points, lost, nothing, math.nan, True
+    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most)
+    return here, normals, of_points, lost, gap, least, more
+
+
+@compiled
 def weights(m: Moving) -> Array:
     """Shape functions at the closest points, (k, n)."""
     weigh(m.local, m.step, m.table, m.weights)
     return np.ascontiguousarray(m.weights)
+
+
+@inlined
+def put(
+    nodes: Array, row: int, shares: Array, point: int, x: float, y: float, z: float, n: int, forces: Array
+) -> None:
+    """Add shares of a force to those on n nodes; as for `find_polynomials`, n may be a number that is known."""
+    for c in range(n):
+        node, share = nodes[row, c], shares[point, c]
+        forces[node, 0] += share * x
+        forces[node, 1] += share * y
+        forces[node, 2] += share * z
 
 
 @inlined
@@ -192,17 +329,14 @@ def forces_on_nodes(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -
     for i in range(k):
         if push[i] != 0.0:
             x, y, z = push[i] * normals[i, 0], push[i] * normals[i, 1], push[i] * normals[i, 2]
-            for c in range(nodes.shape[1]):
-                node, share = nodes[i, c], shares[i, c]
-                of_slave[node, 0] += share * x
-                of_slave[node, 1] += share * y
-                of_slave[node, 2] += share * z
-            f = facet[i]
-            for c in range(facets.shape[1]):
-                node, share = facets[f, c], weights[i, c]
-                of_master[node, 0] -= share * x
-                of_master[node, 1] -= share * y
-                of_master[node, 2] -= share * z
+            if nodes.shape[1] == 6:
+                put(nodes, i, shares, i, x, y, z, 6, of_slave)
+            else:
+                put(nodes, i, shares, i, x, y, z, nodes.shape[1], of_slave)
+            if facets.shape[1] == 6:
+                put(facets, facet[i], weights, i, -x, -y, -z, 6, of_master)
+            else:
+                put(facets, facet[i], weights, i, -x, -y, -z, facets.shape[1], of_master)
     return of_slave, of_master
 
 

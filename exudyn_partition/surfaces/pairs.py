@@ -16,7 +16,7 @@ from .rows import EDGE_TOLERANCE
 from .surface import Projection, Surface, closest_points, cross, newton_step
 
 if TYPE_CHECKING:
-    from .moving_kernels import Moving
+    from .moving_kernels import Followed, Moving
 
 STEPS = 6
 FOLLOWED = 1e-4  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
@@ -114,6 +114,13 @@ class MovingPairs:
             self._moving = loops.moving(*rows, *self._of_master, *state, *room, *more)
             self._points = points
         return self._moving
+
+    def followed(self, points: ContactPoints, index: Array, *choice: Array) -> Followed:
+        """What compiled loops need to follow the rows of some points; `choice` are its other fields."""
+        loops = kernels("surfaces", "moving_kernels")
+        assert loops is not None
+        rows: Followed = loops.followed(self.moving(points, index), *choice)
+        return rows
 
     def _keep(self) -> None:
         """Keep what is known of the points that compiled loops have followed."""

@@ -89,7 +89,7 @@ class ComplianceContact(ElasticContact):
         """
         self.h = gap
         h = gap if isinstance(pushed, float) else gap + pushed
-        if self.gaps.moving and self.index.size and self._answered_again(h):
+        if self.gaps.moving and self._answered_again(h):
             return
         self.least_gap = smallest(h)
         if self.gaps.moving and self.least_gap >= 0.0:
@@ -98,12 +98,30 @@ class ComplianceContact(ElasticContact):
         near = self.near(h, self.least_gap)
         self._take_forces(near, self.problem.solve(h if near is self._everything else h[near], self.least_gap))
 
+    def force(self, q: Array) -> Array:
+        """See `ElasticContact.force`; while the closed rows stay the same, gaps and forces are found in one call."""
+        if not self.gaps.moving or not self._same_rows or self.problem.F is not self._regularised:
+            return super().force(q)
+        problem = self._near, *self.problem.compiled
+        self.h, found = self.gaps.pressed_at(q, self._regularised_of, problem)
+        if found is None:
+            self.answer(self.h)
+            return self.generalised()
+        self.lam, value, self.least_gap = found
+        self.problem.iterations += 1
+        return value
+
+    @property
+    def _same_rows(self) -> bool:
+        """Whether the present rows, those near and the closed ones are those of the last answer; some are closed."""
+        rows, near, closed = self._closed_of
+        known = near is not None and near is self._near and closed is self.problem.index
+        return known and rows is self.gaps.row_nodes and self.index.size > 0
+
     def _answered_again(self, h: Array) -> bool:
         """Find the forces, if the rows that can close and those that are closed stay the same; only compiled."""
         loops, problem, near = kernels("contact"), self.problem, self._near
-        rows, can_close, closed = self._closed_of
-        same = rows is self.gaps.row_nodes and can_close is near and closed is problem.index
-        if loops is None or near is None or not same or problem.F is not self._flexibility(near):
+        if loops is None or near is None or not self._same_rows or problem.F is not self._flexibility(near):
             return False
         lam, least, settled = loops.answer_again(h, near, *problem.compiled, BULGE, ROUNDING)
         if settled:
