@@ -293,7 +293,7 @@ class _ClosedRows:
 
     def residual(self, lam: Array) -> float:
         """Largest force that the law leaves unbalanced [N]."""
-        if loops := kernels("algebra"):
+        if loops := kernels("algebra", "friction_kernels"):
             law = loops.friction_residual(self._F, self._h, lam, self._mu)
             self._value, self._x1, self._x2, self._length, self._bound, largest = law
             return float(largest)
@@ -344,7 +344,7 @@ class _ClosedRows:
         """
         moves, squares, count = self._moves, self._squares, self.steps
         self.steps += 1
-        if loops := kernels("algebra"):
+        if loops := kernels("algebra", "friction_kernels"):
             factors, pivots = self._factors
             step, largest = loops.chord_step(factors.T, pivots, self._value, moves, squares, count)
             return step, float(largest)

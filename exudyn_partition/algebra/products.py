@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 import scipy.sparse as sp
 
 from ..support.arrays import Array
 from ..support.compiled import kernels
+
+Matrix: TypeAlias = Array | sp.csr_matrix
 
 
 def congruence(rows: Array, F: Array, *, threes: bool = False) -> Array:
@@ -14,25 +18,25 @@ def congruence(rows: Array, F: Array, *, threes: bool = False) -> Array:
 
     It is faster with `threes`, if three rows each have their zeros in nearly the same places.
     """
-    if loops := kernels("algebra"):
+    if loops := kernels("algebra", "product_kernels"):
         product: Array = loops.congruence(rows, F, threes)
         return product
     value: Array = rows @ F @ rows.T
     return value
 
 
-def moved(start: Array, rows: Array | sp.csr_matrix, way: Array) -> Array:
+def moved(start: Array, rows: Matrix, way: Array) -> Array:
     """Return start + rows way, (n,), for rows, (n, m)."""
-    if isinstance(rows, np.ndarray) and (loops := kernels("algebra")):
+    if isinstance(rows, np.ndarray) and (loops := kernels("algebra", "product_kernels")):
         found: Array = loops.moved(start, rows, way)
         return found
     value: Array = start + rows @ way
     return value
 
 
-def weighted_rows(weights: Array, rows: Array | sp.csr_matrix) -> Array:
+def weighted_rows(weights: Array, rows: Matrix) -> Array:
     """Return the sum of rows, (n, m), times weights, (n,), many of which are zero."""
-    if isinstance(rows, np.ndarray) and (loops := kernels("algebra")):
+    if isinstance(rows, np.ndarray) and (loops := kernels("algebra", "product_kernels")):
         found: Array = loops.weighted_rows(weights, rows)
         return found
     value: Array = weights @ rows
@@ -41,13 +45,24 @@ def weighted_rows(weights: Array, rows: Array | sp.csr_matrix) -> Array:
 
 def smallest(values: Array) -> float:
     """Smallest of some values, (n,); infinite if there are none, NaN if one is."""
-    if loops := kernels("algebra"):
+    if loops := kernels("algebra", "product_kernels"):
         return float(loops.smallest(values))
     return float(values.min(initial=np.inf))
 
 
 def largest_change(a: Array, b: Array) -> float:
     """Largest difference of the entries of two arrays of the same shape; NaN if one is."""
-    if loops := kernels("algebra"):
+    if loops := kernels("algebra", "product_kernels"):
         return float(loops.largest_change(a.ravel(), b.ravel()))
     return float(abs(a - b).max())
+
+
+def dense(matrix: Matrix) -> Array:
+    """Dense array of a matrix that may be sparse."""
+    value: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    return value
+
+
+def joined(parts: list[Matrix]) -> Matrix:
+    """Blocks side by side, (nr, n); csr if all blocks are."""
+    return sp.hstack(parts, format="csr") if all(map(sp.issparse, parts)) else np.hstack([*map(dense, parts)])

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
-from ..algebra.products import weighted_rows
+from ..algebra.products import dense, joined, weighted_rows
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
@@ -394,14 +394,3 @@ def needed(gap: Array) -> float:
     """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
     least = float(gap.min(initial=np.inf))
     return max(least, -BULGE * least)
-
-
-def dense(matrix: Rows) -> Array:
-    """Dense array of a matrix that may be sparse."""
-    value: Array = matrix.toarray() if sp.issparse(matrix) else matrix
-    return value
-
-
-def joined(parts: list[Rows]) -> Rows:
-    """Blocks side by side, (nr, n); csr if all blocks are."""
-    return sp.hstack(parts, format="csr") if all(map(sp.issparse, parts)) else np.hstack([*map(dense, parts)])

@@ -8,19 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..algebra.kernels import check_active
-from ..frames.kernels import add_on_shapes, place_moved
+from ..frames.kernels import Fixed, add_on_shapes, place_active
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
-from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows, see
+from ..support.compiled import compiled
+from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
     from .frozen import FlatRows
-
-
-@compiled
-def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
-    """See `see`."""
-    return see(x_s, some, x_m, others)
 
 
 @compiled
@@ -72,11 +66,9 @@ def answer_again(
 
 
 @compiled
-def generalised(m: Moving, lam: Array, normals: Array, rows_s: Array, rows_m: Array) -> Array:
-    """Generalised forces of both bodies, (n,), of forces on rows that are followed, along their points' normals.
-
-    `rows_s` and `rows_m` are the bodies' rows at the nodes of their patches, in frames that do not move.
-    """
+def generalised(m: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
+    """Generalised forces of both bodies, (n,), of forces on rows that are followed, along their points' normals."""
+    rows_s, rows_m = slave.rows, master.rows
     of_slave, of_master = forces_on_nodes(m, lam, normals, len(rows_s) // 3, len(rows_m) // 3)
     n = rows_s.shape[1]
     result = np.zeros(n + rows_m.shape[1])
@@ -87,11 +79,10 @@ def generalised(m: Moving, lam: Array, normals: Array, rows_s: Array, rows_m: Ar
 
 @compiled
 def pressed_at(
-    q: Array, start_s: Array, rows_s: Array, active_s: Array, start_m: Array, rows_m: Array, active_m: Array,
-    r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float,
-    stood: Array, same: float, near: Array, F: Array, factor: Array, index: Array, rounding: float,
-) -> tuple[Array, Array, Array, Array, Array, Array, Array, float, bool, Array, Array, bool]:  # fmt: skip
-    """Follow rows of patches whose frames do not move, see `Side.fixed`, and find forces if nothing else changes.
+    q: Array, slave: Fixed, master: Fixed, r: Followed, reach: float, by: float, steps: int, size: float, bulge: float,
+    most: float, stood: Array, same: float, near: Array, F: Array, factor: Array, index: Array, rounding: float,
+) -> tuple[Array, Array, Array, Array, Array, float, bool, Array, Array, bool]:  # fmt: skip
+    """Follow rows of patches whose frames do not move, and find forces if nothing else changes.
 
     Parameters
     ----------
@@ -103,14 +94,11 @@ def pressed_at(
 
     Returns
     -------
-    Places of the nodes that are followed, (np, 3) of each side, what `follow_rows` returns, forces on the rows, (nr,),
-    generalised forces, (n,), and whether these two are right.
+    What `follow_rows` returns, forces on the rows, (nr,), generalised forces, (n,), and whether these two are right.
     """
-    x_s, x_m = np.full(start_s.shape, np.nan), np.full(start_m.shape, np.nan)
-    for node in active_s:
-        place_moved(start_s, rows_s, q, 0, node, x_s)
-    for node in active_m:
-        place_moved(start_m, rows_m, q, rows_s.shape[1], node, x_m)
+    place_active(slave, q, 0)
+    place_active(master, q, slave.rows.shape[1])
+    x_s, x_m = slave.x, master.x
     here, normals, of_points, lost, gap, least, more = follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
     lam = force = np.empty(0)
     settled = len(near) > 0 and not more and least < 0.0
@@ -120,8 +108,8 @@ def pressed_at(
     if settled:
         lam, _, settled = answer_again(gap, near, F, factor, index, bulge, rounding)
         if settled:
-            force = generalised(r.points, lam, normals, rows_s, rows_m)
-    return x_s, x_m, here, normals, of_points, lost, gap, least, more, lam, force, settled
+            force = generalised(r.points, lam, normals, slave, master)
+    return here, normals, of_points, lost, gap, least, more, lam, force, settled
 
 
 @compiled

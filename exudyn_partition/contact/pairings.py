@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..algebra.complementarity import Complementarity
+from ..algebra.products import dense
 from ..errors import EmptyRegionError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..surfaces.near import pair_wandering
 from ..surfaces.points import ContactPoints, RowKind, contact_points
-from ..surfaces.rows import ContactRows, pair_surfaces
+from ..surfaces.rows import ContactRows, directed_matrix, pair_surfaces
+from ..surfaces.witnesses import spread
 from .side import Side
 
 _MOST = 16  # pairings that are kept with a body, those used last
@@ -115,6 +118,19 @@ class Pairing:
                 raise
             rows = pair_surfaces(slave.at(pose[: slave.n]), master.at(pose[slave.n :]), kind)
         return cls(points, rows, pose, places)
+
+
+def drift_rows(sides: Sequence[Side], shares: Sequence[tuple[Array, Array]], rows: ContactRows) -> Array:
+    """Rows, (6, n), that give the sliding of three pairs along two tangents; `shares` as in `Gaps`."""
+    some = spread(rows.points.at(sides[0].surface.points))
+    blocks = []
+    for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
+        along, block = np.tile(tangent, (len(some), 1)), []
+        for (nodes, weights), side in zip(shares, sides, strict=True):
+            G = directed_matrix(nodes[some], weights[some], along, len(side.surface.points))
+            block.append(dense(G @ side.kinematics.rows))
+        blocks.append(block)
+    return np.block(blocks)
 
 
 def _attitude(side: Side) -> tuple[object, ...]:

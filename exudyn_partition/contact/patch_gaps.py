@@ -18,27 +18,31 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..algebra.complementarity import ROUNDING, Complementarity
 from ..algebra.products import largest_change, moved
-from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints, RowKind
-from ..surfaces.rows import ContactRows, directed_matrix, facing, rows_of
+from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import closest_points
-from ..surfaces.witnesses import pose_of, spread, triangle_frame
-from .gaps import BULGE, SAME, Gaps, Pressed, dense, needed
-from .pairings import LinearGaps, Pairing
+from ..surfaces.witnesses import pose_of, seen_from, spread, triangle_frame
+from .gaps import BULGE, SAME, Gaps, Pressed, needed
+from .pairings import LinearGaps, Pairing, drift_rows
 from .side import Side
+
+if TYPE_CHECKING:
+    from ..surfaces.moving_kernels import Followed
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluations are frozen again
 _PATIENCE = 200
 _SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
+_Found = tuple[Array, bool] | None  # see `PatchGaps._follow`
 _NO_GAPS = np.empty(0)
 _NOT_ASKED = np.zeros((3, 3)), 0.0, np.empty(0, dtype=np.int64), *np.empty((2, 0, 0)), np.empty(0, dtype=np.int64)
 _NEAR = 1.0  # of a facet's size: larger gaps are not followed between searches, as closest points jump there
@@ -60,6 +64,8 @@ class PatchGaps(Gaps):
     EmptyRegionError, PenetrationError
         See `rows.pair_surfaces`.
     """
+
+    _rows_followed: Followed | None = None
 
     def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated", between: Array | None = None) -> None:
         self.sides, self._kind, self.between = (slave, master), kind, between
@@ -106,7 +112,7 @@ class PatchGaps(Gaps):
             self.H, self.moving = self._frozen.H, False
 
     def _linearised(self, rows: ContactRows) -> LinearGaps:
-        H, drift = self.jacobian(np.arange(len(rows))), self._drift_rows(rows)
+        H, drift = self.jacobian(np.arange(len(rows))), drift_rows(self.sides, self.shares, rows)
         return LinearGaps(H, rows.gap - H @ self._q, drift, drift @ self._q, _HELD * self.size)
 
     @property
@@ -157,19 +163,14 @@ class PatchGaps(Gaps):
             self._shares = (self.points.nodes, self.points.weights), (nodes, -weights)
         return self._shares
 
-    @property
-    def _fixed(self) -> tuple[Array, ...] | None:
-        """`Side.fixed` of both sides, one after the other."""
-        slave, master = (side.fixed for side in self.near_sides)
-        return slave + master if slave and master else None
-
     def _generalised(self, lam: Array) -> Array:
         """See `Gaps._generalised`; one compiled call while points are followed, if no frame moves."""
-        fixed, loops = self._fixed, kernels("contact")
-        if loops is None or fixed is None or not self._just_followed:
+        slave, master = (side.fixed for side in self.near_sides)
+        loops = kernels("contact")
+        if loops is None or slave is None or master is None or not self._just_followed:
             return super()._generalised(lam)
         moving = self._pairs.moving(self.points, self._followed_points)
-        value: Array = loops.generalised(moving, lam, self.normals, fixed[1], fixed[4])
+        value: Array = loops.generalised(moving, lam, self.normals, slave, master)
         return value
 
     def nodal_forces(self, lam: Array) -> list[Array]:
@@ -179,18 +180,6 @@ class PatchGaps(Gaps):
             if found is not None:
                 return found
         return super().nodal_forces(lam)
-
-    def _drift_rows(self, rows: ContactRows) -> Array:
-        """Rows, (6, n), that give the sliding of three pairs along two tangents."""
-        some = spread(rows.points.at(self.slave.surface.points))
-        blocks = []
-        for tangent in np.linalg.svd(rows.approach[None])[2][1:]:
-            along, block = np.tile(tangent, (len(some), 1)), []
-            for (nodes, weights), side in zip(self.shares, self.sides, strict=True):
-                G = directed_matrix(nodes[some], weights[some], along, len(side.surface.points))
-                block.append(dense(G @ side.kinematics.rows))
-            blocks.append(block)
-        return np.block(blocks)
 
     # Followed pairs.
 
@@ -205,7 +194,7 @@ class PatchGaps(Gaps):
         self._q = q
         found = self._follow(self._reach) if self._searched_at is not None and self._narrowed else None
         if found is None:
-            self._here = here = self._placed(self.places_now())
+            self._here = here = seen_from(self.places_now(), self._witnesses)
             at = None if self._searched_at is None or self._narrowed else self._searched_at
             if at is None or largest_change(here, at) > self._reach:
                 self._search(self._everywhere(), here)
@@ -230,7 +219,7 @@ class PatchGaps(Gaps):
             self._asked = self._flexible_at.stance, SAME, *problem
         gap, found = self.at(q), self._pressed
         self._asked = self._pressed = None
-        return gap, found
+        return gap, found if self.moving else None  # pairs may have been frozen
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
@@ -257,7 +246,7 @@ class PatchGaps(Gaps):
         x_s, x_m = places = self.places(q)
         gap = np.empty(0)
         if not self._apart:
-            gap = self._narrow(places, self._placed(places), _NEAR * self.size)
+            gap = self._narrow(places, seen_from(places, self._witnesses), _NEAR * self.size)
             self._narrowed = False  # forces need fewer rows
         H = self.jacobian(np.arange(len(gap)))
         beyond = (_NEAR - 2 * _SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
@@ -275,18 +264,6 @@ class PatchGaps(Gaps):
         radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
         between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
         return between if between > 0 else self.project(x_s, x_m)[1]
-
-    def _placed(self, places: list[Array]) -> Array:
-        """Places of three of the slave's nodes as seen from the master, (3, 3) [m]."""
-        (x_s, x_m), (some, others) = places, self._witnesses
-        if loops := kernels("contact"):
-            here: Array = loops.seen_from(x_s, some, x_m, others)
-        else:
-            origin, axes = triangle_frame(x_m[others])
-            here = (x_s[some] - origin) @ axes
-        if not math.isfinite(here.sum()):
-            raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
-        return here
 
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of all points that face the master, and the least gap [m]."""
@@ -338,7 +315,7 @@ class PatchGaps(Gaps):
         self._rigidly = np.hstack([normals, turning])[order]
         self._from, self._pose = row_gap[order], pose_of(here)
         self._narrowed, self._rows_followed = True, None
-        self._follow_around(self._pairs.present_facets[some])
+        self._follow_around(self._pairs.facet[some])
         value: Array = row_gap[chosen]
         return value
 
@@ -370,7 +347,7 @@ class PatchGaps(Gaps):
         nearest = rigid[len(gap) :].min(initial=np.inf) - 2 * off
         return bool(nearest < min(needed(gap), _NEAR * self.size))
 
-    def _follow(self, reach: float, places: list[Array] | None = None) -> tuple[Array, bool] | None:
+    def _follow(self, reach: float, places: list[Array] | None = None) -> _Found:
         """Gaps of the present rows, (nr,) [m], and whether these are all that can close.
 
         None if the patches have moved by more than `reach` [m] since the last search, or a point has come to a facet
@@ -379,28 +356,26 @@ class PatchGaps(Gaps):
         if loops := kernels("contact"):
             return self._follow_compiled(loops, reach, places)
         places = self.places_now() if places is None else places
-        here = self._placed(places)
+        here = seen_from(places, self._witnesses)
         if self._searched_at is None or largest_change(here, self._searched_at) > reach:
             return None
-        self._here = here
         self.normals, of_points = self._followed(self.points, self._followed_points, places)
-        self._shares, self._just_followed = None, True
+        self._here, self._shares, self._just_followed = here, None, True
         gap = self.points.average(of_points)
         return None if math.isnan(gap.sum()) else (gap, not self._others_close(gap, here))
 
-    def _follow_compiled(
-        self, loops: ModuleType, reach: float, places: list[Array] | None
-    ) -> tuple[Array, bool] | None:
+    def _follow_compiled(self, loops: ModuleType, reach: float, places: list[Array] | None) -> _Found:
         """Do the same as `_follow`, compiled."""
         if self._rows_followed is None:
+            assert self._searched_at is not None
             at_choice = self._searched_at, self._from, self._rigidly, self._pose
             self._rows_followed = self._pairs.followed(self.points, self._followed_points, *self._witnesses, *at_choice)
         rows, bounds = self._rows_followed, (BULGE, _NEAR * self.size)
         how = rows, reach, FOLLOWED, STEPS, self.size, *bounds
-        if places is None and (fixed := self._fixed):
-            found = loops.pressed_at(self._q, *fixed, *how, *(self._asked or _NOT_ASKED), ROUNDING)
-            *places, here, normals, of_points, lost, gap, least, others, lam, force, settled = found
-            self._places, self._placed_at = places, self._q
+        slave, master = (side.fixed for side in self.near_sides)
+        if places is None and slave is not None and master is not None:
+            found = loops.pressed_at(self._q, slave, master, *how, *(self._asked or _NOT_ASKED), ROUNDING)
+            here, normals, of_points, lost, gap, least, others, lam, force, settled = found
             self._pressed = (lam, force, least) if settled else None
         else:
             places = self.places_now() if places is None else places
@@ -408,7 +383,7 @@ class PatchGaps(Gaps):
         if not len(normals):
             return None
         if len(lost):
-            x_s, x_m = places[0], self.places(self._q)[1]
+            x_s, x_m = self.places(self._q)
             self._pairs.search(self.points, self._followed_points, lost, x_s, x_m, normals, of_points)
             gap, least, others = loops.row_gaps(rows, of_points, here, *bounds)
         self._here, self.normals, self._shares, self._just_followed = here, normals, None, True

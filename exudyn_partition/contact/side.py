@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +21,9 @@ from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
 from .plasticity.zone_run import ZoneMotion
+
+if TYPE_CHECKING:
+    from ..frames.kernels import Fixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +66,14 @@ class Side:
         return None if self.active is None else self.kinematics.some(self.active)
 
     @cached_property
-    def fixed(self) -> tuple[Array, Array, Array] | None:
-        """What places its nodes if its frame does not move and the rows of its coordinates are dense; else None.
-
-        Places of the patch's nodes at the start, (np, 3), rows, (3 np, n), and the nodes that are followed.
-        """
-        own = self.kinematics
-        if not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
+    def fixed(self) -> Fixed | None:
+        """What compiled loops need to place its nodes; None if its frame moves or the rows of its body are sparse."""
+        own, loops = self.kinematics, kernels("frames")
+        if loops is None or not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
             return None
-        return own.start, own.rows, np.arange(len(own.start)) if self.active is None else self.active
+        active = np.arange(len(own.start)) if self.active is None else self.active
+        value: Fixed = loops.fixed(own.start, own.rows, active, np.full(own.start.shape, np.nan))
+        return value
 
     @property
     def normal_only(self) -> bool:

@@ -12,7 +12,7 @@ import copy
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import congruence
+from ..algebra.products import congruence, dense, joined
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
@@ -21,7 +21,7 @@ from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import at_points
 from ..surfaces.surface import cross
-from .gaps import Gaps, dense, joined
+from .gaps import Gaps
 from .side import LoadedNodes, Standing
 
 _SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions

@@ -17,7 +17,7 @@ from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import closest_points
-from ..surfaces.witnesses import spread
+from ..surfaces.witnesses import seen_from, spread
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 
@@ -62,7 +62,7 @@ class WanderingGaps(PatchGaps):
     def _part_if_moved(self) -> None:
         """Find the parts that are near each other, unless they are known."""
         if self._parted_at is not None:
-            here = self._placed(self.places_now())
+            here = seen_from(self.places_now(), self._witnesses)
             if largest_change(here, self._parted_at) <= self._part_reach:
                 return
         near = self._near_parts(self._q)
@@ -73,7 +73,7 @@ class WanderingGaps(PatchGaps):
         self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
         self.follow_nodes(None)
         self._searched_at = None
-        self._parted_at = self._placed(self.places_now())
+        self._parted_at = seen_from(self.places_now(), self._witnesses)
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
 
     def _near_parts(self, q: Array) -> NearParts:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
+from ..algebra.products import dense
 from ..contact.formulations.formulation import Law, Method, Together
 from ..contact.formulations.frictional import FrictionalContact
 from ..contact.frozen import FrozenContacts
-from ..contact.gaps import dense
 from ..errors import RunError
 from ..exudyn_bodies.model import latest_solver, start_of_step
 from ..plasticity.strain_history import StrainHistory

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ..algebra.products import dense
 from ..contact.formulations.formulation import Law
-from ..contact.gaps import dense
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.floating import FloatingKinematics

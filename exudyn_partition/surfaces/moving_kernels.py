@@ -197,6 +197,12 @@ def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
     return result
 
 
+@compiled
+def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+    """See `see`."""
+    return see(x_s, some, x_m, others)
+
+
 @structref.register
 class FollowedType(types.StructRef):
     """Type of `Followed` in compiled loops."""
@@ -251,21 +257,23 @@ def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most:
     for row in range(len(gap)):
         for k in range(starts[row], starts[row + 1]):
             gap[row] += means[k] * of_points[columns[k]]
-    axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
-    for i in range(3):
-        change[i] = here[0, i] - pose[i]
-        for j in range(3):
-            change[3 + 3 * i + j] = axes[i, j] - pose[3 + 3 * i + j]
     least, off, nearest, total = np.inf, 0.0, np.inf, 0.0
-    for row in range(len(start)):
-        rigid = start[row]
-        for k in range(12):
-            rigid += rigidly[row, k] * change[k]
-        if row < len(gap):
-            least, total = min(least, gap[row]), total + gap[row]
-            off = max(off, abs(gap[row] - rigid))
-        else:
-            nearest = min(nearest, rigid)
+    for row in range(len(gap)):
+        least, total = min(least, gap[row]), total + gap[row]
+    if len(start) > len(gap):
+        axes, change = frame_of(here[0], here[1], here[2]), np.empty(12)
+        for i in range(3):
+            change[i] = here[0, i] - pose[i]
+            for j in range(3):
+                change[3 + 3 * i + j] = axes[i, j] - pose[3 + 3 * i + j]
+        for row in range(len(start)):
+            rigid = start[row]
+            for k in range(12):
+                rigid += rigidly[row, k] * change[k]
+            if row < len(gap):
+                off = max(off, abs(gap[row] - rigid))
+            else:
+                nearest = min(nearest, rigid)
     others = nearest - 2 * off < min(max(least, -bulge * least), most)
     return gap, least if math.isfinite(total) else math.nan, others
 
@@ -302,9 +310,7 @@ def weights(m: Moving) -> Array:
 
 
 @inlined
-def put(
-    nodes: Array, row: int, shares: Array, point: int, x: float, y: float, z: float, n: int, forces: Array
-) -> None:
+def put(nodes: Array, row: int, shares: Array, point: int, x: float, y: float, z: float, n: int, forces: Array) -> None:
     """Add shares of a force to those on n nodes; as for `find_polynomials`, n may be a number that is known."""
     for c in range(n):
         node, share = nodes[row, c], shares[point, c]

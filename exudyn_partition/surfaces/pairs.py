@@ -44,7 +44,7 @@ class MovingPairs:
         self.facets, self.size = master.facets, master.facet_size
         self._neighbours = master.neighbours
         self._middles, self._turns = _middles(master.facets), _turns(master)
-        self.facet, self.local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
+        self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
         self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
         nf = len(self.facets)
@@ -105,8 +105,8 @@ class MovingPairs:
             loops, mean, k = kernels("surfaces", "moving_kernels"), points.mean, len(index)
             assert loops is not None
             self._keep()
-            last, now = (np.asfortranarray(values.take(index, axis=0)) for values in (self._last, self.local))
-            self._here, self._motion, self._index = (self.facet.take(index), now, np.zeros_like(now)), last, index
+            last, now = (np.asfortranarray(values.take(index, axis=0)) for values in (self._last, self._local))
+            self._here, self._motion, self._index = (self._facet.take(index), now, np.zeros_like(now)), last, index
             rows = points.nodes, points.weights, index, mean.indptr, mean.indices, mean.data
             state = self._past, self._gone, *self._here, last
             room = np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((9, k))
@@ -126,13 +126,20 @@ class MovingPairs:
         """Keep what is known of the points that compiled loops have followed."""
         if self._points is not None:
             facet, local, step = self._here
-            self.facet[self._index], self.local[self._index] = facet, local + step
+            self._facet[self._index], self._local[self._index] = facet, local + step
             self._last[self._index] = self._motion
 
     @property
-    def present_facets(self) -> Array:
-        """Facets of the points that were projected last, (k,)."""
-        return self._here[0]
+    def facet(self) -> Array:
+        """Facet of each point, (p,)."""
+        self._keep()
+        return self._facet
+
+    @property
+    def local(self) -> Array:
+        """Closest points in the facets' coordinates, (p, 2)."""
+        self._keep()
+        return self._local
 
     def search(
         self, points: ContactPoints, index: Array, lost: Array, x_s: Array, x_m: Array, normal: Array, gap: Array
@@ -146,7 +153,7 @@ class MovingPairs:
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
         searched = index[lost]
-        self.facet[searched], self.local[searched] = found.facet, found.local
+        self._facet[searched], self._local[searched] = found.facet, found.local
         offset = np.where(self._at_rim(found.facet, found.local), found.offset, 0.0)
         self._past[searched] = offset > _ON_EDGE * self.size
         self._gone[searched] = gone = offset > EDGE_TOLERANCE * self.size
@@ -170,8 +177,8 @@ class MovingPairs:
 
     def _follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
         """Follow points, x (k, 3), over edges; the second result are those that must be searched."""
-        facet, last = self.facet.take(index), self._last.take(index, axis=0)
-        local = self.local.take(index, axis=0) + last
+        facet, last = self._facet.take(index), self._last.take(index, axis=0)
+        local = self._local.take(index, axis=0) + last
         left = self._on_patch(index, _outside(local, self.facets.shape[1]))
         if len(left):
             facet[left], local[left], last[left] = self._cross(facet[left], local[left], last[left])
@@ -181,7 +188,7 @@ class MovingPairs:
         if len(left):
             last[left] = 0.0
             lost = self._cross_again(pairs, left, x[left], x_m)
-        self.facet[index], self.local[index], self._last[index] = pairs.facet, pairs.local, last
+        self._facet[index], self._local[index], self._last[index] = pairs.facet, pairs.local, last
         return pairs, lost
 
     def _on_patch(self, index: Array, left: Array) -> Array:

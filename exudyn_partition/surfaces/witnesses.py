@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from ..errors import ComplementarityError
 from ..support.arrays import Array
+from ..support.compiled import kernels
 
 
 def triangle_frame(points: Array) -> tuple[Array, Array]:
@@ -18,6 +21,25 @@ def triangle_frame(points: Array) -> tuple[Array, Array]:
     length = math.sqrt(u * u + v * v + w * w)
     u, v, w = u / length, v / length, w / length
     return points[0], np.array([[a, v * c - w * b, u], [b, w * a - u * c, v], [c, u * b - v * a, w]])
+
+
+def seen_from(places: Sequence[Array], witnesses: Sequence[Array]) -> Array:
+    """Places of three nodes of the first patch in the frame of three of the second, (3, 3) [m].
+
+    Raises
+    ------
+    ComplementarityError
+        If they are not finite.
+    """
+    (x_s, x_m), (some, others) = places, witnesses
+    if loops := kernels("surfaces", "moving_kernels"):
+        here: Array = loops.seen_from(x_s, some, x_m, others)
+    else:
+        origin, axes = triangle_frame(x_m[others])
+        here = (x_s[some] - origin) @ axes
+    if not math.isfinite(here.sum()):
+        raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
+    return here
 
 
 def pose_of(points: Array) -> Array:

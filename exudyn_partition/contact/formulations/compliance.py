@@ -53,7 +53,7 @@ class ComplianceContact(ElasticContact):
     _near: Array | None = None  # rows that could close at the last answer
     _closed_of: tuple[Array | None, ...] = (None, None, None)  # present rows, those near, and closed ones of these
     _regularised_of: Array | None = None  # the flexibility that `_regularised` is made of
-    _regularised: Array
+    _regularised: Array | None = None
     problem: Complementarity
 
     @property
@@ -78,7 +78,7 @@ class ComplianceContact(ElasticContact):
     def _flexibility(self, index: Array) -> Array:
         """Flexibility of some present rows, (na, na) [m/N], regularised as in `Gaps.problem`."""
         F = self.gaps.flexibility(index)
-        if F is not self._regularised_of:
+        if self._regularised is None or F is not self._regularised_of:
             self._regularised_of, self._regularised = F, regularised(F)
         return self._regularised
 
@@ -100,10 +100,10 @@ class ComplianceContact(ElasticContact):
 
     def force(self, q: Array) -> Array:
         """See `ElasticContact.force`; while the closed rows stay the same, gaps and forces are found in one call."""
-        if not self.gaps.moving or not self._same_rows or self.problem.F is not self._regularised:
+        F, near = self._regularised_of, self._near
+        if not self.gaps.moving or not self._same_rows or F is None or near is None:
             return super().force(q)
-        problem = self._near, *self.problem.compiled
-        self.h, found = self.gaps.pressed_at(q, self._regularised_of, problem)
+        self.h, found = self.gaps.pressed_at(q, F, (near, *self.problem.compiled))
         if found is None:
             self.answer(self.h)
             return self.generalised()
@@ -113,10 +113,10 @@ class ComplianceContact(ElasticContact):
 
     @property
     def _same_rows(self) -> bool:
-        """Whether the present rows, those near and the closed ones are those of the last answer; some are closed."""
+        """Whether the problem is that of the last answer, which had closed rows, and the same rows are present."""
         rows, near, closed = self._closed_of
-        known = near is not None and near is self._near and closed is self.problem.index
-        return known and rows is self.gaps.row_nodes and self.index.size > 0
+        same = near is self._near and closed is self.problem.index and self.problem.F is self._regularised
+        return same and rows is self.gaps.row_nodes and self.index.size > 0
 
     def _answered_again(self, h: Array) -> bool:
         """Find the forces, if the rows that can close and those that are closed stay the same; only compiled."""

@@ -11,9 +11,10 @@ import scipy.sparse as sp
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.coulomb import Coulomb
 from ...algebra.friction import FrictionProblem
+from ...algebra.products import dense
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, Gaps, dense
+from ..gaps import BULGE, Gaps
 from ..plasticity.yielding_patches import YieldingPatches
 from ..side import Standing
 from ..tangential import directions

@@ -10,10 +10,11 @@ import numpy as np
 from ...algebra.complementarity import regularised
 from ...algebra.coulomb import Coulomb
 from ...algebra.friction import OPEN, SLIP, STICK
+from ...algebra.products import dense
 from ...errors import RunError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import Gaps, dense
+from ..gaps import Gaps
 from ..plasticity.nodal_zones import NodalZones
 from .formulation import Law, Method, Motion
 from .frictional import FrictionalRows
