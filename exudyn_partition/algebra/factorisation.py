@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from threadpoolctl import threadpool_limits
 
 from ..support.arrays import Array
-from .sparse.multifrontal import Multifrontal
+from .sparse.multifrontal import Analysis, Multifrontal
 from .sparse.pardiso import Pardiso, library
 
 _LIMITING = threading.Lock()
@@ -45,6 +45,8 @@ class Factorisation:
         Symmetric. A function makes it, so that it is gone before the factors need the memory.
     by : {"pardiso", "multifrontal"}, optional
         Default: the first that is installed.
+    analysis : Analysis, optional
+        Keeps what the places of the entries tell, for other matrices with entries in the same places.
 
     Raises
     ------
@@ -52,9 +54,14 @@ class Factorisation:
         If the matrix is singular.
     """
 
-    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix], by: str | None = None) -> None:
+    def __init__(
+        self,
+        matrix: sp.spmatrix | Callable[[], sp.spmatrix],
+        by: str | None = None,
+        analysis: Analysis | None = None,
+    ) -> None:
         fast = by == "pardiso" if by else library() is not None
-        self._factors: Pardiso | Multifrontal = Pardiso(matrix) if fast else Multifrontal(matrix)
+        self._factors: Pardiso | Multifrontal = Pardiso(matrix) if fast else Multifrontal(matrix, analysis)
 
     def solve(self, rhs: Array, threads: int = 2) -> Array:
         """Solve for one, (n,), or many, (n, k), right-hand sides, with at most so many threads."""

@@ -18,6 +18,7 @@ from ..errors import ModeAccuracyError, ModeCountWarning
 from ..support.arrays import Array
 from ..support.progress import Progress
 from .factorisation import Factorisation
+from .sparse.multifrontal import Analysis
 
 _COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
 _BLOCK = 1e7  # numbers in them, which bounds the memory for large bodies
@@ -71,6 +72,8 @@ class FreeBodyFlexibility:
     stiffness, mass : (n, n) csr matrix
     rigid : (n, 6) array
         Mass-normalised rigid modes.
+    analysis : Analysis, optional
+        Of matrices with entries where the stiffness has them, or more.
 
     Attributes
     ----------
@@ -78,11 +81,14 @@ class FreeBodyFlexibility:
         Dofs that are not held.
     """
 
-    def __init__(self, stiffness: sp.csr_matrix, mass: sp.spmatrix, rigid: Array) -> None:
+    def __init__(
+        self, stiffness: sp.csr_matrix, mass: sp.spmatrix, rigid: Array, analysis: Analysis | None = None
+    ) -> None:
         self._rigid, self._mass_rigid = rigid, mass @ rigid
         _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
-        self.free = np.delete(np.arange(len(rigid)), np.sort(held[: rigid.shape[1]]))
-        self._factor = Factorisation(lambda: stiffness[self.free][:, self.free])
+        self._held = np.sort(held[: rigid.shape[1]])
+        self.free = np.delete(np.arange(len(rigid)), self._held)
+        self._factor = Factorisation(lambda: _uncoupled(stiffness, self._held), analysis=analysis)
 
     def __call__(self, loads: Array) -> Array:
         """Elastic displacements of `loads`, (n, k)."""
@@ -92,9 +98,9 @@ class FreeBodyFlexibility:
 
     def held(self, loads: Array) -> Array:
         """Displacements of `loads`, (n, k), with the six dofs held."""
-        result = np.zeros(loads.shape, order="F")
-        result[self.free] = self._factor.solve(loads[self.free])
-        return result
+        loads = np.array(loads)
+        loads[self._held] = 0.0
+        return self._factor.solve(loads)
 
     def balanced(self, held: Array, dofs: Array) -> Array:
         """Elastic flexibility of some dofs, (k,), from that of the held body at them, (k, k)."""
@@ -102,6 +108,20 @@ class FreeBodyFlexibility:
         mixed = moved[dofs] @ at.T
         result: Array = held - mixed - mixed.T + at @ (self._mass_rigid.T @ moved) @ at.T
         return result
+
+
+def _uncoupled(matrix: sp.csr_matrix, dofs: Array) -> sp.csr_matrix:
+    """A matrix with entries in the same places, of which those of some dofs are zero beside the diagonal."""
+    matrix = sp.csr_matrix(matrix)
+    data, size = matrix.data.copy(), abs(matrix.data).max(initial=0.0) or 1.0
+    data[np.isin(matrix.indices, dofs)] = 0.0
+    lacking = np.zeros(matrix.shape[0])
+    for dof in dofs:
+        row = slice(*matrix.indptr[dof : dof + 2])
+        data[row] = np.where(matrix.indices[row] == dof, size, 0.0)
+        lacking[dof] = size - data[row].sum()
+    result = sp.csr_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+    return result + sp.diags(lacking, format="csr") if lacking.any() else result
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +202,11 @@ class BlockKrylov:
         new = block - self._rigid @ (self._mass_rigid.T @ block)
         coefficients = mass_basis.T @ new
         new -= basis @ coefficients
-        lengths = np.sqrt(np.einsum("ij,ij->j", new, self._mass @ new))
+        mass_new = self._mass @ new
+        lengths = np.sqrt(np.einsum("ij,ij->j", new, mass_new))
         independent = lengths > _DEPENDENT * norms
-        new = new[:, independent] / lengths[independent]
-        values, vectors = np.linalg.eigh(new.T @ (self._mass @ new))
+        new, mass_new = (x[:, independent] / lengths[independent] for x in (new, mass_new))
+        values, vectors = np.linalg.eigh(new.T @ mass_new)
         # The vectors have unit length; smaller eigenvalues are round-off.
         keep = values > 1e-14
         new = new @ (vectors[:, keep] / np.sqrt(values[keep]))

@@ -20,6 +20,7 @@ from ..algebra.krylov import (
     mass_normalised,
     orthonormal_complement,
 )
+from ..algebra.sparse.multifrontal import Analysis
 from ..errors import InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
@@ -85,10 +86,12 @@ class FreeBody:
                 "kind='averaged', or a rigid body of Exudyn"
             )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
+        K, M = self.model.stiffness, self.model.mass
+        self._analysis = Analysis(lambda: sp.csr_matrix(abs(K) + abs(M)))
 
     def flexibility(self) -> FreeBodyFlexibility:
         """Its elastic flexibility; this costs a factorisation."""
-        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid)
+        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid, self._analysis)
 
     def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> StaticAnswers:
         """Elastic answers of the free body to the loads of its patches and interfaces."""
@@ -199,7 +202,7 @@ class AdaptedSpace(FreeBody):
         self.__dict__.pop("krylov", None)  # frees its factors before others are made
         self._settled: tuple[float, float] | None = None
         M, shift = self.model.mass, (np.pi * f_shift) ** 2
-        solve = Factorisation(lambda: self.model.stiffness + shift * M).solve
+        solve = Factorisation(lambda: self.model.stiffness + shift * M, analysis=self._analysis).solve
         lead = orthonormal_complement(self._lead, M, self.rigid)
         self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
         self.krylov.grow(2 * _GROWTH)

@@ -73,8 +73,8 @@ def test_a_pair_never_holds_two_factorisations(pair, monkeypatch):
     living, at_once = weakref.WeakSet(), []
 
     class Counted(Factorisation):
-        def __init__(self, matrix):
-            super().__init__(matrix)
+        def __init__(self, matrix, **options):
+            super().__init__(matrix, **options)
             living.add(self)
             at_once.append(len(living))
 

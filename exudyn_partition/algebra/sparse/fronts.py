@@ -15,7 +15,7 @@ from ...support.arrays import Array
 from .ordering import nested_dissection, node_graph
 
 _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fronts are quicker than many small ones
-_SMALL, _SMALL_ZEROS = 32, 0.5  # and that one with at most so many rows to eliminate may hold
+_SMALL, _SMALL_ZEROS = 64, 0.5  # and that one with at most so many rows to eliminate may hold
 WIDEST = 1024  # most rows that a front eliminates; more do so in a chain of fronts, whose triangles are smaller
 
 
@@ -112,8 +112,9 @@ def _roots(graph: sp.csr_matrix, sizes: Array) -> list[_Front]:
     for node, below in enumerate(neighbours):
         own, children[node] = children[node], []
         if own:
-            below = np.sort(np.concatenate([below, *(child.below[1:] for child in own)]))
-            below = below[np.flatnonzero(np.diff(below, prepend=-1))]
+            below = np.concatenate([below, *(child.below[1:] for child in own)])
+            below.sort()
+            below = below[np.concatenate([[True], below[1:] != below[:-1]])[: len(below)]]
         front = _Front([node], below, int(sizes[node]), int(sizes[below].sum()))
         own.sort(key=lambda child: child.n_rows * (front.n_rows + front.n_below - child.n_below))
         front.children += [child for child in own if not front.take(child)]

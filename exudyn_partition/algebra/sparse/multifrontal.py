@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from scipy.linalg import blas, lapack
 from ...errors import IndefiniteMatrixError
 from ...support.arrays import Array
 from ...support.compiled import kernels
-from .fronts import find_fronts
+from .fronts import Fronts, find_fronts
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
@@ -47,6 +48,24 @@ class _Factor(NamedTuple):
     below: Array
 
 
+class Analysis:
+    """Fronts for several matrices, found when they are needed first.
+
+    Parameters
+    ----------
+    pattern : function
+        Makes a csr matrix of symmetric pattern, (n, n), with entries wherever one of those matrices has them.
+    """
+
+    def __init__(self, pattern: Callable[[], sp.csr_matrix]) -> None:
+        self._pattern = pattern
+
+    @cached_property
+    def fronts(self) -> Fronts:
+        """The fronts."""
+        return find_fronts(self._pattern())
+
+
 class Multifrontal:
     """Block factors C S C' of a sparse symmetric matrix, with S of ones and minus ones; one triangle is stored.
 
@@ -57,6 +76,7 @@ class Multifrontal:
     ----------
     matrix : (n, n) sparse matrix, or function
         Symmetric; see `Factorisation`.
+    analysis : Analysis, optional
 
     Raises
     ------
@@ -64,17 +84,17 @@ class Multifrontal:
         If the matrix is singular, or the factors are not accurate.
     """
 
-    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix]) -> None:
+    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix], analysis: Analysis | None = None) -> None:
         given = matrix
         matrix = sp.csr_matrix(given() if callable(given) else given)
-        fronts = find_fronts(matrix)
+        fronts = find_fronts(matrix) if analysis is None else analysis.fronts
         self._order, n = fronts.order, len(fronts.order)
         matrix = sp.triu(matrix[self._order][:, self._order], format="csr")
         spans = [slice(*bounds) for bounds in pairwise(fronts.starts.tolist())]
         sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
         # In one piece, pages of which are taken when they are written: the memory of updates stays whole.
         store = np.zeros(sum(k * (k + m) for k, m in sizes))
-        place, begin = np.empty(n, dtype=np.int64), 0
+        place, begin = np.full(n, -1), 0
         updates: list[tuple[Array, Array]] = []
         self._factors: list[_Factor] = []
         for rows, (k, m), changes, count in zip(spans, sizes, fronts.below, fronts.n_children, strict=True):
@@ -88,6 +108,7 @@ class Multifrontal:
                 child, change = updates.pop()
                 _add(change, place[child], own, below, update)
                 del change
+            place[rows] = place[changes] = -1
             signs = _eliminate(own, below, update)
             self._factors.append(_Factor(rows, changes, own, signs, below))
             updates.append((changes, update))
@@ -143,6 +164,8 @@ def _place(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: 
     starts, k = matrix.indptr[rows.start : rows.stop + 1], len(own)
     entries = slice(starts[0], starts[-1])
     row, column = place[matrix.indices[entries]], np.repeat(np.arange(k), np.diff(starts))
+    if row.min(initial=0) < 0:
+        raise ValueError("analysis: expected fronts of all entries of the matrix, got those of another one")
     inside, values = row < k, matrix.data[entries]
     own[row[inside], column[inside]] = values[inside]
     below[row[~inside] - k, column[~inside]] = values[~inside]

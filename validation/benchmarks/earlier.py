@@ -1,0 +1,129 @@
+"""Off-line cost at the paper's size, by an earlier version and by this one: rod and plate with 97 000 nodes.
+
+Reference: the last version that factorised by SuperLU, on the same machine in the same minutes; git has to know it.
+Each case runs in a process of its own, so that its peak memory is its own.
+Quantity: processor time of meshing and assembly, and of the reduction of both bodies (contact-adapted, 40 kHz), and
+peak memory; of this version without and with PARDISO of the extra `[fast]`. Times are those of the quickest turn.
+Limits: 1.5 times quicker without the extra and 3 times with it, off-line in all; less than 4e9 bytes.
+
+    python -m validation.benchmarks.earlier [--old REVISION] [--turns 1]
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).parents[2]
+RESULTS = Path(__file__).with_suffix(".json")
+OLD = "daa470e"
+MAXH, F_CUT = 3.7e-3, 40e3  # [m], [Hz]
+LIMITS = {"times_faster": 1.5, "times_faster_with_extra": 3.0, "memory_GB": 4.0, "nodes": 95_000}
+
+
+def case(extra):
+    """Processor times [s] and peak memory of the checkout that is imported."""
+    import resource
+    import warnings
+
+    import exudyn_partition as ep
+    from examples.models import rod_on_plate as example
+
+    warnings.simplefilter("ignore")
+    if not extra:
+        from exudyn_partition.algebra import factorisation
+
+        factorisation.library = lambda: None  # an earlier version has none
+    begin = time.process_time()
+    fems, partitions, _ = example.fe_models(quick=False, maxh=MAXH)
+    between = time.process_time()
+    bodies = [ep.reduce(fem, part, f_cut=F_CUT) for fem, part in zip(fems, partitions, strict=True)]
+    end = time.process_time()
+    return {
+        "nodes": sum(fem.n_nodes for fem in fems),
+        "reduced_dofs": sum(body.n_dofs for body in bodies),
+        "models_s": between - begin,
+        "reduce_s": end - between,
+        "offline_s": end - begin,
+        "memory_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
+        "from": str(Path(ep.__file__).parents[1]),
+    }
+
+
+def run(checkout, *options):
+    """A case in a process of its own."""
+    path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, "--case", *options]
+    process = subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, text=True, check=True)
+    found = json.loads(process.stdout.splitlines()[-1])
+    if found.pop("from") != str(checkout):
+        raise RuntimeError(f"another checkout than {checkout} was imported")
+    return found
+
+
+def measured(old, turns):
+    """The quickest turn of each case."""
+    from exudyn_partition.algebra.sparse.pardiso import library
+
+    if library() is None:
+        sys.exit("mkl is missing: pip install exudyn-partition[fast]")
+    with tempfile.TemporaryDirectory() as folder:
+        checkout, runs = Path(folder).resolve() / "old", {}
+        subprocess.run(["git", "worktree", "add", "--detach", checkout, old], cwd=ROOT, check=True, capture_output=True)
+        try:
+            for _ in range(turns):
+                for name, *which in (("old", checkout), ("new", ROOT), ("new_with_extra", ROOT, "extra")):
+                    print(f"{name} ...", file=sys.stderr, flush=True)
+                    runs.setdefault(name, []).append(run(*which))
+        finally:
+            subprocess.run(["git", "worktree", "remove", "--force", checkout], cwd=ROOT, check=True)
+    return {name: min(turns, key=lambda one: one["offline_s"]) for name, turns in runs.items()}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--old", default=OLD, help="the earlier version")
+    parser.add_argument("--turns", type=int, default=1)
+    parser.add_argument("--case", nargs="*", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.case is not None:
+        print(json.dumps(case("extra" in options.case)))
+        return
+    import exudyn_partition as ep
+
+    cases = measured(options.old, options.turns)
+    old, new, fast = cases.values()
+    found = {
+        "times_faster": old["offline_s"] / new["offline_s"],
+        "times_faster_with_extra": old["offline_s"] / fast["offline_s"],
+        "reduction_times_faster": old["reduce_s"] / new["reduce_s"],
+        "reduction_times_faster_with_extra": old["reduce_s"] / fast["reduce_s"],
+        "memory_GB": max(new["memory_GB"], fast["memory_GB"]),
+        "nodes": new["nodes"],
+    }
+    table = Table("", *cases, title=f"rod and plate, {new['nodes']} nodes; old: {options.old}")
+    for key in old:
+        table.add_row(key, *(f"{one[key]:.4g}" for one in cases.values()))
+    Console().print(table)
+    failed = [
+        f"{key} {found[key]:.3g}, limit {limit:g}"
+        for key, limit in LIMITS.items()
+        if (found[key] > limit if key == "memory_GB" else found[key] < limit)
+    ]
+    machine = {"cpus": os.cpu_count(), "platform": platform.platform(), "versions": ep.versions()}
+    results = {"old": options.old, "cases": cases, "found": found, "limits": LIMITS, "machine": machine}
+    RESULTS.write_text(json.dumps(results, indent=1) + "\n")
+    sys.exit(f"beyond the stated limits: {'; '.join(failed)}" if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
