@@ -30,7 +30,7 @@ from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import closest_points
-from ..surfaces.witnesses import pose_of, seen_from, spread, triangle_frame
+from ..surfaces.witnesses import pose_of, seen_from, triangle_frame, witnesses_of
 from .gaps import BULGE, SAME, Gaps, Pressed, needed
 from .pairings import LinearGaps, Pairing, drift_rows
 from .side import Side
@@ -75,7 +75,7 @@ class PatchGaps(Gaps):
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = self._start.facet_size, self._start.approach
         self._linear = all(side.kinematics.linear and not side.surface.wanders for side in self.sides)
-        self._witnesses = [spread(side.surface.points) for side in self.sides]
+        self._witnesses = [witnesses_of(side.surface) for side in self.sides]
         self.reset()
 
     def exchanged(self) -> PatchGaps:

@@ -249,9 +249,18 @@ class TangentialRows:
             parts = [
                 self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
             ]
-            self._flexibility = sum(parts, np.zeros((3 * len(index), 3 * len(index))))
+            self._flexibility = sum(parts, self._across(index))
             self._flexible_at, self._flexible_index = standing, index
         return self._flexibility
+
+    def _across(self, index: Array) -> Array:
+        """What forces on one side of a body that touches itself move on the other, (3 na, 3 na) [m/N]; else zero."""
+        result, between = np.zeros((3 * len(index), 3 * len(index))), self.gaps.between
+        if between is not None:
+            (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
+            across = rows @ between[np.ix_(node_dofs(loaded.nodes), node_dofs(others.nodes))] @ pushed.T
+            result += across + across.T
+        return result
 
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis are other rows."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal, get_args, overload
 
 import numpy as np
@@ -22,11 +23,10 @@ from ..errors import EmptyRegionError, InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registry, user_function, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..frames.inertial import InertialKinematics
 from ..support.checks import validate_choice, validate_items, validate_positive, validate_text
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
-from ..surfaces.near import near_patches
+from ..surfaces.near import near_patches, opposite_parts
 from ..surfaces.points import ROWS, RowKind
 from .contact_elements import add_common_element, add_element, add_links
 from .contact_run import ContactRun
@@ -95,8 +95,8 @@ def CreatePartitionContact(
     The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
     contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
 
-    Slave and master may be one body, with two patches that face each other, as the ends of a clip: in an inertial
-    frame, without friction, by "compliance".
+    Slave and master may be one body, with two patches that face each other, as the ends of a clip, or with one patch
+    of `Partition.surface` that folds: by "compliance" in one pass.
 
     Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Each two of their patches that face
     each other nearby at the start get a contact.
@@ -193,6 +193,9 @@ def CreatePartitionContact(
     if slave is other:
         _check_itself(slave, [patch for _, patch in sides], chosen)
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in sides]
+    if slave is other and sides[0][1] == sides[1][1]:
+        parts = opposite_parts(placed[0].surface)
+        placed = [replace(side, surface=part) for side, part in zip(placed, parts, strict=True)]
     for side in placed:
         _check_digits(side)
     if passes == "finer" and rigid is None and placed[1].surface.facet_size < _FINER * placed[0].surface.facet_size:
@@ -210,11 +213,8 @@ def CreatePartitionContact(
     if rigid is None:
         wanders = any(side.surface.wanders for side in placed)
         try:
-            if slave is other:
-                between = slave.body.flexibility(*(patch for _, patch in sides))
-                gaps = PatchGaps(placed[0], placed[1], rows, between)
-            else:
-                gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows)
+            between = slave.body.flexibility(*(patch for _, patch in sides)) if slave is other else None
+            gaps = (WanderingGaps if wanders else PatchGaps)(placed[0], placed[1], rows, between)
         except PenetrationError as error:
             first, second = (repr(item.name) if item.name else str(bodies.index(item)) for item, _ in sides)
             raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}") from error
@@ -285,23 +285,17 @@ def _facing_each_other(
 
 def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Formulation) -> None:
     """Two patches of one body may touch each other; the residual flexibility between them belongs to the contact."""
-    if patches[0] == patches[1]:
+    patches_of = item.body.partition.patches
+    if patches[0] == patches[1] and not patches_of[patches[0]].wanders:
         raise InputError(
             "slave, master: expected two bodies, or two patches of one by slavePatch= and masterPatch=, got patch "
-            f"{patches[0]} of one body twice. Divide the patch into two, each of which faces the other"
+            f"{patches[0]} of one body twice. A patch that folds may touch itself: choose it by Partition.surface"
         )
-    if type(formulation) is not Compliance or formulation.friction is not None:
+    if type(formulation) is not Compliance:
+        raise InputError("formulation, passes: a body touches itself by formulation='compliance' alone, in one pass")
+    if any(patches_of[patch].plastic for patch in patches):
         raise InputError(
-            "formulation, friction, passes: a body touches itself by formulation='compliance' alone, without friction "
-            "and in one pass"
-        )
-    if not isinstance(item.kinematics, InertialKinematics):
-        raise InputError("slave, master: a body touches itself in an inertial frame alone; take frame='inertial'")
-    patches_of = item.body.partition.patches
-    if any(patches_of[patch].plastic or patches_of[patch].wanders for patch in patches):
-        raise InputError(
-            "slave, master: patches of one body that touch each other must be those of Partition.ball, of a material "
-            "without hardening"
+            "slave, master: patches of one body that touch each other must be of a material without hardening"
         )
 
 

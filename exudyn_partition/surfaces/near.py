@@ -6,19 +6,23 @@ that may touch soon; only these are projected.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import EmptyRegionError, PenetrationError
-from ..fe.facets import facet_corners
+from ..fe.facets import area_vectors, facet_corners
 from ..support.arrays import Array
 from .points import ContactPoints, RowKind, contact_points
 from .rows import EDGE_TOLERANCE, PENETRATION_TOLERANCE, TOUCHING, ContactRows, rows_of
 from .surface import Projection, Surface, closest_points
 
+_OPPOSITE = math.cos(math.radians(30))  # between normals and the line across a gap
 _FACING = 0.5  # points meet if the cosine between their local normal and the master's inward normal is above
 _FROM_NODE = 0.6  # of a facet's longest edge: no point of it is further from the nearest node
 _START = 2.0  # facets around the nearest nodes that are projected at the start
@@ -60,6 +64,51 @@ def near_patches(
     return found
 
 
+def opposite_parts(surface: Surface) -> tuple[Surface, Surface]:
+    """The two parts of a patch that folds which face each other across its narrowest gap.
+
+    Their normals are within 30 degrees of the line across that gap, so that each facet of one faces those of the other.
+
+    Raises
+    ------
+    EmptyRegionError
+        If no facet of the patch faces another one.
+    """
+    centres = surface.points[facet_corners(surface.facets)].mean(axis=1)
+    normals = area_vectors(surface.points, surface.facets)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    narrowest, line, faces = np.inf, np.zeros(3), np.zeros(len(centres), dtype=bool)
+    for i, (centre, normal) in enumerate(zip(centres, normals, strict=True)):
+        way = centres - centre
+        ahead = way @ normal
+        met = (normals @ normal < -_OPPOSITE) & (ahead > 0)
+        met[met] = np.linalg.norm(way[met] - np.outer(ahead[met], normal), axis=1) <= surface.facet_size
+        faces[i] = met.any()
+        if faces[i] and ahead[met].min() < narrowest:
+            narrowest, line = float(ahead[met].min()), normal
+    if not faces.any():
+        raise EmptyRegionError(
+            "slavePatch, masterPatch: a patch that touches itself has to fold, so that some of its facets face others "
+            "across a gap; no facet of this one does. Name two patches, or choose more faces for Partition.surface"
+        )
+    one, other = (_part(surface, sign * normals @ line > _OPPOSITE, faces) for sign in (1, -1))
+    return one, other
+
+
+def _part(surface: Surface, chosen: Array, faces: Array) -> Surface:
+    """The facets of a choice, (nf,) bool, that hang together with some that face others; the rim is the part's."""
+    number = np.flatnonzero(chosen)
+    neighbours = surface.neighbours[0][number]
+    i, edge = np.nonzero((neighbours >= 0) & chosen[neighbours])
+    beside = np.searchsorted(number, neighbours[i, edge])
+    graph = sp.csr_matrix((np.ones(len(i)), (i, beside)), shape=(len(number),) * 2)
+    _, piece = connected_components(graph, directed=False)
+    own = np.isin(piece, piece[faces[number]])
+    facets, others = surface.facets[number[own]], np.delete(surface.facets, number[own], axis=0)
+    rim = np.intersect1d(facets, np.union1d(others, surface.rim))
+    return replace(surface, facets=facets, rim=rim)
+
+
 @dataclass(frozen=True, eq=False)
 class NearParts:
     """Parts of two patches that are near each other.
@@ -86,7 +135,9 @@ class NearParts:
         `slave` and `master` are the patches in their present places, with all their facets.
         """
         apart = _FROM_NODE * (_longest(slave) + _longest(master))
-        distance, _ = cKDTree(master.points).query(slave.points)
+        own, others = np.unique(slave.facets), np.unique(master.facets)  # both may be parts of one patch
+        distance = np.full(len(slave.points), np.inf)
+        distance[own] = cKDTree(master.points[others]).query(slave.points[own])[0]
         nearest = float(distance.min())
         reach = nearest + _START * master.facet_size + apart if within is None else within + apart
         nodes = np.flatnonzero(distance <= reach)

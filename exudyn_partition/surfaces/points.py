@@ -194,34 +194,37 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
         )
     share = area[:, :, None] * hats  # (nf, nq, k)
     hat_area = np.bincount(facets.ravel(), share.sum(axis=1).ravel(), minlength=n)
+    used = np.unique(facets)
     if rows == "integrated":
         points = np.arange(area.size).reshape(area.shape)
         where = np.broadcast_arrays(facets[:, None, :], points[:, :, None])
         weighted = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(n, area.size))
         weighted.eliminate_zeros()
         # Forces make a pressure at the points; its mean over each hat is the result.
-        inverse = sp.diags(1 / hat_area, format="csr")
+        inverse = sp.diags(np.divide(1.0, hat_area, out=np.zeros(n), where=hat_area > 0), format="csr")
         pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
         return ContactPoints(
             nodes=np.repeat(facets, len(weight), axis=0),
             weights=np.tile(shape, (nf, 1)),
-            mean=sp.csr_matrix(inverse @ weighted),
-            row_nodes=np.arange(n),
-            area=hat_area,
+            mean=sp.csr_matrix(inverse @ weighted)[used],
+            row_nodes=used,
+            area=hat_area[used],
             pressures=sp.csr_matrix(pressures),
             facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csc"),
         )
     of_corners = corner_hats(surface)
     corner_area = of_corners @ hat_area
     inverse = sp.diags(np.divide(1.0, corner_area, out=np.zeros(n), where=corner_area > 0))
+    shares = np.outer(area.sum(axis=1), NODAL_SHARES[k]).ravel()
+    of_facets = sp.csc_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n))
     return ContactPoints(
-        nodes=np.arange(n)[:, None],
-        weights=np.ones((n, 1)),
-        mean=sp.identity(n, format="csr"),
-        row_nodes=np.arange(n),
-        area=np.bincount(facets.ravel(), np.outer(area.sum(axis=1), NODAL_SHARES[k]).ravel(), minlength=n),
+        nodes=used[:, None],
+        weights=np.ones((len(used), 1)),
+        mean=sp.identity(len(used), format="csr"),
+        row_nodes=used,
+        area=np.bincount(facets.ravel(), shares, minlength=n)[used],
         pressures=sp.csr_matrix(inverse @ of_corners),
-        facets=sp.csc_matrix((np.ones(facets.size), (np.repeat(np.arange(nf), k), facets.ravel())), shape=(nf, n)),
+        facets=of_facets[:, used],
     )
 
 

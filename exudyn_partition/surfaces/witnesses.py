@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .surface import Surface
 
 
 def triangle_frame(points: Array) -> tuple[Array, Array]:
@@ -46,6 +47,12 @@ def pose_of(points: Array) -> Array:
     """Origin and axes of the frame of three points as one vector, (12,)."""
     origin, axes = triangle_frame(points)
     return np.concatenate([origin, axes.ravel()])
+
+
+def witnesses_of(surface: Surface) -> Array:
+    """Three nodes of a surface's facets that are far from each other, (3,) int array."""
+    nodes = np.unique(surface.facets)
+    return np.asarray(nodes[spread(surface.points[nodes])])
 
 
 def spread(points: Array) -> Array:

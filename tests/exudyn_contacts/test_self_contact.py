@@ -1,4 +1,4 @@
-"""A clip whose ends touch each other: two patches of one body, against the full FE model with the same rows."""
+"""A clip whose ends touch each other, by two patches or by one that folds, against the full FE model."""
 
 import exudyn as exu
 import netgen.occ as occ
@@ -9,7 +9,7 @@ from oracles import relative
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
 from exudyn_partition.algebra.factorisation import Factorisation
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import EmptyRegionError, InputError
 from exudyn_partition.reference.full_body import rows_on_dofs
 from exudyn_partition.reference.integrator import HHT
 from exudyn_partition.reference.laws import Frictionless
@@ -39,6 +39,13 @@ def body(clip):
     return ep.reduce(*clip, f_cut=200e3)
 
 
+@pytest.fixture(scope="module")
+def folded(clip):
+    """The clip with one patch, which has facets of both arms, and rows with friction."""
+    inside = [(13e-3, -1.6e-3, -MOUTH + 0.1e-3), (19.5e-3, 1.6e-3, 0.1e-3)]
+    return ep.reduce(clip[0], ep.Partition.surface(clip[0], inside, axes="xyz", name="mouth"), f_cut=200e3)
+
+
 def closing(body):
     """Velocities of the coordinates, (n_dofs,), of the lowest shape that closes the clip, with SPEED."""
     shapes, (tip, face) = np.eye(body.n_dofs), [patch.nodes for patch in body.partition.patches]
@@ -48,22 +55,23 @@ def closing(body):
     return shapes[first] * SPEED / speed[first]
 
 
-def model(body):
-    """The assembled model of the clip, and its contact."""
+def model(body, frame="inertial", **options):
+    """The assembled model of the clip, the clip in it, and its contact."""
     mbs = exu.SystemContainer().AddSystem()
-    item = ep.CreatePartitionBody(mbs, body, frame="inertial")
-    contact = ep.CreatePartitionContact(mbs, item, item, slavePatch="tip", masterPatch="face", passes="given")
+    item = ep.CreatePartitionBody(mbs, body, frame=frame)
+    patches = {"slavePatch": 0, "masterPatch": len(body.partition.patches) - 1}
+    contact = ep.CreatePartitionContact(mbs, item, item, passes="given", **patches, **options)
     mbs.Assemble()
-    return mbs, contact
+    return mbs, item, contact
 
 
-def reduced(body, method, step):
-    """Times, and the force of the contact, of a clip that closes."""
-    mbs, contact = model(body)
-    mbs.systemData.SetODE2Coordinates_t(closing(body), exu.ConfigurationType.Initial)
+def reduced(body, velocity, method, step, **options):
+    """The run of a clip that closes, the clip, and its contact; `velocity` is that of the basis' coordinates."""
+    mbs, item, contact = model(body, **options)
+    mbs.systemData.SetODE2Coordinates_t(item.kinematics.from_basis @ velocity, exu.ConfigurationType.Initial)
     result = ep.solve_dynamic(mbs, end_time=END, step=step, method=method)
     assert contact.impacts(result)[0].speed_before is None  # rigid motion of one body tells nothing of its ends
-    return result.t, contact.force(result)
+    return result, item, contact
 
 
 def full_rows(fem, partition):
@@ -90,7 +98,7 @@ def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
     """That of the clip between its ends: of modes, of both patches, and across from one patch to the other."""
     fem, partition = clip
     body = ep.reduce(fem, partition, f_cut=20e3)
-    gaps = model(body)[1].law.gaps
+    gaps = model(body)[2].law.gaps
     every = np.arange(len(gaps.row_nodes))
     H = gaps.jacobian(every).reshape(len(every), 2, -1).sum(axis=1)  # both sides have the same coordinates
     found = H @ np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True) @ H.T + gaps.flexibility(every)
@@ -110,13 +118,61 @@ def test_ends_of_a_clip_meet(clip, body):
     t_full, expected = full(*clip, body.displacement(closing(body)).ravel())
     assert expected.max() > 10.0
     for method, step in (("explicit", None), ("implicit", STEP)):
-        t, force = reduced(body, method, step)
-        assert relative(np.interp(t_full, t, force), expected) < 0.01, method
+        result, _, contact = reduced(body, closing(body), method, step)
+        assert relative(np.interp(t_full, result.t, contact.force(result)), expected) < 0.01, method
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_patch_that_folds_is_named_twice(clip, body, folded, frame):
+    """The arms are found in it, whose forces are those of the full FE model; with friction the energy balances."""
+    velocity = body.displacement(closing(body)).ravel()
+    t_full, expected = full(*clip, velocity)
+    shapes = np.array([folded.displacement(shape).ravel() for shape in np.eye(folded.n_dofs)])
+    weighted = clip[0].mass @ shapes.T
+    start = np.linalg.solve(shapes @ weighted, weighted.T @ velocity)
+    result, _, contact = reduced(folded, start, "explicit", None, frame=frame)
+    assert relative(np.interp(t_full, result.t, contact.force(result)), expected) < 0.01
+    # The arms shear too.
+    aside = shapes.reshape(folded.n_dofs, -1, 3)[:, :, 1]
+    tip, face = (patch.nodes for patch in clip[1].patches)
+    speed = aside[:, tip].mean(axis=1) - aside[:, face].mean(axis=1)
+    first = np.flatnonzero(np.abs(speed) > 0.5 * np.abs(speed).max())[0]
+    start[first] += SPEED / speed[first]
+    result, item, contact = reduced(folded, start, "implicit", STEP / 2, frame=frame, friction=0.3)
+    energy, lost = item.energy(result) + contact.energy(result), contact.dissipated_energy(result)
+    assert lost[-1] > 0.1 * energy[0]
+    assert abs(energy[-1] + lost[-1] - energy[0]) < 5e-4 * energy[0]
+    assert abs(item.momentum(result)).max() < 1e-9 * contact.force(result).max() * END
+
+
+def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip):
+    """Along the normals and both tangents: what modes leave out is across the mouth too."""
+    fem, found = clip[0], []
+    tip = ep.Partition.ball(fem, TIP, 1e-3, direction=(0, 0, 1), axes="xyz")
+    face = ep.Partition.ball(fem, FACE, 1e-3, direction=(0, 0, -1), axes="xyz")
+    for f_cut in (20e3, 200e3):
+        body = ep.reduce(fem, tip | face, f_cut=f_cut)
+        law = model(body, friction=0.3)[2].law
+        every = np.arange(len(law.gaps.row_nodes))
+        H = law.tangential.jacobian(every)
+        H = H.reshape(len(H), 2, -1).sum(axis=1)
+        modes = np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True)
+        found.append(H @ modes @ H.T + law.tangential.flexibility(every))
+    assert relative(*found) < 1e-9
+
+
+def test_a_patch_that_does_not_fold(clip):
+    fem = clip[0]
+    lower = ep.Partition.surface(fem, [(13e-3, -1.6e-3, -0.3e-3), (19.5e-3, 1.6e-3, -2e-6)])
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, ep.reduce(fem, lower, f_cut=20e3))
+    with pytest.raises(EmptyRegionError, match="has to fold"):
+        ep.CreatePartitionContact(mbs, item, item)
 
 
 def test_what_is_not_supported(body):
     mbs = exu.SystemContainer().AddSystem()
-    floating = ep.CreatePartitionBody(mbs, body, frame="floating")
     item = ep.CreatePartitionBody(mbs, body, frame="inertial", referencePosition=[0, 0, 1])
     patches = {"slavePatch": "tip", "masterPatch": "face"}
     with pytest.raises(InputError, match="got patch 0 of one body twice"):
@@ -124,8 +180,6 @@ def test_what_is_not_supported(body):
     for options in ({"formulation": "penalty"}, {"passes": "two"}):
         with pytest.raises(InputError, match="touches itself by formulation='compliance' alone"):
             ep.CreatePartitionContact(mbs, item, item, **patches, **options)
-    with pytest.raises(InputError, match="touches itself in an inertial frame alone"):
-        ep.CreatePartitionContact(mbs, floating, floating, **patches)
     ep.CreatePartitionContact(mbs, item, item, **patches)
     wall = ep.RigidPlane(point=[0, 0, 1 + 1e-5], normal=[0, 0, -1])
     with pytest.raises(InputError, match="a body that touches itself has another contact"):

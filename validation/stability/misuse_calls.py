@@ -443,7 +443,7 @@ CALLS = {
     "CreatePartitionContact": call(
         mbs=v.mbs(Made(lambda s: s.apart())),
         slave=v.item.but(**_foreign_item)(Made(lambda s: s.striker)),
-        master=v.item.but(**_foreign_item)(Made(lambda s: ep.RigidPlane())),
+        master=v.item.but(**_foreign_item, itself=Made(lambda s: s.striker))(Made(lambda s: ep.RigidPlane())),
         formulation=v.choice.but(**{"a class": Penalty, "a law": Made(lambda s: s.contact.law)})("penalty"),
         rows=v.choice.or_none,
         passes=v.choice("finer"),
