@@ -170,12 +170,12 @@ def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> 
             place = {dof: k for k, dof in enumerate(_dofs(mbs, nodes))}
             ends = zip((first, last), (contacts[0], contacts[-1]), strict=True)
             (H, own), (H_last, others) = (_closed_rows(mbs, run, contact, place) for run, contact in ends)
-            K[np.ix_(own, others)] = H.T @ _between(first, last) @ H_last
+            np.add.at(K, np.ix_(own, others), H.T @ _between(first, last) @ H_last)
             if first is last:  # its own element has that of the bodies
                 bodies = own[: first.law.gaps.n]
                 K[np.ix_(bodies, bodies)] = 0.0
             else:
-                K[np.ix_(others, own)] += H_last.T @ _between(last, first) @ H
+                np.add.at(K, np.ix_(others, own), H_last.T @ _between(last, first) @ H)
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * K))
 
     _add_object(mbs, "", nodes, 0, jacobian)

@@ -20,11 +20,6 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     group = coupled_with(contact, others)
     if len(group) == 1:
         return
-    if any(member.slave is member.master for member in group):
-        raise InputError(
-            "slave, master: a body that touches itself has another contact, whose forces move the same rows. These are "
-            "not solved together; leave one of them out"
-        )
     together = contact.formulation.together([member.law for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
@@ -80,7 +75,8 @@ class _Links:
     @property
     def shared(self) -> bool:
         """Whether contacts share a patch."""
-        sides = [(id(item), patch) for contact in self._contacts for item, patch in contact.sides]
+        each = ({(id(item), patch) for item, patch in contact.sides} for contact in self._contacts)
+        sides = [side for own in each for side in own]
         return len(set(sides)) < len(sides)
 
     def __call__(self) -> list[tuple[int, int, int, int, Array]]:
