@@ -172,7 +172,10 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     assert abs(energy[-1] - energy[0]) < 5e-4 * energy[0]
     if friction:
         return
-    q = item.coordinates(result)[np.minimum(*forces).argmax()]
+    # The mouth is closed a little later than the foot, which is pressed on the ball here.
+    q = item.coordinates(result)[forces[0].argmax()]
+    down = item.kinematics.from_basis @ body.rigid[:, 2]
+    q = item.kinematics.moved(q, -(3e-6 + other.law.fresh().gaps.at(q).min()) * down)
     group = own.together.for_run([member.law.fresh() for member in own.group])
     states = [np.concatenate([q] * len(member.sides)) for member in own.group]
     group.forces(states)
@@ -188,7 +191,8 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     ]  # fmt: skip
     gaps = [law.gaps.at(state) for law, state in zip(group.laws, states, strict=True)]
     expected = Complementarity(regularised(np.block(blocks))).solve(np.concatenate(gaps))
-    assert expected.sum() > 50.0
+    pressed = np.split(expected, [len(gaps[0])])
+    assert min(lam.sum() for lam in pressed) > 50.0
     assert relative(np.concatenate([law.lam for law in group.laws]), expected) < 1e-6
 
 
