@@ -22,6 +22,7 @@ from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
+_THREE = np.arange(3)
 _SOON = 0.15  # of a facet's size: gaps to rigid surfaces that may close, and motion after which rows are chosen again
 
 
@@ -47,6 +48,7 @@ class WanderingGaps(PatchGaps):
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""
         self.sides, self._parted_at = self._paired, None
+        self._three = [side.kinematics.some(some) for side, some in zip(self.sides, self._witnesses, strict=True)]
         super().reset()
 
     def at(self, q: Array) -> Array:
@@ -61,10 +63,9 @@ class WanderingGaps(PatchGaps):
 
     def _part_if_moved(self) -> None:
         """Find the parts that are near each other, unless they are known."""
-        if self._parted_at is not None:
-            here = seen_from(self.places_now(), self._witnesses)
-            if largest_change(here, self._parted_at) <= self._part_reach:
-                return
+        here = self._seen()
+        if self._parted_at is not None and largest_change(here, self._parted_at) <= self._part_reach:
+            return
         near = self._near_parts(self._q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)
         if not self._apart_by_far:
@@ -73,8 +74,13 @@ class WanderingGaps(PatchGaps):
         self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
         self.follow_nodes(None)
         self._searched_at = None
-        self._parted_at = seen_from(self.places_now(), self._witnesses)
+        self._parted_at = here
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
+
+    def _seen(self) -> Array:
+        """Where the slave is seen from the master, (3, 3) [m], at the last coordinates; only witnesses are placed."""
+        places = [three.place(q) for three, q in zip(self._three, self.split(self._q), strict=True)]
+        return seen_from(places, [_THREE, _THREE])
 
     def _near_parts(self, q: Array) -> NearParts:
         slave, master = (
