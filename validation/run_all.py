@@ -310,6 +310,7 @@ CASES = {
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),
     "memory": Case("benchmarks/memory.py", memory),
+    "earlier": Case("benchmarks/earlier.py", limits(("time", "time_with_extra"))),
     "ordering": Case("benchmarks/ordering.py", ordering, quick=None),
     "factorisation": Case("benchmarks/factorisation.py", limits(("reduction", "frequencies"))),
     **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
@@ -321,6 +322,7 @@ CASES = {
     "effectivity": Case("mesh/effectivity.py", limits(("largest", "reference"))),
     "promise": Case("mesh/promise.py", limits(("failed", "largest_share"))),
     "correct": Case("mesh/correct.py", limits(())),
+    "by_hand": Case("mesh/by_hand.py", limits(())),
     "design": Case("mesh/design.py", limits(("failed", "largest_share")),
                    ("--quick", "--out", "{out}/design_quick.json"), ("mesh_design.png",)),
 }  # fmt: skip
