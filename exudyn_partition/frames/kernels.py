@@ -5,20 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
+from ..support.struct_kernels import StructType
 
 
 @structref.register
-class FixedType(types.StructRef):
+class FixedType(StructType):
     """Type of `Fixed` in compiled loops."""
-
-    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
-        """See numba."""
-        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
 
 
 class Fixed(structref.StructRefProxy):

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
+from ..support.struct_kernels import StructType
 from .kernels import (
     cross_all,
     cross_edge,
@@ -28,12 +28,8 @@ from .kernels import (
 
 
 @structref.register
-class MovingType(types.StructRef):
+class MovingType(StructType):
     """Type of `Moving` in compiled loops."""
-
-    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
-        """See numba."""
-        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
 
 
 class Moving(structref.StructRefProxy):
@@ -204,12 +200,8 @@ def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
 
 
 @structref.register
-class FollowedType(types.StructRef):
+class FollowedType(StructType):
     """Type of `Followed` in compiled loops."""
-
-    def preprocess_fields(self, fields):  # type: ignore[no-untyped-def]
-        """See numba."""
-        return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
 
 
 class Followed(structref.StructRefProxy):
