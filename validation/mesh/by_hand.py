@@ -64,16 +64,8 @@ def measured(name):
     made = []
 
     def by_design():
-        made.append(
-            ep.design_impact(
-                *scene.bodies,
-                speed=scene.speed,
-                contact=(0, 0, 0),
-                tolerance=TOLERANCE,
-                duration=scene.duration,
-                correct=scene.correct,
-            )  # fmt: skip
-        )
+        options = {"speed": scene.speed, "duration": scene.duration, "correct": scene.correct}
+        made.append(ep.design_impact(*scene.bodies, contact=(0, 0, 0), tolerance=TOLERANCE, **options))
         return made[0].fems, made[0].bodies, made[0].step
 
     curves, times = timed(scene, by_design)
@@ -101,7 +93,7 @@ def measured(name):
 
 
 def main():
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=designs.SCENES, default=[*designs.SCENES])
     parser.add_argument("--out", type=Path, help="write the JSON result there")
     options = parser.parse_args()
