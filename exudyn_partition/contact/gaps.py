@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 _NOTHING = np.empty(0)
-MANY = 5_000  # entries of rows at nodes: if as many can be spared, only the nodes needed are followed
+MANY = 50_000  # of what can be spared, see `Side.spares`: then only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 Pressed = tuple[Array, Array, float]  # forces on rows, (nr,) [N], generalised forces, (n,), and the least gap [m]
 
@@ -204,7 +204,7 @@ class Gaps:
         self._near_sides = self._placed_at = None
         if nodes is not None:
             self._near_sides = tuple(
-                side.following(some) if 3 * (side.n_followed - len(some)) * side.n > MANY else side
+                side.following(some) if side.spares(some) > MANY else side
                 for side, some in zip(self.sides, nodes, strict=True)
             )
 

@@ -281,6 +281,7 @@ class GroupRun:
         self.time_s, self.evaluated = 0.0, object()
         self._together, self._members = together, [*members]
         self._dofs = [member.dofs for member in members]
+        self._twice = [len(np.unique(dofs)) < len(dofs) for dofs in self._dofs]  # of a body that touches itself
         self._frozen: FrozenContacts | None = None
         self._q: Array | None = None  # of the evaluation, if compiled loops made it
         self._laws_know = True
@@ -306,8 +307,11 @@ class GroupRun:
         else:
             self._q, self._laws_know, force = None, True, np.zeros(len(q))
             self.evaluated = forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
-            for dofs, own in zip(self._dofs, forces, strict=True):
-                np.add.at(force, dofs, own)  # a body that touches itself is there twice
+            for dofs, twice, own in zip(self._dofs, self._twice, forces, strict=True):
+                if twice:
+                    np.add.at(force, dofs, own)
+                else:
+                    force[dofs] += own
         self.time_s += time.perf_counter() - begin
         return force
 

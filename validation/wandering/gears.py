@@ -46,6 +46,7 @@ PLACES = np.arange(-5, 5) / 10  # turns of the pinion, by a tooth
 NEAR = 40e-6  # gaps of rigid gears in touch below which rows may bear [m]
 BEFORE, SPEED, END, STEP = 0.2, 0.1, 200e-6, 1e-6  # impact: turn by a tooth, speed of flanks [m/s], end, step [s]
 F_IMPACT = 100e3  # [Hz]
+RUNS = 3  # in frames that do not turn; the quickest counts, the least disturbed one
 
 
 class FullGear:
@@ -242,8 +243,11 @@ def main():
     (t, hit, online), (t_full, hit_full, stepping, factors) = runs
     explicit_t, explicit_hit, explicit_online, _ = explicit_impact(quick)
     turned = turned_bodies()
-    *_, begun, first_steps = explicit_impact(turned, END / 20, "inertial")
-    fixed_t, fixed_hit, fixed_online, fixed_steps = explicit_impact(turned, frame="inertial")
+    short, whole = (
+        min((explicit_impact(turned, end, "inertial") for _ in range(RUNS)), key=lambda run: run[2])
+        for end in (END / 20, END)
+    )
+    (*_, begun, first_steps), (fixed_t, fixed_hit, fixed_online, fixed_steps) = short, whole
     found = {
         "transmission": abs(ways[0] / ways[1] - 1).max(),
         "shares": abs(loads[0] - loads[1]).max(),
