@@ -14,6 +14,7 @@ from scipy.linalg import lapack
 from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .products import smallest as least_of
 
 _REGULARISATION = 1e-9  # of the mean diagonal
 ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
@@ -62,6 +63,10 @@ class Complementarity:
                 "largest entry): the basis leaves no local flexibility, or rows are redundant. Keep fewer modes "
                 "(lower f_cut) or use formulation='lagrange'"
             )
+        if len(self.F):
+            self.reset()
+            self.iterations = self.single_pivots = 0
+            self.solve(np.where(np.arange(len(F)) > 0, 1.0, -1.0))  # so that loops are compiled before a run begins
         self.iterations = 0
         self.single_pivots = 0
         self.reset()
@@ -144,7 +149,7 @@ class Complementarity:
         ComplementarityError
             If h is not finite.
         """
-        smallest = h.min() if smallest is None else smallest
+        smallest = least_of(h) if smallest is None else smallest
         if not math.isfinite(smallest):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if smallest >= 0.0:

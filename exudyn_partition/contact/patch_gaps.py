@@ -113,7 +113,7 @@ class PatchGaps(Gaps):
 
     def _linearised(self, rows: ContactRows) -> LinearGaps:
         H, drift = self.jacobian(np.arange(len(rows))), drift_rows(self.sides, self.shares, rows)
-        return LinearGaps(H, rows.gap - H @ self._q, drift, drift @ self._q, _HELD * self.size)
+        return LinearGaps(H, moved(rows.gap, H, -self._q), drift, drift @ self._q, _HELD * self.size)
 
     @property
     def linear(self) -> LinearGaps | None:

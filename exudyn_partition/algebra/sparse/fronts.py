@@ -15,7 +15,7 @@ from ...support.arrays import Array
 from .ordering import nested_dissection, node_graph
 
 _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fronts are quicker than many small ones
-_SMALL, _SMALL_ZEROS = 64, 0.5  # and that one with at most so many rows to eliminate may hold
+_SMALL, _SMALL_ZEROS = 56, 0.5  # and that one with at most so many rows to eliminate may hold
 WIDEST = 1024  # most rows that a front eliminates; more do so in a chain of fronts, whose triangles are smaller
 
 
