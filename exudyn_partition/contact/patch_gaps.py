@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..algebra.complementarity import ROUNDING, Complementarity
-from ..algebra.products import largest_change, moved
+from ..algebra.products import largest_change, moved, weighted_rows
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
@@ -65,8 +65,6 @@ class PatchGaps(Gaps):
         See `rows.pair_surfaces`.
     """
 
-    _rows_followed: Followed | None = None
-
     def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated", between: Array | None = None) -> None:
         self.sides, self._kind, self.between = (slave, master), kind, between
         self._paired, self._here, self.held, self.moving = self.sides, np.zeros((3, 3)), None, True
@@ -87,6 +85,7 @@ class PatchGaps(Gaps):
         """Go back to the pairs at the start, before a new run."""
         self._since, self._apart = 0, False
         self._searched_at: Array | None = None
+        self._rows_followed: Followed | None = None
         self._asked: tuple[Array | float, ...] | None = None
         self._pressed: Pressed | None = None
         self._stood_at: Array | None = None
@@ -113,7 +112,9 @@ class PatchGaps(Gaps):
 
     def _linearised(self, rows: ContactRows) -> LinearGaps:
         H, drift = self.jacobian(np.arange(len(rows))), drift_rows(self.sides, self.shares, rows)
-        return LinearGaps(H, moved(rows.gap, H, -self._q), drift, drift @ self._q, _HELD * self.size)
+        start = moved(rows.gap.copy(), H, -self._q)
+        weighted_rows(start, H)  # so that this loop, too, is compiled before a run begins
+        return LinearGaps(H, start, drift, drift @ self._q, _HELD * self.size)
 
     @property
     def linear(self) -> LinearGaps | None:
@@ -165,8 +166,7 @@ class PatchGaps(Gaps):
 
     def _generalised(self, lam: Array) -> Array:
         """See `Gaps._generalised`; one compiled call while points are followed, if no frame moves."""
-        slave, master = (side.fixed for side in self.near_sides)
-        loops = kernels("contact")
+        loops, (slave, master) = kernels("contact"), (side.fixed for side in self.near_sides)
         if loops is None or slave is None or master is None or not self._just_followed:
             return super()._generalised(lam)
         moving = self._pairs.moving(self.points, self._followed_points)
