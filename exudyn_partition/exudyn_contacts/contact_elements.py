@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from ..exudyn_bodies.model import coordinate_slices, user_function
+from ..exudyn_bodies.model import coordinate_slices, registered, user_function
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, consecutive
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
@@ -58,11 +58,14 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
 
 
-def add_common_element(mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact]) -> None:
+def add_common_element(
+    mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact], runs: Runs
+) -> None:
     """Let one object over the nodes of many bodies apply the forces of the contact too, in runs by `all_at_once`.
 
-    The model has one such object, which is idle in all other runs. Exudyn calls Python for it once, and for the
-    contacts' own elements once each. Contacts that are solved alone keep their own.
+    The model has one such object, and no other run has its forces. Exudyn calls Python for it once, and for the
+    contacts' own elements once each. Contacts that are solved alone keep their own. In all runs the object has the
+    stiffness between its contacts, see `add_links`.
     """
     if contact.together is None or not all(member.elastic for member in contact.group):
         return
@@ -70,10 +73,15 @@ def add_common_element(mbs: MainSystem, contact: PartitionContact, others: Seque
     common = next((other["oCommon"] for other in others if "oCommon" in other), None)
     nodes = {} if common is None else {int(node): node for node in mbs.GetObjectParameter(common, "nodeNumbers")}
     new = [member for member in contact.group if "oCommon" not in member]
-    nodes |= {int(node): node for member in new for node in member.nodes}
+    nodes |= {int(node): node for member in new for node in _moved_nodes(member)}
 
-    def jacobian(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, *unused: object) -> MatrixContainer:
-        return exu.MatrixContainer(sp.csr_matrix((len(q),) * 2))
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        coupled = [contact for contact in registered(mbs).contacts.values() if "oCommon" in contact]
+        pairs = [(one, other) for one in coupled for other in one.linked if "oCommon" in other]
+        K = _stiffness_between(mbs, runs, pairs, mbs.GetObjectParameter(i, "nodeNumbers"), t)
+        return exu.MatrixContainer(fODE2 * K)
 
     if common is None:
         common = _add_object(mbs, "", [*nodes.values()], 0, jacobian)
@@ -138,47 +146,65 @@ def switched_off(mbs: MainSystem, contacts: Sequence[PartitionContact]) -> Itera
 def add_links(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> None:
     """Add the stiffness of a contact across elements: with what carries a surface, and with contacts on its bodies.
 
-    These objects have no force, which the contacts' own elements and loads have, and cost nothing in explicit runs.
-    Without them Newton's method does not converge where nothing else holds a carrier, or bodies between two contacts.
+    These objects have no force, which the contacts' own elements and loads have. Without them Newton's method does not
+    converge where nothing else holds a carrier, or bodies between two contacts. A common element does without them.
     """
     if not contact.law.compliant:
         return
     if contact.carrier is not None and contact.carrier.nodes:
-        _add_link(mbs, [contact], runs)
-    for other in contact.group:
-        if other is not contact and any(item is own for item, _ in other.sides for own, _ in contact.sides):
-            _add_link(mbs, [contact, other], runs)
+        _add_link(mbs, (contact, contact), runs)
+    for other in contact.linked:
+        if "oCommon" not in contact or "oCommon" not in other:
+            _add_link(mbs, (contact, other), runs)
 
 
-def _add_link(mbs: MainSystem, contacts: list[PartitionContact], runs: Runs) -> None:
-    """Add an object with the stiffness between one contact and its carrier, or between two contacts of a group."""
+def _add_link(mbs: MainSystem, pair: tuple[PartitionContact, PartitionContact], runs: Runs) -> None:
+    """Add an object with the stiffness between two contacts of a group, or between a contact and its own carrier."""
     exu = require("exudyn")
-    nodes: list[NodeIndex] = []
-    for contact in contacts:
-        own = contact.nodes + ([] if contact.carrier is None else contact.carrier.nodes)
-        nodes += [node for node in own if int(node) not in map(int, nodes)]
+    nodes = [*{int(node): node for contact in pair for node in _moved_nodes(contact)}.values()]
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
-        first, last = runs.advanced(mbs, t, contacts[0]), runs.at_work(contacts[-1])
-        first.update(mbs, t)
-        if last is not first:
-            last.update(mbs, t)
-        K = np.zeros((len(q), len(q)))
-        if first.law.index.size and last.law.index.size:
-            place = {dof: k for k, dof in enumerate(_dofs(mbs, nodes))}
-            ends = zip((first, last), (contacts[0], contacts[-1]), strict=True)
-            (H, own), (H_last, others) = (_closed_rows(mbs, run, contact, place) for run, contact in ends)
-            np.add.at(K, np.ix_(own, others), H.T @ _between(first, last) @ H_last)
-            if first is last:  # its own element has that of the bodies
-                bodies = own[: first.law.gaps.n]
-                K[np.ix_(bodies, bodies)] = 0.0
-            else:
-                np.add.at(K, np.ix_(others, own), H_last.T @ _between(last, first) @ H)
-        return exu.MatrixContainer(sp.csr_matrix(fODE2 * K))
+        return exu.MatrixContainer(fODE2 * _stiffness_between(mbs, runs, [pair], nodes, t))
 
     _add_object(mbs, "", nodes, 0, jacobian)
+
+
+def _moved_nodes(contact: PartitionContact) -> list[NodeIndex]:
+    """Nodes of the bodies, and of what carries the rigid surface."""
+    return contact.nodes + ([] if contact.carrier is None else contact.carrier.nodes)
+
+
+def _stiffness_between(
+    mbs: MainSystem,
+    runs: Runs,
+    pairs: Sequence[tuple[PartitionContact, PartitionContact]],
+    nodes: Sequence[NodeIndex],
+    t: float,
+) -> sp.csr_matrix:
+    """Stiffness of the closed rows of contacts by those of others, csr (n, n), on the coordinates of these nodes."""
+    dofs = _dofs(mbs, nodes)
+    place = {dof: k for k, dof in enumerate(dofs)}
+    parts: list[tuple[Array, Array, Array]] = [(np.empty((0, 0)), *np.empty((2, 0), dtype=np.int64))]
+    at_work = {id(contact): runs.advanced(mbs, t, contact) for pair in pairs for contact in pair}
+    for run in at_work.values():
+        run.update(mbs, t)
+    for contact, other in pairs:
+        first, last = at_work[id(contact)], at_work[id(other)]
+        if not first.law.index.size or not last.law.index.size:
+            continue
+        (H, own), (H_last, others) = (_closed_rows(mbs, *end, place) for end in ((first, contact), (last, other)))
+        K = H.T @ _between(first, last) @ H_last
+        if first is last:  # its own element has that of the bodies
+            K[: first.law.gaps.n, : first.law.gaps.n] = 0.0
+        else:
+            parts.append((H_last.T @ _between(last, first) @ H, others, own))
+        parts.append((K, own, others))
+    values = np.concatenate([K.ravel() for K, _, _ in parts])
+    rows = np.concatenate([np.repeat(own, len(others)) for _, own, others in parts])
+    columns = np.concatenate([np.tile(others, len(own)) for _, own, others in parts])
+    return sp.csr_matrix((values, (rows, columns)), shape=(len(dofs),) * 2)
 
 
 def _between(run: ContactRun, other: ContactRun) -> Array:
@@ -201,7 +227,7 @@ def _closed_rows(
     return H, np.array([place[dof] for dof in dofs])
 
 
-def _dofs(mbs: MainSystem, nodes: list[NodeIndex]) -> list[int]:
+def _dofs(mbs: MainSystem, nodes: Sequence[NodeIndex]) -> list[int]:
     """Numbers of the nodes' coordinates in the model."""
     kind = require("exudyn").OutputVariableType.Coordinates
     starts = [(mbs.GetNodeODE2Index(node), np.size(mbs.GetNodeOutput(node, kind))) for node in nodes]

@@ -45,6 +45,8 @@ class ContactResults(PlasticResults):
         Contacts that are solved together in every run, the same list for all of them.
     together : Together or None
         What finds their forces, if there are several and forces are elastic; each run has its own.
+    linked : list of ContactResults
+        Earlier ones of these on bodies of this contact.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     """
@@ -56,6 +58,7 @@ class ContactResults(PlasticResults):
     law: Law
     group: list[Any]
     together: Together | None
+    linked: list[Any]
     moment_about: Array | None
 
     def slices(self, mbs: MainSystem) -> list[slice]:

@@ -23,6 +23,8 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     together = contact.formulation.together([member.law for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
+    own = [id(item) for item, _ in contact.sides]
+    contact.linked = [o for o in group if o is not contact and any(id(item) in own for item, _ in o.sides)]
 
 
 def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:

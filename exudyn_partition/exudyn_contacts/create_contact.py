@@ -241,12 +241,14 @@ def CreatePartitionContact(
     contact["oContact"] = add_element(mbs, contact, runs)
     if masterBody is not None:
         load_carrier(mbs, lambda: runs.at_work(contact).law, masterBody)
+    add_common_element(mbs, contact, contacts, runs)
     add_links(mbs, contact, runs)
-    add_common_element(mbs, contact, contacts)
 
-    leads = not contacts
+    leads, key = not contacts, id(contact)
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
+        if t == runs.told_at and not leads and key in runs.told:
+            return runs.told[key]
         run = runs.see(mbs, t, leads).of(contact)
         return run.values(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
 

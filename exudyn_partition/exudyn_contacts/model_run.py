@@ -65,6 +65,7 @@ class ModelRun:
         self.record = RunRecord(t, keep)
         self._steppers: list[MultiplierStep] = []
         self._groups: list[GroupRun] = []
+        self._grouped: list[list[int]] = []  # identities of the contacts of each
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
             if group[0].together is not None:
@@ -131,11 +132,19 @@ class ModelRun:
             members = [self._runs[id(contact)] for contact in group]
             assert members[0].together is not None
             self._groups.append(GroupRun(members[0].together, members))
+            self._grouped.append([id(contact) for contact in group])
 
     def force_at_once(self, mbs: MainSystem) -> Array:
         """Generalised forces of these contacts, (nq,), in the model's present state."""
         q = mbs.systemData.GetODE2Coordinates(copy=False)
         return sum((group.force(q) for group in self._groups[1:]), self._groups[0].force(q))
+
+    def told(self, t: float) -> dict[int, list[float]]:
+        """Values of the sensors `sForce` at t that compiled loops have found, by the identity of each contact."""
+        found: dict[int, list[float]] = {}
+        for contacts, group in zip(self._grouped, self._groups, strict=True):
+            found.update(zip(contacts, group.values(t) or (), strict=False))
+        return found
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
@@ -197,9 +206,14 @@ class Runs:
     ----------
     joints : Joints or None
         Joints that the next runs close together with the contacts.
+    told : dict of int to list of float
+        `ModelRun.told` for the time `told_at`, so that most sensors need only one look.
+    told_at : float or None
     """
 
     def __init__(self) -> None:
+        self.told: dict[int, list[float]] = {}
+        self.told_at: float | None = None
         self.joints: Joints | None = None
         self._left_to_sensors = False
         self._at_once: Sequence[ContactResults] = ()
@@ -209,7 +223,8 @@ class Runs:
         self._latest = -math.inf
 
     def now(self, mbs: MainSystem) -> ModelRun:
-        """The present run. If there is none, a run begins."""
+        """The present run, to evaluate contacts in. If there is none, a run begins."""
+        self.told_at = None
         return self._now or self.begin(mbs, float(mbs.systemData.GetTime()))
 
     def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ContactRun:
@@ -235,6 +250,8 @@ class Runs:
             if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
                 self._now = self.begin(mbs, t)
             self._latest = t
+        if first:
+            self.told, self.told_at = self._now.told(t), t
         return self._now
 
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:

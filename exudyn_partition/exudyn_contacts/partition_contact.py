@@ -52,7 +52,7 @@ class PartitionContact(ContactResults):
         self.slave = sides[0][0]
         self.master = rigid if rigid is not None else sides[1][0]
         self.formulation, self.law, self.carrier = formulation, law, carrier
-        self.group, self.together = [self], None
+        self.group, self.together, self.linked = [self], None, []
         self.moment_about = None
 
     @property
