@@ -59,8 +59,9 @@ class Surplus:
         ours = (added[:, None] + n * np.arange(3)).ravel()
         theirs = (old[:, None] + n * np.arange(3)).ravel()
         to_nodes = sp.kron(to_hierarchical, sp.identity(3), format="csr")
-        self.stiffness = stiffness[ours][:, ours]
-        self.coupling = sp.csr_matrix(stiffness[ours][:, theirs] @ to_nodes)
+        rows = stiffness[ours]
+        self.stiffness = rows[:, ours]
+        self.coupling = sp.csr_matrix(rows[:, theirs] @ to_nodes)
         self.mass_coupling = sp.kron(mass[added][:, old] @ to_hierarchical, sp.identity(3), format="csr")
 
     def at(self, corners: Array, local: Array) -> sp.csr_matrix:
