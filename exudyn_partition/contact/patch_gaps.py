@@ -113,7 +113,7 @@ class PatchGaps(Gaps):
     def _linearised(self, rows: ContactRows) -> LinearGaps:
         H, drift = self.jacobian(np.arange(len(rows))), drift_rows(self.sides, self.shares, rows)
         start = moved(rows.gap.copy(), H, -self._q)
-        weighted_rows(start, H)  # so that this loop, too, is compiled before a run begins
+        _ = weighted_rows(start, H), self.normal  # so that these loops, too, are compiled before a run begins
         return LinearGaps(H, start, drift, drift @ self._q, _HELD * self.size)
 
     @property

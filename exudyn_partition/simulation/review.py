@@ -49,8 +49,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
     for item in bodies:
         q = item.coordinates(result)
         finite = np.asarray(np.isfinite(q).all(axis=1))
-        size = np.ptp(item.body.points, axis=0).max()
-        share = item.deformation(np.where(finite[:, None], q, 0.0)) / size
+        share = _deformed_share(item, np.where(finite[:, None], q, 0.0))
         shares.append(share)
         valid &= finite & ~_unbounded(item, result, finite & (share < _LARGEST_DEFORMATION))
     if not valid.all():
@@ -69,6 +68,16 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
             _warn_of_strain(item, result, share[: len(result.t)])
         warn_of_contacts(mbs, contacts, result)
     return result
+
+
+def _deformed_share(item: PartitionBody, q: Array) -> Array:
+    """Largest elastic displacement on the patches by the body's size, (n,), or a bound on it, where that is small."""
+    body, motion = item.body, abs(item.kinematics.deformed(q))
+    size = np.ptp(body.points, axis=0).max()
+    of_shapes = abs(body.shape_rows(body.partition.patch_nodes)).max(axis=0, initial=0.0)
+    of_nodes = motion[:, body.n_shapes :].max(axis=1, initial=0.0)
+    bound: Array = (motion[:, : body.n_shapes] @ of_shapes + of_nodes) / size
+    return bound if bound.max(initial=0.0) < _LARGEST_DEFORMATION else item.deformation(q) / size
 
 
 def _unbounded(item: PartitionBody, result: Result, small: Array) -> Array:

@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy.linalg
 
 from ...algebra.complementarity import ROUNDING, Complementarity, regularised
-from ...algebra.products import smallest
+from ...algebra.products import dense, smallest
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
@@ -215,8 +216,9 @@ class ComplianceContact(ElasticContact):
 
     def closed_stiffness(self) -> Array:
         """Contact stiffness with all rows closed, (n, n): the largest that the element can have."""
-        H = self.gaps.jacobian(np.arange(len(self.gaps.row_nodes)))
-        value: Array = H.T @ np.linalg.solve(self.gaps.problem().F, H)
+        H = dense(self.gaps.jacobian(np.arange(len(self.gaps.row_nodes))))
+        half = scipy.linalg.solve_triangular(np.linalg.cholesky(self.gaps.problem().F), H, lower=True)
+        value: Array = half.T @ half
         return value
 
 
