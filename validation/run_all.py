@@ -312,7 +312,6 @@ CASES = {
     "memory": Case("benchmarks/memory.py", memory),
     "earlier": Case("benchmarks/earlier.py", limits(("time", "time_with_extra"))),
     "ordering": Case("benchmarks/ordering.py", ordering, quick=None),
-    "factorisation": Case("benchmarks/factorisation.py", limits(("reduction", "frequencies"))),
     **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
        for scene in SCENES},
     "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),

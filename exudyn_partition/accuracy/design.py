@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..algebra.factorisation import one_blas_thread
+from ..algebra.blas_threads import one_blas_thread
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError, MemoryLimitError, MeshError, PartitionError, ToleranceWarning
 from ..fe.material import Material

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.factorisation import one_blas_thread
+from ..algebra.blas_threads import one_blas_thread
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError, ToleranceWarning
 from ..fe.model import FEModel, node_dofs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
-from ..algebra.factorisation import one_blas_thread
+from ..algebra.blas_threads import one_blas_thread
 from ..contact.rigid import RigidSurface
 from ..errors import InputError, ToleranceWarning
 from ..reduction.body import ReducedBody

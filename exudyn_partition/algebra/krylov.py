@@ -17,8 +17,7 @@ import scipy.sparse.linalg
 from ..errors import ModeAccuracyError, ModeCountWarning
 from ..support.arrays import Array
 from ..support.progress import Progress
-from .factorisation import Factorisation
-from .sparse.multifrontal import Analysis
+from .sparse.multifrontal import Analysis, Factorisation
 
 _COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
 _BLOCK = 1e7  # numbers in them, which bounds the memory for large bodies

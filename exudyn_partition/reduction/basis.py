@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 import scipy.linalg
 
-from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import RitzPairs, eigenmodes, orthonormal_complement
+from ..algebra.sparse.multifrontal import Factorisation
 from ..errors import FrequencyRangeError, InputError, UnitsWarning
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.factorisation import Factorisation
 from ..algebra.krylov import (
     BlockKrylov,
     FreeBodyFlexibility,
@@ -20,7 +19,7 @@ from ..algebra.krylov import (
     mass_normalised,
     orthonormal_complement,
 )
-from ..algebra.sparse.multifrontal import Analysis
+from ..algebra.sparse.multifrontal import Analysis, Factorisation
 from ..errors import InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
@@ -87,7 +86,7 @@ class FreeBody:
             )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
         K, M = self.model.stiffness, self.model.mass
-        self._analysis = Analysis(lambda: sp.csr_matrix(abs(K) + abs(M)))
+        self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)))
 
     def flexibility(self) -> FreeBodyFlexibility:
         """Its elastic flexibility; this costs a factorisation."""

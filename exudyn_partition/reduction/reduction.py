@@ -15,8 +15,8 @@ from typing import TypedDict
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.blas_threads import one_blas_thread
 from ..algebra.coulomb import Coulomb, friction_of
-from ..algebra.factorisation import one_blas_thread
 from ..errors import FrequencyRangeError, InputError
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition, check_one_line

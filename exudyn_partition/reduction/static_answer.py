@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..algebra.factorisation import one_blas_thread
+from ..algebra.blas_threads import one_blas_thread
 from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
 from ..errors import InputError
 from ..fe.model import FEModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.factorisation import Factorisation
+from ..algebra.sparse.multifrontal import Factorisation
 from ..support.arrays import Array
 
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..algebra.blas_threads import one_blas_thread
 from ..algebra.coulomb import Coulomb, friction_of
-from ..algebra.factorisation import one_blas_thread
 from ..errors import InputError, StoppedRunWarning
 from ..fe.places import interpolation
 from ..results.history import History

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..algebra.factorisation import one_blas_thread
+from ..algebra.blas_threads import one_blas_thread
 from ..contact.formulations.formulation import INTEGRATORS, Integrator, Law
 from ..errors import (
     InputError,

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
-from ..algebra.factorisation import one_blas_thread
+from ..algebra.blas_threads import one_blas_thread
 from ..errors import InputError, ModelLimitWarning, RunError
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_contacts.model_run import runs_of

@@ -7,7 +7,7 @@ import scipy.sparse.linalg
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.algebra.sparse.ordering import cut, nested_dissection, node_graph
 
 
@@ -49,4 +49,4 @@ def test_factors_of_a_solid_body_fill_less_than_by_minimum_degree():
     matrix = cube.stiffness + 1e10 * cube.mass
     options = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     by_degree = scipy.sparse.linalg.splu(sp.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", **options)
-    assert Factorisation(matrix, "multifrontal").nnz < 0.85 / 2 * by_degree.nnz  # which has two triangles
+    assert Factorisation(matrix).nnz < 0.85 / 2 * by_degree.nnz  # which has two triangles

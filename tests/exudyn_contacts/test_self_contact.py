@@ -8,8 +8,8 @@ from oracles import relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
-from exudyn_partition.algebra.factorisation import Factorisation
 from exudyn_partition.algebra.products import dense
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.errors import EmptyRegionError, InputError
 from exudyn_partition.reference.full_body import rows_on_dofs
 from exudyn_partition.reference.integrator import HHT

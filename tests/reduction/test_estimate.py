@@ -11,7 +11,7 @@ from oracles import TOP, relative
 import exudyn_partition as ep
 from exudyn_partition.algebra import krylov
 from exudyn_partition.algebra.complementarity import Complementarity
-from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
 from exudyn_partition.reduction import free_body
 

@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.factorisation import one_blas_thread
+from exudyn_partition.algebra.blas_threads import one_blas_thread
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side

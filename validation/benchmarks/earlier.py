@@ -1,10 +1,10 @@
 """Off-line cost at the paper's size, by an earlier version and by this one: rod and plate with 97 000 nodes.
 
-Reference: the version before fronts, PARDISO, friction and yield, which factorised by SuperLU, on the same machine in
-the same minutes; git has to know it.
+Reference: the version before fronts, friction and yield, which factorised by SuperLU, on the same machine in the same
+minutes; git has to know it.
 Each case runs in a process of its own, so that its peak memory is its own.
 Quantity: processor time of meshing and assembly, and of the reduction of both bodies (contact-adapted, 40 kHz), and
-peak memory; of this version without and with PARDISO of the extra `[fast]`. Times are those of the quickest turn.
+peak memory; of this version without and with numba of the extra `[fast]`. Times are those of the quickest turn.
 Limits: off-line in all, 1 / 1.5 of the time without the extra and a third with it; 4e9 bytes.
 
     python -m validation.benchmarks.earlier [--old REVISION] [--turns 1]
@@ -30,7 +30,7 @@ MAXH, F_CUT = 3.7e-3, 40e3  # [m], [Hz]
 LIMITS = {"time": 1 / 1.5, "time_with_extra": 1 / 3, "memory_GB": 4.0}
 
 
-def case(extra):
+def case():
     """Processor times [s] and peak memory of the checkout that is imported."""
     import resource
     import warnings
@@ -39,10 +39,6 @@ def case(extra):
     from examples.models import rod_on_plate as example
 
     warnings.simplefilter("ignore")
-    if not extra:
-        from exudyn_partition.algebra import factorisation
-
-        factorisation.library = lambda: None  # an earlier version has none
     begin = time.process_time()
     fems, partitions, _ = example.fe_models(quick=False, maxh=MAXH)
     between = time.process_time()
@@ -59,11 +55,11 @@ def case(extra):
     }
 
 
-def run(checkout, *options):
-    """A case in a process of its own."""
+def run(checkout, compiles):
+    """A case in a process of its own, with compiled loops or without."""
     path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, __file__, "--case", *options]
+    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "NUMBA_DISABLE_JIT": str(int(not compiles))}
+    command = [sys.executable, __file__, "--case"]
     process = subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, text=True, check=True)
     found = json.loads(process.stdout.splitlines()[-1])
     if found.pop("from") != str(checkout):
@@ -73,18 +69,18 @@ def run(checkout, *options):
 
 def measured(old, turns):
     """The quickest turn of each case."""
-    from exudyn_partition.algebra.sparse.pardiso import library
+    from exudyn_partition.support.compiled import compiles
 
-    if library() is None:
-        sys.exit("mkl is missing: pip install exudyn-partition[fast]")
+    if not compiles():
+        sys.exit("numba is missing: pip install exudyn-partition[fast]")
     with tempfile.TemporaryDirectory() as folder:
         checkout, runs = Path(folder).resolve() / "old", {}
         subprocess.run(["git", "worktree", "add", "--detach", checkout, old], cwd=ROOT, check=True, capture_output=True)
         try:
             for _ in range(turns):
-                for name, *which in (("old", checkout), ("new", ROOT), ("new_with_extra", ROOT, "extra")):
+                for name, where in (("old", checkout), ("new", ROOT), ("new_with_extra", ROOT)):
                     print(f"{name} ...", file=sys.stderr, flush=True)
-                    runs.setdefault(name, []).append(run(*which))
+                    runs.setdefault(name, []).append(run(where, compiles=name == "new_with_extra"))
         finally:
             subprocess.run(["git", "worktree", "remove", "--force", checkout], cwd=ROOT, check=True)
     return {name: min(turns, key=lambda one: one["offline_s"]) for name, turns in runs.items()}
@@ -94,10 +90,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--old", default=OLD, help="the earlier version")
     parser.add_argument("--turns", type=int, default=1)
-    parser.add_argument("--case", nargs="*", help=argparse.SUPPRESS)
+    parser.add_argument("--case", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.case is not None:
-        print(json.dumps(case("extra" in options.case)))
+    if options.case:
+        print(json.dumps(case()))
         return
     import exudyn_partition as ep
 

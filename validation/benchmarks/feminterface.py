@@ -28,6 +28,7 @@ from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.algebra import krylov as linalg
+from exudyn_partition.algebra.blas_threads import one_blas_thread
 
 RESULTS = Path(__file__).with_suffix(".json")
 SIDE, THICKNESS, MAXH = 0.250, 0.005, 4.5e-3  # the plate of examples/models/rod_on_plate.py [m]
@@ -55,7 +56,7 @@ def own_modes(mesh, material, band):
     """Elastic frequencies up to `band` [Hz] by this library, the times, and the number of nodes."""
     fem, assembly_s = clocked(ep.fe_model, mesh, material)
     begin = time.perf_counter()
-    with linalg.one_blas_thread():
+    with one_blas_thread():
         rigid = linalg.mass_normalised(fem.rigid_modes, fem.mass)
         modes = linalg.eigenmodes(fem.stiffness, fem.mass, rigid, 2 * np.pi * band)
     modes_s = time.perf_counter() - begin

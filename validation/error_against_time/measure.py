@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "out" / "error_against_time"

@@ -29,7 +29,6 @@ import numpy as np
 from rich.console import Console
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.sparse import pardiso
 from validation.contact import scenes
 from validation.inelastic import impact
 
@@ -64,7 +63,6 @@ def reduction(kind, size):
         "cpu_s": time.process_time() - begin,
         "reduce_s": sum(body.reduce_s for body in bodies),
         "memory_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
-        "factors_by": "our fronts" if pardiso.library() is None else "PARDISO",
     }
 
 

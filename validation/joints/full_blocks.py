@@ -7,8 +7,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from examples.models.crank_slider_parts import CONTACT_ANGLE, CRANK, DAMPING, LENGTHS, LINK, SPEED, STIFFNESS, slider
+from exudyn_partition.algebra.blas_threads import one_blas_thread
 from exudyn_partition.algebra.complementarity import Complementarity
-from exudyn_partition.algebra.factorisation import one_blas_thread
 from exudyn_partition.fe.model import node_dofs
 from exudyn_partition.reference.full_body import FullBody, rows_on_dofs
 from exudyn_partition.reference.integrator import HHT

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 
 RADIUS, SPEED, LENGTH = 0.060, 2.0, 0.250  # of the face [m], of the head [m/s], from hinge to head [m]
 WOOD = ep.Material(E=11e9, nu=0.3, rho=700.0)

@@ -20,7 +20,7 @@ from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity
-from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.fe.model import node_dofs
 from exudyn_partition.surfaces.points import contact_points
 from exudyn_partition.surfaces.rows import point_matrix

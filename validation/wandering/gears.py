@@ -28,7 +28,7 @@ import exudyn_partition as ep
 from examples.models import gear_pair as example
 from examples.models import gear_pair_parts as shapes
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
-from exudyn_partition.algebra.factorisation import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.reference.integrator import HHT
 from exudyn_partition.surfaces.near import NearParts, near_rows
 from exudyn_partition.surfaces.points import contact_points

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...support.arrays import Array
 from ...support.compiled import compiled
 
@@ -30,3 +32,42 @@ def add(change: Array, place: Array, own: Array, below: Array, update: Array) ->
         else:
             for j in range(i, c):
                 update[row - k, place[j] - k] += change[i, j]
+
+
+@compiled
+def solve(x: Array, store: Array, starts: Array, ends: Array, changes: Array, signs: Array) -> None:
+    """Solve for one right-hand side x, (n,), in place; its rows are in order of elimination.
+
+    Parameters
+    ----------
+    store : array
+        Of one front after the other, `inverse` and `below`, each with its columns one behind the other.
+    starts : (nf + 1,) int array
+        Which rows each front eliminates.
+    ends : (nf + 1,) int array
+        Where the rows begin in `changes` that each front changes.
+    changes : int array
+    signs : (n,) array
+    """
+    begin = 0
+    for front in range(len(starts) - 1):
+        own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
+        k, m = len(own), len(others)
+        own[:] = np.dot(own, store[begin : begin + k * k].reshape(k, k))
+        begin += k * k
+        pushed = np.dot(own, store[begin : begin + k * m].reshape(k, m))
+        begin += k * m
+        for i in range(m):
+            x[others[i]] -= pushed[i]
+    for front in range(len(starts) - 2, -1, -1):
+        own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
+        k, m = len(own), len(others)
+        known = np.empty(m)
+        for i in range(m):
+            known[i] = x[others[i]]
+        begin -= k * m
+        pushed = np.dot(store[begin : begin + k * m].reshape(k, m), known)
+        for i in range(k):
+            pushed[i] = signs[starts[front] + i] * own[i] - pushed[i]
+        begin -= k * k
+        own[:] = np.dot(store[begin : begin + k * k].reshape(k, k), pushed)

@@ -23,6 +23,7 @@ from ...support.compiled import kernels
 from .fronts import Fronts, find_fronts
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
+_FEW = 4  # so few are solved for one by one
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
 
@@ -66,17 +67,20 @@ class Analysis:
         return find_fronts(self._pattern())
 
 
-class Multifrontal:
+class Factorisation:
     """Block factors C S C' of a sparse symmetric matrix, with S of ones and minus ones; one triangle is stored.
 
     Fronts that are positive definite are factorised by Cholesky, others by Bunch and Kaufman. Pivots are exchanged
     within a front only. That need not be accurate where the matrix is indefinite, so that one solution is checked then.
+    Any thread may solve.
 
     Parameters
     ----------
     matrix : (n, n) sparse matrix, or function
-        Symmetric; see `Factorisation`.
+        Symmetric. A function makes it, so that it is gone before the factors need the memory.
+        It is positive definite, or shifted to between two eigenvalues.
     analysis : Analysis, optional
+        Keeps what the places of the entries tell, for other matrices with entries in the same places.
 
     Raises
     ------
@@ -89,11 +93,12 @@ class Multifrontal:
         matrix = sp.csr_matrix(given() if callable(given) else given)
         fronts = find_fronts(matrix) if analysis is None else analysis.fronts
         self._order, n = fronts.order, len(fronts.order)
-        matrix = sp.triu(matrix[self._order][:, self._order], format="csr")
+        matrix = _upper(matrix, self._order)
         spans = [slice(*bounds) for bounds in pairwise(fronts.starts.tolist())]
         sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
         # In one piece, pages of which are taken when they are written: the memory of updates stays whole.
-        store = np.zeros(sum(k * (k + m) for k, m in sizes))
+        self._store = store = np.zeros(sum(k * (k + m) for k, m in sizes))
+        self._signs = np.ones(n)
         place, begin = np.full(n, -1), 0
         updates: list[tuple[Array, Array]] = []
         self._factors: list[_Factor] = []
@@ -109,10 +114,13 @@ class Multifrontal:
                 _add(change, place[child], own, below, update)
                 del change
             place[rows] = place[changes] = -1
-            signs = _eliminate(own, below, update)
+            if (signs := _eliminate(own, below, update)) is not None:
+                self._signs[rows] = signs
             self._factors.append(_Factor(rows, changes, own, signs, below))
             updates.append((changes, update))
             del update
+        ends = np.cumsum([0, *(len(changes) for changes in fronts.below)])
+        self._places = fronts.starts, ends, np.concatenate(fronts.below)
         if any(factor.signs is not None for factor in self._factors):
             self._check(given() if callable(given) else given)
 
@@ -127,10 +135,19 @@ class Multifrontal:
             )
 
     def solve(self, rhs: Array, threads: int = 2) -> Array:
-        """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks, `threads` of them at a time."""
+        """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks, `threads` of them at a time.
+
+        A few go through compiled loops one by one: blocks pay for the calls from Python by their width.
+        """
         if rhs.ndim == 1:
             return self.solve(rhs[:, None])[:, 0]
         result = np.empty(rhs.shape, order="F")
+        if rhs.shape[1] <= _FEW and (loops := kernels("algebra.sparse")):
+            for one, answer in zip(rhs.T, result.T, strict=True):
+                x = one[self._order].astype(float)
+                loops.solve(x, self._store, *self._places, self._signs)
+                answer[self._order] = x
+            return result
 
         def solve_block(block: slice) -> None:
             x = np.array(rhs[self._order, block], order="C")
@@ -157,6 +174,15 @@ class Multifrontal:
     def negative_pivots(self) -> int:
         """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia)."""
         return sum(int(np.count_nonzero(f.signs < 0)) for f in self._factors if f.signs is not None)
+
+
+def _upper(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:
+    """Upper triangle of a symmetric matrix with rows and columns in another order, (n,) int array."""
+    rank = np.empty(len(order), dtype=matrix.indices.dtype)
+    rank[order] = np.arange(len(order))
+    rows, columns = np.repeat(rank, np.diff(matrix.indptr)), rank[matrix.indices]
+    upper = rows <= columns
+    return sp.csr_matrix((matrix.data[upper], (rows[upper], columns[upper])), shape=matrix.shape)
 
 
 def _place(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> None:

@@ -1,7 +1,7 @@
 """Order of elimination that keeps the factors of a sparse symmetric matrix small: nested dissection.
 
-`validation/benchmarks/ordering.py` compares it with the orders of SciPy's SuperLU, and with PARDISO, which brings metis
-along and does not come here. A binding to metis would be one more package to install.
+`validation/benchmarks/ordering.py` compares it with the orders of SciPy's SuperLU. A binding to metis would be one more
+package to install.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...algebra.complementarity import Complementarity, regularised
-from ...algebra.factorisation import Factorisation
 from ...algebra.friction import SLIP, STICK, FrictionProblem
+from ...algebra.sparse.multifrontal import Factorisation
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
