@@ -5,6 +5,7 @@ Theory: examples/site/theory.md, "Contact-adapted".
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from dataclasses import dataclass
 
@@ -20,7 +21,7 @@ from ..algebra.krylov import (
     orthonormal_complement,
 )
 from ..algebra.sparse.multifrontal import Analysis, Factorisation
-from ..errors import InputError
+from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
@@ -35,6 +36,8 @@ _LOG = logging.getLogger(__name__)
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
+_LARGE = 20_000  # dofs, from which on memory and time of factors matter
+_ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy; 1e-5 is usual
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
@@ -201,10 +204,29 @@ class AdaptedSpace(FreeBody):
         self.__dict__.pop("krylov", None)  # frees its factors before others are made
         self._settled: tuple[float, float] | None = None
         M, shift = self.model.mass, (np.pi * f_shift) ** 2
-        solve = Factorisation(lambda: self.model.stiffness + shift * M, analysis=self._analysis).solve
         lead = orthonormal_complement(self._lead, M, self.rigid)
-        self.krylov = BlockKrylov(solve, M, shift, self.rigid, self.loads, lead)
+        self.krylov = BlockKrylov(self._factors(shift).solve, M, shift, self.rigid, self.loads, lead)
         self.krylov.grow(2 * _GROWTH)
+
+    def _factors(self, shift: float) -> Factorisation:
+        """Factors of K + s M for the Krylov space; of large bodies in single precision, where that is accurate.
+
+        Rayleigh-Ritz is exact in any space, and static answers have factors of their own. So vectors need few digits.
+        """
+        model = self.model
+
+        def matrix() -> sp.csr_matrix:
+            return model.stiffness + shift * model.mass
+
+        if model.n >= _LARGE:
+            with contextlib.suppress(IndefiniteMatrixError):
+                factors, load = Factorisation(matrix, self._analysis, single=True), self.loads[:, 0]
+                answer = factors.solve(load)
+                left = load - model.stiffness @ answer - shift * (model.mass @ answer)
+                if left @ factors.solve(left) <= _ROUGH**2 * (load @ answer):  # by energies
+                    return factors
+                del factors
+        return Factorisation(matrix, self._analysis)
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.

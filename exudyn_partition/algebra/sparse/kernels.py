@@ -62,7 +62,7 @@ def solve(x: Array, store: Array, starts: Array, ends: Array, changes: Array, si
     for front in range(len(starts) - 2, -1, -1):
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
         k, m = len(own), len(others)
-        known = np.empty(m)
+        known = np.empty(m, x.dtype)
         for i in range(m):
             known[i] = x[others[i]]
         begin -= k * m

@@ -27,6 +27,19 @@ _FEW = 4  # so few are solved for one by one
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
 
+class _Calls(NamedTuple):
+    """Dense algebra in one precision."""
+
+    potrf: Callable[..., tuple[Array, int]]
+    trtri: Callable[..., tuple[Array, int]]
+    trsm: Callable[..., Array]
+    syrk: Callable[..., Array]
+
+
+_DOUBLE = _Calls(lapack.dpotrf, lapack.dtrtri, blas.dtrsm, blas.dsyrk)
+_SINGLE = _Calls(lapack.spotrf, lapack.strtri, blas.strsm, blas.ssyrk)
+
+
 class _Factor(NamedTuple):
     """What a front leaves: with C = inverse^-1, its rows of the matrix are [C; below] diag(signs) [C; below]'.
 
@@ -81,14 +94,22 @@ class Factorisation:
         It is positive definite, or shifted to between two eigenvalues.
     analysis : Analysis, optional
         Keeps what the places of the entries tell, for other matrices with entries in the same places.
+    single : bool
+        Factors in single precision, of a positive definite matrix: half of the memory, and of the time of a solution.
 
     Raises
     ------
     IndefiniteMatrixError
-        If the matrix is singular, or the factors are not accurate.
+        If the matrix is singular, or the factors are not accurate; in single precision, if a pivot is not positive.
     """
 
-    def __init__(self, matrix: sp.spmatrix | Callable[[], sp.spmatrix], analysis: Analysis | None = None) -> None:
+    def __init__(
+        self,
+        matrix: sp.spmatrix | Callable[[], sp.spmatrix],
+        analysis: Analysis | None = None,
+        *,
+        single: bool = False,
+    ) -> None:
         given = matrix
         matrix = sp.csr_matrix(given() if callable(given) else given)
         fronts = find_fronts(matrix) if analysis is None else analysis.fronts
@@ -97,8 +118,9 @@ class Factorisation:
         spans = [slice(*bounds) for bounds in pairwise(fronts.starts.tolist())]
         sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
         # In one piece, pages of which are taken when they are written: the memory of updates stays whole.
-        self._store = store = np.zeros(sum(k * (k + m) for k, m in sizes))
-        self._signs = np.ones(n)
+        dtype = np.float32 if single else np.float64
+        self._store = store = np.zeros(sum(k * (k + m) for k, m in sizes), dtype)
+        self._signs = np.ones(n, dtype)
         place, begin = np.full(n, -1), 0
         updates: list[tuple[Array, Array]] = []
         self._factors: list[_Factor] = []
@@ -108,7 +130,7 @@ class Factorisation:
             begin += k * (k + m)
             place[rows], place[changes] = np.arange(k), np.arange(k, k + m)
             _place(matrix, rows, place, own, below)
-            update = np.zeros((m, m), order="F")
+            update = np.zeros((m, m), dtype, order="F")
             for _ in range(count):
                 child, change = updates.pop()
                 _add(change, place[child], own, below, update)
@@ -144,13 +166,13 @@ class Factorisation:
         result = np.empty(rhs.shape, order="F")
         if rhs.shape[1] <= _FEW and (loops := kernels("algebra.sparse")):
             for one, answer in zip(rhs.T, result.T, strict=True):
-                x = one[self._order].astype(float)
+                x = one[self._order].astype(self._store.dtype)
                 loops.solve(x, self._store, *self._places, self._signs)
                 answer[self._order] = x
             return result
 
         def solve_block(block: slice) -> None:
-            x = np.array(rhs[self._order, block], order="C")
+            x = np.array(rhs[self._order, block], self._store.dtype, order="C")
             for rows, changes, inverse, _, below in self._factors:
                 x[rows] = inverse @ x[rows]
                 x[changes] -= below @ x[rows]
@@ -212,14 +234,23 @@ def _add(change: Array, place: Array, own: Array, below: Array, update: Array) -
 
 
 def _eliminate(own: Array, below: Array, update: Array) -> Array | None:
-    """Factorise a front in place: `own` becomes the inverse of its factor; return signs, see `_Factor`."""
-    factor, indefinite = lapack.dpotrf(own, lower=1)
+    """Factorise a front in place: `own` becomes the inverse of its factor; return signs, see `_Factor`.
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If it is singular, or not positive definite in single precision.
+    """
+    calls = _SINGLE if own.dtype == np.float32 else _DOUBLE
+    factor, indefinite = calls.potrf(own, lower=1)
     if not indefinite:
         if len(below):
-            blas.dtrsm(1.0, factor, below, side=1, lower=1, trans_a=1, overwrite_b=1)
-            blas.dsyrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
-        own[:] = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
+            calls.trsm(1.0, factor, below, side=1, lower=1, trans_a=1, overwrite_b=1)
+            calls.syrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
+        own[:] = calls.trtri(factor, lower=1, overwrite_c=1)[0]
         return None
+    if calls is _SINGLE:
+        raise IndefiniteMatrixError("the matrix is not positive definite in single precision")
     own[:], signs = _indefinite(own)
     below[:] = below @ (own.T * signs)
     update -= (below * signs) @ below.T
