@@ -60,9 +60,34 @@ def compiled(function: F) -> F:
     return _compiled(function, **_OPTIONS)
 
 
+def unlocked(function: F) -> F:
+    """Return a compiled function that lets other Python threads run; for loops that take long."""
+    return _compiled(function, nogil=True, **_OPTIONS)
+
+
 def inlined(function: F) -> F:
     """Return a compiled function whose code is put where it is called: calls with arrays cost more than small sums."""
     return _compiled(function, forceinline=True, **_OPTIONS)
+
+
+def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:
+    """Return a function of SciPy's BLAS or LAPACK that compiled loops can call, with addresses of its arguments.
+
+    Parameters
+    ----------
+    module : str
+        `cython_blas` or `cython_lapack`.
+    name : str
+    n_arguments : int
+    """
+    types = importlib.import_module("numba.core.types")
+    address = importlib.import_module("numba.extending").get_cython_function_address(f"scipy.linalg.{module}", name)
+    # By a name, which code on disk can hold; addresses are others in each process.
+    importlib.import_module("llvmlite.binding").add_symbol(f"exudyn_partition_{name}", address)
+    found: Callable[..., None] = types.ExternalFunction(
+        f"exudyn_partition_{name}", types.void(*[types.intp] * n_arguments)
+    )
+    return found
 
 
 def _compiled(function: F, **options: object) -> F:

@@ -5,10 +5,45 @@ from __future__ import annotations
 import numpy as np
 
 from ...support.arrays import Array
-from ...support.compiled import compiled
+from ...support.compiled import external, inlined, unlocked
+
+_dpotrf, _spotrf = external("cython_lapack", "dpotrf", 5), external("cython_lapack", "spotrf", 5)
+_dtrtri, _strtri = external("cython_lapack", "dtrtri", 6), external("cython_lapack", "strtri", 6)
+_dtrsm, _strsm = external("cython_blas", "dtrsm", 11), external("cython_blas", "strsm", 11)
+_dsyrk, _ssyrk = external("cython_blas", "dsyrk", 10), external("cython_blas", "ssyrk", 10)
 
 
-@compiled
+@unlocked
+def put(starts: Array, indices: Array, data: Array, place: Array, own: Array, below: Array) -> bool:
+    """Write the entries of some rows of an upper triangle to a front; all arrays of it are transposed.
+
+    Parameters
+    ----------
+    starts : (k + 1,) int array
+        Where these rows begin in `indices` and `data`, as of csr.
+    place : (n,) int array
+        Of each row in the front, -1 if it is not there.
+    own, below : (k, k), (k, m) arrays
+
+    Returns
+    -------
+    bool
+        Whether all entries have a place.
+    """
+    k = len(own)
+    for i in range(k):
+        for entry in range(starts[i], starts[i + 1]):
+            j = place[indices[entry]]
+            if j < 0:
+                return False
+            if j < k:
+                own[i, j] = data[entry]
+            else:
+                below[i, j - k] = data[entry]
+    return True
+
+
+@unlocked
 def add(change: Array, place: Array, own: Array, below: Array, update: Array) -> None:
     """Add what a child leaves to its places in the front; all arrays but `place` are transposed, with rows in order.
 
@@ -34,7 +69,42 @@ def add(change: Array, place: Array, own: Array, below: Array, update: Array) ->
                 update[row - k, place[j] - k] += change[i, j]
 
 
-@compiled
+@unlocked
+def eliminate(own: Array, below: Array, update: Array) -> bool:
+    """Factorise a front in place, see `multifrontal._eliminate`; all arrays are transposed.
+
+    Returns
+    -------
+    bool
+        Whether it is positive definite; if not, nothing has changed.
+    """
+    letters = np.array([ord("L"), ord("R"), ord("T"), ord("N")], np.uint8)
+    sizes, info = np.array([len(own), len(update)], np.int32), np.zeros(1, np.int32)
+    numbers, factor = np.array([1.0, -1.0]).astype(own.dtype), own.copy()
+    lower, k, one = letters.ctypes.data, sizes.ctypes.data, numbers.ctypes.data
+    right, turned, plain, m, minus = lower + 1, lower + 2, lower + 3, k + 4, one + own.itemsize
+    a, b, c, said = factor.ctypes.data, below.ctypes.data, update.ctypes.data, info.ctypes.data
+    if own.itemsize == 4:
+        _spotrf(lower, k, a, k, said)
+        if info[0] == 0 and len(update) > 0:
+            _strsm(right, lower, turned, plain, m, k, one, a, k, b, m)
+            _ssyrk(lower, plain, m, k, minus, b, m, one, c, m)
+        if info[0] == 0:
+            _strtri(lower, plain, k, a, k, said)
+    else:
+        _dpotrf(lower, k, a, k, said)
+        if info[0] == 0 and len(update) > 0:
+            _dtrsm(right, lower, turned, plain, m, k, one, a, k, b, m)
+            _dsyrk(lower, plain, m, k, minus, b, m, one, c, m)
+        if info[0] == 0:
+            _dtrtri(lower, plain, k, a, k, said)
+    if info[0] != 0:
+        return False
+    own[:] = factor
+    return True
+
+
+@unlocked
 def solve(x: Array, store: Array, starts: Array, ends: Array, changes: Array, signs: Array) -> None:
     """Solve for one right-hand side x, (n,), in place; its rows are in order of elimination.
 

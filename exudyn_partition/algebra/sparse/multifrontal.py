@@ -27,19 +27,6 @@ _FEW = 4  # so few are solved for one by one
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
 
-class _Calls(NamedTuple):
-    """Dense algebra in one precision."""
-
-    potrf: Callable[..., tuple[Array, int]]
-    trtri: Callable[..., tuple[Array, int]]
-    trsm: Callable[..., Array]
-    syrk: Callable[..., Array]
-
-
-_DOUBLE = _Calls(lapack.dpotrf, lapack.dtrtri, blas.dtrsm, blas.dsyrk)
-_SINGLE = _Calls(lapack.spotrf, lapack.strtri, blas.strsm, blas.ssyrk)
-
-
 class _Factor(NamedTuple):
     """What a front leaves: with C = inverse^-1, its rows of the matrix are [C; below] diag(signs) [C; below]'.
 
@@ -129,7 +116,7 @@ class Factorisation:
             below = store[begin + k * k : begin + k * (k + m)].reshape((m, k), order="F")
             begin += k * (k + m)
             place[rows], place[changes] = np.arange(k), np.arange(k, k + m)
-            _place(matrix, rows, place, own, below)
+            _put(matrix, rows, place, own, below)
             update = np.zeros((m, m), dtype, order="F")
             for _ in range(count):
                 child, change = updates.pop()
@@ -207,16 +194,19 @@ def _upper(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:
     return sp.csr_matrix((matrix.data[upper], (rows[upper], columns[upper])), shape=matrix.shape)
 
 
-def _place(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> None:
+def _put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> None:
     """Write the entries of some rows of an upper triangle to a front, as columns."""
     starts, k = matrix.indptr[rows.start : rows.stop + 1], len(own)
-    entries = slice(starts[0], starts[-1])
-    row, column = place[matrix.indices[entries]], np.repeat(np.arange(k), np.diff(starts))
-    if row.min(initial=0) < 0:
+    if loops := kernels("algebra.sparse"):
+        complete = loops.put(starts, matrix.indices, matrix.data, place, own.T, below.T)
+    else:
+        entries = slice(starts[0], starts[-1])
+        row, column = place[matrix.indices[entries]], np.repeat(np.arange(k), np.diff(starts))
+        complete, inside, values = row.min(initial=0) >= 0, row < k, matrix.data[entries]
+        own[row[inside], column[inside]] = values[inside]
+        below[row[~inside] - k, column[~inside]] = values[~inside]
+    if not complete:
         raise ValueError("analysis: expected fronts of all entries of the matrix, got those of another one")
-    inside, values = row < k, matrix.data[entries]
-    own[row[inside], column[inside]] = values[inside]
-    below[row[~inside] - k, column[~inside]] = values[~inside]
 
 
 def _add(change: Array, place: Array, own: Array, below: Array, update: Array) -> None:
@@ -241,20 +231,30 @@ def _eliminate(own: Array, below: Array, update: Array) -> Array | None:
     IndefiniteMatrixError
         If it is singular, or not positive definite in single precision.
     """
-    calls = _SINGLE if own.dtype == np.float32 else _DOUBLE
-    factor, indefinite = calls.potrf(own, lower=1)
-    if not indefinite:
-        if len(below):
-            calls.trsm(1.0, factor, below, side=1, lower=1, trans_a=1, overwrite_b=1)
-            calls.syrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
-        own[:] = calls.trtri(factor, lower=1, overwrite_c=1)[0]
+    loops = kernels("algebra.sparse")
+    definite = loops.eliminate(own.T, below.T, update.T) if loops else _eliminate_definite(own, below, update)
+    if definite:
         return None
-    if calls is _SINGLE:
+    if own.dtype == np.float32:
         raise IndefiniteMatrixError("the matrix is not positive definite in single precision")
     own[:], signs = _indefinite(own)
     below[:] = below @ (own.T * signs)
     update -= (below * signs) @ below.T
     return signs
+
+
+def _eliminate_definite(own: Array, below: Array, update: Array) -> bool:
+    """Do so by Cholesky; whether it is positive definite. If not, nothing has changed."""
+    potrf, trtri = lapack.get_lapack_funcs(("potrf", "trtri"), (own,))
+    trsm, syrk = blas.get_blas_funcs(("trsm", "syrk"), (own,))
+    factor, indefinite = potrf(own, lower=1)
+    if indefinite:
+        return False
+    if len(below):
+        trsm(1.0, factor, below, side=1, lower=1, trans_a=1, overwrite_b=1)
+        syrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
+    own[:] = trtri(factor, lower=1, overwrite_c=1)[0]
+    return True
 
 
 def _indefinite(matrix: Array) -> tuple[Array, Array]:
