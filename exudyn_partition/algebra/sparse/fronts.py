@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...support.arrays import Array
+from ...support.compiled import kernels
 from .ordering import nested_dissection, node_graph
 
 _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fronts are quicker than many small ones
@@ -41,26 +42,14 @@ class Fronts(NamedTuple):
 
 @dataclass
 class _Front:
-    """A front of nodes; numbers of rows, and of entries that are zero."""
+    """A front of nodes, and numbers of rows."""
 
     nodes: list[int]
     below: Array
     n_rows: int
     n_below: int
-    zeros: int = 0
     children: list[_Front] = field(default_factory=list)
     peak: int = 0
-
-    def take(self, child: _Front) -> bool:
-        """Eliminate a child's nodes with one's own, if that stores few zeros; whether it does."""
-        rows = child.n_rows + self.n_rows
-        zeros = self.zeros + child.zeros + child.n_rows * (self.n_rows + self.n_below - child.n_below)
-        entries = rows * (rows + 1) // 2 + rows * self.n_below
-        if zeros > (_SMALL_ZEROS if rows <= _SMALL else _ZEROS) * entries:
-            return False
-        self.nodes, self.n_rows, self.zeros = child.nodes + self.nodes, rows, zeros
-        self.children += child.children
-        return True
 
     def arrange(self) -> None:
         """Put first the child whose elimination needs most memory beyond what it leaves (Liu 1986)."""
@@ -106,18 +95,48 @@ def _roots(graph: sp.csr_matrix, sizes: Array) -> list[_Front]:
     """Eliminate nodes one by one, and put those together that may share a front; return the fronts without a parent."""
     lower = sp.csc_matrix(sp.tril(graph, -1))
     lower.sort_indices()
-    neighbours = np.split(lower.indices, lower.indptr[1:-1])
+    loops = kernels("algebra.sparse", "front_kernels")
+    eliminate = loops.eliminate_nodes if loops else _eliminate_nodes
+    limits = _SMALL, _SMALL_ZEROS, _ZEROS
+    front, n_rows, n_below, ends, below = eliminate(lower.indptr, lower.indices, sizes, *limits)
+    while (front[front] != front).any():
+        front = front[front]
+    leading, counts = np.unique(front, return_counts=True)
+    nodes = np.split(np.argsort(front, kind="stable"), np.cumsum(counts)[:-1])
     roots: list[_Front] = []
-    children: list[list[_Front]] = [[] for _ in sizes]
-    for node, below in enumerate(neighbours):
-        own, children[node] = children[node], []
-        if own:
-            below = np.concatenate([below, *(child.below[1:] for child in own)])
-            below.sort()
-            below = below[np.concatenate([[True], below[1:] != below[:-1]])[: len(below)]]
-        front = _Front([node], below, int(sizes[node]), int(sizes[below].sum()))
-        own.sort(key=lambda child: child.n_rows * (front.n_rows + front.n_below - child.n_below))
-        front.children += [child for child in own if not front.take(child)]
-        front.arrange()
-        (children[below[0]] if len(below) else roots).append(front)
+    found: dict[int, _Front] = {}
+    for last, members in zip(leading.tolist(), nodes, strict=True):
+        beyond = below[ends[last] : ends[last + 1]]
+        found[last] = _Front(members.tolist(), beyond, int(n_rows[last]), int(n_below[last]))
+    for one in found.values():
+        one.arrange()
+        (found[int(front[one.below[0]])].children if len(one.below) else roots).append(one)
     return roots
+
+
+def _eliminate_nodes(
+    starts: Array, neighbours: Array, sizes: Array, small: int, zeros_of_small: float, zeros_of_large: float
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Do what `front_kernels.eliminate_nodes` does."""
+    taken_by, n_rows, n_below, zeros = np.arange(len(sizes)), sizes.tolist(), [0] * len(sizes), [0] * len(sizes)
+    children: list[list[int]] = [[] for _ in sizes]
+    below: list[Array] = []
+    for node, beyond in enumerate(np.split(neighbours, starts[1:-1])):
+        own = children[node]
+        if own:
+            beyond = np.concatenate([beyond, *(below[child][1:] for child in own)])
+            beyond.sort()
+            beyond = beyond[np.concatenate([[True], beyond[1:] != beyond[:-1]])[: len(beyond)]]
+        below.append(beyond)
+        n_below[node] = int(sizes[beyond].sum())
+        own.sort(key=lambda child: n_rows[child] * (n_rows[node] + n_below[node] - n_below[child]))
+        for child in own:
+            rows = n_rows[child] + n_rows[node]
+            lacking = zeros[node] + zeros[child] + n_rows[child] * (n_rows[node] + n_below[node] - n_below[child])
+            entries = rows * (rows + 1) // 2 + rows * n_below[node]
+            if lacking <= (zeros_of_small if rows <= small else zeros_of_large) * entries:
+                taken_by[child], n_rows[node], zeros[node] = node, rows, lacking
+        if len(beyond):
+            children[beyond[0]].append(node)
+    ends = np.cumsum([0, *map(len, below)])
+    return taken_by, np.array(n_rows), np.array(n_below), ends, np.concatenate(below)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...support.arrays import Array
-from ...support.compiled import external, inlined, unlocked
+from ...support.compiled import external, unlocked
 
 _dpotrf, _spotrf = external("cython_lapack", "dpotrf", 5), external("cython_lapack", "spotrf", 5)
 _dtrtri, _strtri = external("cython_lapack", "dtrtri", 6), external("cython_lapack", "strtri", 6)
