@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -192,20 +193,28 @@ class AdaptedSpace(FreeBody):
         self.loads = np.asarray(
             (unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition, f_shift)
         )
-        flexibility = self.flexibility()
-        self._lead = flexibility(self.loads)
-        self.static = self.static_answers(flexibility)
+        _ = self._analysis.fronts  # found before two threads need them
+        with ThreadPoolExecutor(1) as second_core:
+            shifted = second_core.submit(self._factors, _shift(f_shift))
+            flexibility = self.flexibility()
+            self._lead = flexibility(self.loads)
+            factors = shifted.result()
+            static = second_core.submit(self.static_answers, flexibility)
+            self._begin(f_shift, factors)
+            self.static = static.result()
         self.elastic = flexibility if keep else None
-        del flexibility  # frees its factors before others are made, unless they are kept
-        self.shift_to(f_shift)
 
     def shift_to(self, f_shift: float) -> None:
         """Begin the Krylov space anew, about half of `f_shift` [Hz]."""
-        self.__dict__.pop("krylov", None)  # frees its factors before others are made
+        del self.krylov  # frees its factors before others are made
+        self._begin(f_shift, self._factors(_shift(f_shift)))
+
+    def _begin(self, f_shift: float, factors: Factorisation) -> None:
+        """Begin the Krylov space with these factors."""
         self._settled: tuple[float, float] | None = None
-        M, shift = self.model.mass, (np.pi * f_shift) ** 2
-        lead = orthonormal_complement(self._lead, M, self.rigid)
-        self.krylov = BlockKrylov(self._factors(shift).solve, M, shift, self.rigid, self.loads, lead)
+        lead = orthonormal_complement(self._lead, self.model.mass, self.rigid)
+        start = _shift(f_shift), self.rigid, self.loads, lead
+        self.krylov = BlockKrylov(factors.solve, self.model.mass, *start)
         self.krylov.grow(2 * _GROWTH)
 
     def _factors(self, shift: float) -> Factorisation:
@@ -271,3 +280,8 @@ class AdaptedSpace(FreeBody):
         omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
         keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
         return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
+
+
+def _shift(f_shift: float) -> float:
+    """Shift s of K + s M [rad2/s2] about which a space grows, by `AdaptedSpace.f_shift` [Hz]."""
+    return (np.pi * f_shift) ** 2
