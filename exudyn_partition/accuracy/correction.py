@@ -29,6 +29,7 @@ from ..fe.model import FEModel, node_dofs
 from ..fe.patches import Patch
 from ..fe.shapes import FACET_NODES
 from ..meshing.ngsolve_fem import surplus_of
+from ..meshing.surplus import Surplus
 from ..plasticity.dilatation import with_free_zones
 from ..reduction.body import ReducedBody
 from ..reduction.free_body import DROP_ABOVE, FreeBody
@@ -94,15 +95,23 @@ class Finer:
     body : ReducedBody
     elastic : FreeBodyFlexibility, optional
         Of the whole body with its rigid interfaces tied; default: it is made, by a factorisation.
+    surplus : Surplus, optional
+        The functions; default: they are assembled.
     """
 
-    def __init__(self, fem: FEModel, body: ReducedBody, elastic: FreeBodyFlexibility | None = None) -> None:
+    def __init__(
+        self,
+        fem: FEModel,
+        body: ReducedBody,
+        elastic: FreeBodyFlexibility | None = None,
+        surplus: Surplus | None = None,
+    ) -> None:
         self.fem, self.body = fem, body
         self._at_nodes: dict[int, Change] = {}
         free = FreeBody(with_free_zones(fem, body.partition), body.partition)
         self._expand = free.model.expand
         self._elastic = elastic or free.flexibility()
-        self._surplus = surplus = surplus_of(fem)
+        self._surplus = surplus = surplus or surplus_of(fem)
         self._stiffness, self._coupling, self._mass = surplus.stiffness, surplus.coupling, surplus.mass_coupling
         held = self._held()
         if len(held):

@@ -11,6 +11,7 @@ import logging
 import time
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError, MemoryLimitError, MeshError, PartitionError, ToleranceWarning
 from ..fe.material import Material
 from ..meshing.netgen_mesh import CURVATURE, shape_of
+from ..meshing.ngsolve_fem import surplus_of
 from ..prediction.hertz import contact_radius, effective, impact
 from ..reduction.estimate import frequency_for, grow_to_tolerance
 from ..reduction.free_body import AdaptedSpace
@@ -281,7 +283,9 @@ class Search:
         models = [model for _, _, model in made]
         times["assemble"], begin = time.perf_counter() - begin, time.perf_counter()
         rigid = scene.rigid
-        with watched(models, "contact-adapted"), one_blas_thread():
+        fems = [fem for fem, _ in models] if estimated else []
+        with ThreadPoolExecutor(1) as second_core, watched(models, "contact-adapted"), one_blas_thread():
+            surpluses = [second_core.submit(surplus_of, fem, one_thread=True) for fem in fems]
             self.spaces, truncation = grow_to_tolerance(
                 models,
                 [[0] * len(models)],
@@ -301,7 +305,10 @@ class Search:
             sides, impact_now = impact_of(pairs, [0] * len(pairs), scene.speed, rigid)
             mesh = None
             if estimated:
-                finers = [Finer(*pair, space.elastic) for pair, space in zip(pairs, self.spaces, strict=True)]
+                finers = [
+                    Finer(*pair, space.elastic, surplus.result())
+                    for pair, space, surplus in zip(pairs, self.spaces, surpluses, strict=True)
+                ]
                 mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left)
                 if scene.left < 1:
                     bodies = tuple(finer.corrected(0) for finer in finers)

@@ -258,8 +258,10 @@ def _volume_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> NGSolveMesh:
     return ngsolve.Mesh(mesh)
 
 
-def surplus_of(fem: FEModel) -> Surplus:
+def surplus_of(fem: FEModel, *, one_thread: bool = False) -> Surplus:
     """Functions of one order more on the elements of an FE model, and its matrices between them and the model's nodes.
+
+    With `one_thread`, the other cores are left to what is done meanwhile.
 
     Raises
     ------
@@ -274,7 +276,7 @@ def surplus_of(fem: FEModel) -> Surplus:
     check_memory_of_model(int(_HIGHER[order] * fem.n_nodes), min(order + 1, 3))
     with ONE_AT_A_TIME:
         mesh, to_hierarchical = _deformed_mesh(ngsolve, fem.points, fem.cells)
-        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1)
+        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1, one_thread)
         return Surplus(fem, ngsolve, mesh, to_hierarchical, _csr(stiffness.mat), _csr(mass.mat))
 
 
@@ -337,7 +339,7 @@ def _assemble(
 
 
 def _forms(
-    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int
+    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int, one_thread: bool = False
 ) -> tuple[NGSolveObject, NGSolveObject]:
     """Stiffness of a vector and mass of one component, in NGSolve's basis."""
     u, v = ngsolve.VectorH1(mesh, order=order).TnT()
@@ -352,7 +354,7 @@ def _forms(
         return constants
 
     shear, lame, density = map(by_element, (elastic.shear_modulus, elastic.lame, elastic.rho))
-    with _threads(ngsolve, scalar.ndof):
+    with _threads(ngsolve, 0 if one_thread else scalar.ndof):
         grad = ngsolve.Grad(u)  # alone: div(u) beside it would cost half as much again
         stress = 2 * shear * ngsolve.Sym(grad) + lame * ngsolve.Trace(grad) * ngsolve.Id(3)
         stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, ngsolve.Grad(v)) * ngsolve.dx).Assemble()

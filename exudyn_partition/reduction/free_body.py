@@ -229,13 +229,13 @@ class AdaptedSpace(FreeBody):
 
         if model.n >= _LARGE:
             with contextlib.suppress(IndefiniteMatrixError):
-                factors, load = Factorisation(matrix, self._analysis, single=True), self.loads[:, 0]
+                factors, load = Factorisation(matrix, analysis=self._analysis, single=True), self.loads[:, 0]
                 answer = factors.solve(load)
                 left = load - model.stiffness @ answer - shift * (model.mass @ answer)
                 if left @ factors.solve(left) <= _ROUGH**2 * (load @ answer):  # by energies
                     return factors
                 del factors
-        return Factorisation(matrix, self._analysis)
+        return Factorisation(matrix, analysis=self._analysis)
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.

@@ -61,7 +61,8 @@ def test_what_a_design_says_of_itself(design):
     mesh, truncation = design.look.mesh, design.look.truncation
     assert (len(design.fems), len(design.bodies), design.limit) == (1, 1, "")
     (missed,) = design.look.missed
-    assert design.error == max(mesh.force + truncation.force, mesh.velocity + truncation.velocity) + missed
+    parts = max(mesh.force + truncation.force, mesh.velocity + truncation.velocity)
+    assert design.error == pytest.approx(parts + missed, rel=1e-12)
     assert missed == pytest.approx(1 - design.fems[0].total_mass / MASS, rel=1e-6)
     assert design.error <= TOLERANCE / 1.25
     assert truncation.against == "the rigid surface"
