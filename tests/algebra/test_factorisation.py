@@ -87,6 +87,31 @@ def test_fronts_against_dense_algebra(matrix, shift, with_loops, monkeypatch):
     np.testing.assert_array_equal(few, rhs[:, :3])
 
 
+@pytest.mark.parametrize("with_loops", [True, False])
+def test_single_precision(block, with_loops, monkeypatch):
+    """Half of the memory, and six digits of what the matrix' condition leaves; what is not definite is refused."""
+    if not with_loops:
+        monkeypatch.setattr(multifrontal, "kernels", lambda layer: None)
+    matrix = block.stiffness + 1e12 * block.mass
+    rhs = np.random.default_rng(0).standard_normal((block.n_dofs, 6))
+    exact, rough = Factorisation(matrix), Factorisation(matrix, single=True)
+    for columns in (slice(6), slice(2), 0):
+        expected, answer = exact.solve(rhs[:, columns]), rough.solve(rhs[:, columns])
+        assert answer.dtype == np.float64
+        np.testing.assert_allclose(answer, expected, rtol=0, atol=1e-4 * abs(expected).max())
+    with pytest.raises(IndefiniteMatrixError, match="not positive definite in single precision"):
+        Factorisation(block.stiffness - 1e12 * block.mass, single=True)
+
+
+@pytest.mark.parametrize("matrix", [springs(30, 35), springs(9, 10, 11), sp.kron(springs(7, 8, 9), np.eye(3) + 1)])
+def test_compiled_loops_find_the_same_fronts(matrix, monkeypatch):
+    compiled = fronts.find_fronts(sp.csr_matrix(matrix))
+    monkeypatch.setattr(fronts, "kernels", lambda *layer: None)
+    for one, other in zip(compiled, fronts.find_fronts(sp.csr_matrix(matrix)), strict=True):
+        assert len(one) == len(other)
+        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
 def test_memory_of_factors_is_little_more_than_their_entries(block):
     """One triangle is stored, and it is no larger than that of SuperLU, which stores two."""
     matrix = sp.csc_matrix(block.stiffness + 1e10 * block.mass)

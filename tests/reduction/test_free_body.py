@@ -45,6 +45,43 @@ def test_contact_adapted_basis_grows_until_it_has_settled(bar_end, adapted_bar):
     assert body.n_dofs > 26
 
 
+def mobility(bar, end, body, f_cut=40e3):
+    """Of the patch at frequencies below f_cut, by the shapes and the residual flexibility."""
+    load = loads.pressure(bar, end.patches[0])
+    s = 2 * np.pi * f_cut * np.array([0.05, 0.2, 0.45, 0.7, 0.95]) * (0.02 + 1j)
+    squares = (body.rows(np.arange(bar.n_nodes)).T @ load) ** 2
+    on_patch = loads.patch_rows(bar, end) @ load
+    rest = on_patch @ body.basis.flexibility @ on_patch
+    return np.array([x * (squares @ (1 / (body.stiffness.diagonal() + x**2)) + rest) for x in s])
+
+
+@pytest.fixture(scope="module")
+def exact_bar(bar_end):
+    """The same with factors in double precision."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(free_body, "_LARGE", np.inf)
+        return ep.reduce(*bar_end, f_cut=40e3)
+
+
+def test_krylov_vectors_of_large_bodies_need_few_digits(bar_end, adapted_bar, exact_bar):
+    """Another basis of the same size, with the same mobility and the same static answers."""
+    assert bar_end[0].n_dofs > free_body._LARGE
+    assert not np.array_equal(adapted_bar.basis.omega, exact_bar.basis.omega)
+    assert abs(adapted_bar.n_dofs - exact_bar.n_dofs) <= 3
+    found = [mobility(*bar_end, body) for body in (adapted_bar, exact_bar)]
+    assert relative(*found) < 0.1 * free_body.SETTLED
+    static = []
+    for body in (adapted_bar, exact_bar):
+        rows = loads.patch_rows(*bar_end) @ body.basis.shapes[:, 6:] / body.basis.omega[6:]
+        static.append(rows @ rows.T + body.basis.flexibility)
+    assert relative(*static) < 1e-9
+
+
+def test_krylov_vectors_that_would_be_too_rough_have_all_digits(bar_end, exact_bar, monkeypatch):
+    monkeypatch.setattr(free_body, "_ROUGH", 1e-9)
+    np.testing.assert_array_equal(ep.reduce(*bar_end, f_cut=40e3).basis.omega, exact_bar.basis.omega)
+
+
 def test_contact_adapted_leaves_out_what_an_axial_load_does_not_excite(bar_end, adapted_bar):
     residual = ep.reduce(*bar_end, basis="residual", f_cut=40e3)
     assert adapted_bar.n_dofs < 0.7 * residual.n_dofs
