@@ -160,13 +160,14 @@ class Factorisation:
 
         def solve_block(block: slice) -> None:
             x = np.array(rhs[self._order, block], self._store.dtype, order="C")
+            x = x[:, 0] if x.shape[1] == 1 else x  # vectors are quicker
             for rows, changes, inverse, _, below in self._factors:
                 x[rows] = inverse @ x[rows]
                 x[changes] -= below @ x[rows]
             for rows, changes, inverse, signs, below in reversed(self._factors):
-                own = x[rows] if signs is None else signs[:, None] * x[rows]
+                own = x[rows] if signs is None else (signs * x[rows].T).T
                 x[rows] = inverse.T @ (own - below.T @ x[changes])
-            result[self._order, block] = x
+            result[self._order, block] = x.reshape(len(x), -1)
 
         n = rhs.shape[1]
         count = min(n, threads * -(-n // (threads * _BLOCK)))
@@ -218,9 +219,15 @@ def _add(change: Array, place: Array, own: Array, below: Array, update: Array) -
         return
     inside = int(np.searchsorted(place, len(own)))
     mine, others = place[:inside], place[inside:] - len(own)
-    own[np.ix_(mine, mine)] += change[:inside, :inside]
-    below[np.ix_(mine, others)] += change[:inside, inside:]
-    update[np.ix_(others, others)] += change[inside:, inside:]
+    _add_at(own, mine, mine, change[:inside, :inside])
+    _add_at(below, mine, others, change[:inside, inside:])
+    _add_at(update, others, others, change[inside:, inside:])
+
+
+def _add_at(target: Array, rows: Array, columns: Array, values: Array) -> None:
+    """Add to entries of a contiguous array, in half of the time of `target[np.ix_(rows, columns)] += values`."""
+    flat, entries = target.reshape(-1), (rows[:, None] * target.shape[1] + columns).ravel()
+    flat.put(entries, flat.take(entries) + values.ravel())
 
 
 def _eliminate(own: Array, below: Array, update: Array) -> Array | None:
