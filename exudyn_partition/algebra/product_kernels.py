@@ -86,6 +86,43 @@ def weighted_rows(weights: Array, rows: Array) -> Array:
 
 
 @compiled
+def hold_rows(
+    C: Array, rest: Array, by: float, push: Array, upper: Array, scale: Array, shares: tuple[float, float, float],
+    q: Array, q_t: Array, q_tt: Array, step: float, dofs: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """See `products.hold_rows`; `upper` is the transpose of the factor."""
+    n, k = C.shape
+    x, multipliers, acceleration = np.empty(k), np.empty(n), np.empty(k)
+    for j in range(k):
+        i = dofs[j]
+        x[j] = shares[0] * q[i] + shares[1] * q_t[i] + shares[2] * q_tt[i]
+    for i in range(n):
+        total = rest[i]
+        for j in range(k):
+            total += C[i, j] * x[j]
+        multipliers[i] = scale[i] * by * total
+    for i in range(n):
+        multipliers[i] /= upper[i, i]
+        for j in range(i + 1, n):
+            multipliers[j] -= upper[i, j] * multipliers[i]
+    for i in range(n - 1, -1, -1):
+        total = multipliers[i]
+        for j in range(i + 1, n):
+            total -= upper[i, j] * multipliers[j]
+        multipliers[i] = total / upper[i, i]
+    for i in range(n):
+        multipliers[i] *= scale[i]
+    for j in range(k):
+        total = 0.0
+        for i in range(n):
+            total += push[j, i] * multipliers[i]
+        acceleration[j] = total
+        q_t[dofs[j]] += 0.5 * step * total
+        q_tt[dofs[j]] += total
+    return multipliers, acceleration
+
+
+@compiled
 def smallest(values: Array) -> float:
     """See `products.smallest`."""
     least, total = np.inf, 0.0

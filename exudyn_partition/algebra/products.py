@@ -1,4 +1,4 @@
-"""Products of small matrices with many zeros, and differences of small arrays."""
+"""Products of small matrices with many zeros, multipliers of few rows, and differences of small arrays."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import lapack
 
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -55,6 +56,45 @@ def largest_change(a: Array, b: Array) -> float:
     if loops := kernels("algebra", "product_kernels"):
         return float(loops.largest_change(a.ravel(), b.ravel()))
     return float(abs(a - b).max())
+
+
+def hold_rows(
+    C: Array, rest: Array, by: float, push: Array, factor: Array, scale: Array,
+    shares: tuple[float, float, float], state: tuple[Array, Array, Array], step: float, dofs: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Push velocities and accelerations by multipliers of rows on some coordinates.
+
+    Parameters
+    ----------
+    C, push : (n, k), (k, n) arrays
+        Rows, and accelerations by unit multipliers.
+    rest : (n,) array
+    by : float
+        Multipliers give the rows the accelerations by (rest + C x).
+    factor, scale : (n, n), (n,) arrays
+        Lower factor of Cholesky of C push, scaled by `scale` from both sides.
+    shares : three floats
+        Of coordinates, velocities and accelerations in x.
+    state : three (nq,) arrays
+        Coordinates, velocities and accelerations; the last two are changed, as `step` [s] of Verlet's method needs it.
+    step : float
+    dofs : (k,) int array
+        Which coordinates the rows are on.
+
+    Returns
+    -------
+    (n,) array, (k,) array
+        Multipliers, and accelerations by them.
+    """
+    if loops := kernels("algebra", "product_kernels"):
+        held: tuple[Array, Array] = loops.hold_rows(C, rest, by, push, factor.T, scale, shares, *state, step, dofs)
+        return held
+    x = sum(share * values[dofs] for share, values in zip(shares, state, strict=True) if share)
+    multipliers = scale * lapack.dpotrs(factor, scale * by * (rest + C @ x), lower=1)[0]
+    acceleration: Array = push @ multipliers
+    state[1][dofs] += 0.5 * step * acceleration
+    state[2][dofs] += acceleration
+    return multipliers, acceleration
 
 
 def dense(matrix: Matrix) -> Array:

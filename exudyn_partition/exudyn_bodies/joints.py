@@ -16,6 +16,7 @@ from scipy.linalg import lapack
 from scipy.spatial.transform import Rotation
 
 from ..algebra.complementarity import regularised
+from ..algebra.products import hold_rows
 from ..errors import InputError
 from ..support.arrays import Array
 from ..support.foreign import Exudyn, ItemEntry, MainSystem, ObjectIndex
@@ -48,6 +49,8 @@ class Joints:
         Numbers of these coordinates among the model's.
     linear : bool
         Whether the rows are constant and g is linear in the coordinates.
+    constant : bool
+        Whether g does not depend on time either; a user may still switch joints, or set their offsets.
     C, push : (n, k), (k, n) arrays
         Present rows, and the accelerations M^-1 C' that unit multipliers cause.
     scale : (n,) array
@@ -79,11 +82,16 @@ class Joints:
                 "others (NodeGenericAE); use method='implicit'"
             )
         self.linear = all(linear for *_, linear in self._objects)
+        self.constant = self.linear and not self._timed
         self._take_masses()
         self._take_turns(exu)
         self._constant: dict[int, Array] = {}
         self._were_active: list[bool] | None = None
         self.C = np.full((self.n, len(self.dofs)), np.nan)
+        self._rest: Array | None = None
+        self._offsets: list[bytes] = []
+        none, nothing = np.zeros((0, 0)), np.zeros(0)  # so that the loop is compiled before a run begins
+        hold_rows(none, nothing, 0.0, none, none, nothing, (0.0, 0.0, 0.0), (nothing,) * 3, 0.0, self.dofs[:0])
 
     def _take_masses(self) -> None:
         """Find the coordinates that joints act on, constant masses, and bodies whose mass depends on coordinates."""
@@ -148,7 +156,7 @@ class Joints:
             np.add.at(C, (rows[:, None], self._place[columns]), J)  # a joint may name a coordinate twice
         if not self._mass_changed() and np.array_equal(C, self.C):
             return False
-        self.C, self.push = C, np.empty(C.shape[::-1])
+        self.C, self.push, self._rest = C, np.empty(C.shape[::-1]), None
         if self._fixed.size:
             self.push[self._fixed] = self._solve_fixed(np.ascontiguousarray(C[:, self._fixed].T))
         if self._varies.size:
@@ -165,6 +173,38 @@ class Joints:
         scale = self.scale if rhs.ndim == 1 else self.scale[:, None]
         value: Array = scale * lapack.dpotrs(self._factor, scale * rhs, lower=1)[0]
         return value
+
+    def rest(self) -> Array:
+        """Return g - C q, (n,), if it is `constant`; joints are asked again when one has another offset."""
+        offsets = [np.asarray(self._mbs.GetObjectParameter(joint[0], "offset")).tobytes() for joint in self._active]
+        if self._rest is None or offsets != self._offsets:
+            q = self._mbs.systemData.GetODE2Coordinates(copy=False)[self.dofs]
+            self._rest, self._offsets = self.residual(q, np.zeros(len(q))) - self.C @ q, offsets
+        return self._rest
+
+    def hold(
+        self, rest: Array, shares: tuple[float, float, float], by: float, step: float, state: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array]:
+        """Push velocities and accelerations by multipliers that answer to the rows.
+
+        Parameters
+        ----------
+        rest : (n,) array
+        shares : three floats
+            Of coordinates, velocities and accelerations in x, whose rest + C x is answered.
+        by : float
+            Multipliers give the rows this times that as accelerations.
+        step : float
+            [s]
+        state : three (nq,) arrays
+            The model's coordinates, velocities and accelerations; the last two are changed.
+
+        Returns
+        -------
+        (n,) array, (k,) array
+            Multipliers, and the accelerations by them.
+        """
+        return hold_rows(self.C, rest, by, self.push, self._factor, self.scale, shares, state, step, self.dofs)
 
     def residual(self, start: Array, way: Array) -> Array:
         """g, (n,), at the present time, after a step of `way`, (k,), from the coordinates `start`, (k,)."""

@@ -104,14 +104,20 @@ class MultiplierStep:
         for dofs, acceleration in self._foretold:
             _push(q_t, q_tt, dofs, -acceleration, self._last_step)
         states = [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
+        increments: list[Array] = []
         if self.joints is None:
             increments = self._forward.increment(states, step)
+        elif self.joints.constant and not self.contacts:
+            self.joints.update()
+            coming = 1.0, step, 0.5 * step**2
+            reaction, _ = self.joints.hold(self.joints.rest(), coming, -1 / step**2, step, (q, q_t, q_tt))
+            self._mean = 0.5 * self._carried + reaction
         else:
             own = self.joints.dofs
             mid = q_t[own] + 0.5 * step * q_tt[own]
-            increments, reaction = self._close(self._forward, self.joints, states, q[own], mid)
+            increments, reaction, acceleration = self._close(self._forward, self.joints, states, q[own], mid)
             self._mean = 0.5 * self._carried + reaction
-            _push(q_t, q_tt, own, self.joints.push @ reaction, step)
+            _push(q_t, q_tt, own, acceleration, step)
         self._pushes = list(zip(self._dofs, increments, strict=False))  # none if nothing closes
         for dofs, increment in self._pushes:
             _push(q_t, q_tt, dofs, increment, step)
@@ -123,13 +129,13 @@ class MultiplierStep:
         joints, data = self.joints, mbs.systemData
         joints.update()
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        rate = joints.C @ q_t[joints.dofs] + joints.drift(self._step)
-        self._carried = -2 / self._step * joints.solve(rate)
-        acceleration = joints.push @ self._carried
-        self._usual = abs(acceleration).max()
-        _push(q_t, q_tt, joints.dofs, acceleration, self._step)
-        # Contacts push as in the last step, and joints answer, until the multipliers of the next one are known.
-        self._foretold, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
+        drift, now = joints.drift(self._step), (q_t, q_t, q_tt)
+        self._carried, acceleration = joints.hold(drift, (0.0, 1.0, 0.0), -2 / self._step, self._step, now)
+        if not joints.linear:
+            self._usual = abs(acceleration).max()
+        if self.contacts:
+            # They push as in the last step, and joints answer, until the multipliers of the next one are known.
+            self._foretold, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
         for dofs, acceleration in self._foretold:
             _push(q_t, q_tt, dofs, acceleration, self._step)
         for contact in self.contacts:
@@ -139,8 +145,8 @@ class MultiplierStep:
 
     def _close(
         self, forward: ForwardIncrement, joints: Joints, states: list[State], start: Array, mid: Array
-    ) -> tuple[list[Array], Array]:
-        """Accelerations of each contact, and multipliers of the joints, (n,), in the coming step.
+    ) -> tuple[list[Array], Array, Array]:
+        """Accelerations by each contact, and multipliers of the joints, (n,), and accelerations by them, (k,).
 
         Multipliers lambda of contact change those of joints by yields lambda, from what these are alone. With joints'
         accelerations of the rows by `across`, that leaves F + across yields to the contacts.
@@ -163,31 +169,40 @@ class MultiplierStep:
             across = self._across = np.vstack(pushes)
             self._yields = -joints.solve(across.T)
             self._by_joints = across @ self._yields
-        acceleration, lam, last = np.zeros(len(start)), np.zeros(0), np.inf
+        acceleration, held, lam, last, by_joints = np.zeros(len(start)), np.zeros(joints.n), np.zeros(0), np.inf, mid
         self._answer = np.zeros(joints.n)
         for _ in range(_ITERATIONS):
             before = acceleration
             g = joints.residual(start, step * (mid + step * acceleration))
-            reaction = joints.solve(joints.C @ acceleration - g / step**2)
+            reaction = joints.solve(held - g / step**2)
             if near:
                 lam = forward.solve(h + self._across @ reaction, self._by_joints)
                 self._answer = self._yields @ lam
                 reaction = reaction + self._answer
-            acceleration = joints.push @ reaction
+            by_joints = joints.push @ reaction
+            if joints.linear:
+                break
+            acceleration = by_joints.copy()
             if lam.any():
                 for push, (own, others), on_rows in zip(forward.push, self._shared, forward.split(lam), strict=True):
                     acceleration[others] += (push @ on_rows)[own]
             change = abs(acceleration - before).max()
-            if joints.linear or change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
+            if change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
                 break
-            last = change
+            last, held = change, joints.C @ acceleration
+        if not joints.linear:
+            self._check_closed(joints, g, step * abs(mid).max())
+        return forward.accelerations(lam) if lam.any() else forward.open(), reaction, by_joints
+
+    @staticmethod
+    def _check_closed(joints: Joints, g: Array, way: float) -> None:
+        """Refuse joints that an iteration leaves open, by g, (n,), in a step in which they go a way [m or rad]."""
         open_by = abs(g[joints.scale > 0]).max(initial=0.0)
-        if not joints.linear and not open_by <= _OPEN * step * abs(mid).max() + _ROUND_OFF:  # nor if it is not finite
+        if not open_by <= _OPEN * way + _ROUND_OFF:  # nor if it is not finite
             raise RunError(
                 f"joints: Newton's iteration leaves them open by {open_by:.3g} m or rad. Check that they fit together "
                 "at the start, take a shorter step, or method='implicit'"
             )
-        return forward.accelerations(lam) if lam.any() else forward.open(), reaction
 
 
 def _push(q_t: Array, q_tt: Array, dofs: Array, acceleration: Array, step: float) -> None:

@@ -6,7 +6,7 @@ from oracles import each_way
 
 from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.friction import FrictionProblem
-from exudyn_partition.algebra.products import congruence
+from exudyn_partition.algebra.products import congruence, hold_rows
 
 
 def flexibility(n, seed):
@@ -54,3 +54,25 @@ def test_congruence_leaves_out_products_with_zeros(threes):
     rows = rng.normal(size=(13, 30)) * (rng.random((13, 30)) < 0.2)
     for product in each_way(lambda: congruence(rows, F, threes=threes)):
         np.testing.assert_allclose(product, rows @ F @ rows.T, rtol=1e-12, atol=1e-14 * F.max())
+
+
+def test_rows_are_held_the_same():
+    """Multipliers leave the rows the velocities or accelerations that they are asked for."""
+    rng, step = np.random.default_rng(4), 1e-3
+    C, mass, dofs = rng.normal(size=(3, 8)), rng.uniform(1, 2, 8), np.array([0, 2, 3, 4, 6, 7, 8, 9])
+    push, state = (C / mass).T.copy(), rng.normal(size=(3, 10))
+    scale = 1 / np.sqrt((C @ push).diagonal())
+    factor = np.asfortranarray(np.linalg.cholesky(scale[:, None] * (C @ push) * scale))
+
+    def held(shares, by):
+        q, q_t, q_tt = state.copy()
+        found = hold_rows(C, np.ones(3), by, push, factor, scale, shares, (q, q_t, q_tt), step, dofs)
+        return *found, q_t, q_tt
+
+    for shares, by in (((1.0, step, step**2 / 2), -1 / step**2), ((0.0, 1.0, 0.0), -2 / step)):
+        compiled, plain = each_way(lambda shares=shares, by=by: held(shares, by))
+        for one, other in zip(compiled, plain, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-10)
+        x = sum(share * values[dofs] for share, values in zip(shares, state, strict=True))
+        np.testing.assert_allclose(C @ compiled[1], by * (1 + C @ x), rtol=1e-9)
+    np.testing.assert_allclose(C @ compiled[2][dofs], -1.0, rtol=1e-9)

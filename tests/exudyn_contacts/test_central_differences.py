@@ -162,6 +162,28 @@ def test_the_model_is_as_before_and_its_functions_are_called(mbs):
     np.testing.assert_allclose(acceleration, np.tile([0, -G, 0], (len(acceleration), 1)), atol=1e-6)
 
 
+def test_a_linear_joint_whose_offset_a_user_sets():
+    """A mass follows the offset of its joint at the end of each step."""
+    mbs = exu.SystemContainer().AddSystem()
+    node = mbs.AddNode(items.Node1D(referenceCoordinates=[0.3]))
+    mbs.AddObject(items.Mass1D(nodeNumber=node, mass=2.0))
+    ends = mbs.AddNode(items.NodePointGround()), node
+    markers = [mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=end, coordinate=0)) for end in ends]
+    joint = mbs.AddObject(items.CoordinateConstraint(markerNumbers=markers, offset=0.0))
+    place = mbs.AddSensor(
+        items.SensorNode(nodeNumber=node, outputVariableType=exu.OutputVariableType.Coordinates, storeInternal=True)
+    )
+
+    def before(mbs, t):
+        mbs.SetObjectParameter(joint, "offset", t**2)
+        return True
+
+    mbs.SetPreStepUserFunction(before)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=0.1, step=1e-3)
+    np.testing.assert_allclose(result.sensor(place)[:, 0], result.t**2, atol=1e-14)
+
+
 def test_what_explicit_steps_cannot_take_is_refused_by_name():
     def refused(match, build):
         mbs = exu.SystemContainer().AddSystem()
