@@ -37,8 +37,8 @@ _LOG = logging.getLogger(__name__)
 
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
-_LARGE = 20_000  # dofs, from which on memory and time of factors matter
-_ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy; 1e-5 is usual
+LARGE = 20_000  # dofs, from which on memory and time of factors matter
+ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy; 1e-5 is usual
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
@@ -227,12 +227,12 @@ class AdaptedSpace(FreeBody):
         def matrix() -> sp.csr_matrix:
             return model.stiffness + shift * model.mass
 
-        if model.n >= _LARGE:
+        if model.n >= LARGE:
             with contextlib.suppress(IndefiniteMatrixError):
                 factors, load = Factorisation(matrix, analysis=self._analysis, single=True), self.loads[:, 0]
                 answer = factors.solve(load)
                 left = load - model.stiffness @ answer - shift * (model.mass @ answer)
-                if left @ factors.solve(left) <= _ROUGH**2 * (load @ answer):  # by energies
+                if left @ factors.solve(left) <= ROUGH**2 * (load @ answer):  # by energies
                     return factors
                 del factors
         return Factorisation(matrix, analysis=self._analysis)

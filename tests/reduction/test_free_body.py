@@ -59,13 +59,13 @@ def mobility(bar, end, body, f_cut=40e3):
 def exact_bar(bar_end):
     """The same with factors in double precision."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(free_body, "_LARGE", np.inf)
+        patch.setattr(free_body, "LARGE", np.inf)
         return ep.reduce(*bar_end, f_cut=40e3)
 
 
 def test_krylov_vectors_of_large_bodies_need_few_digits(bar_end, adapted_bar, exact_bar):
     """Another basis of the same size, with the same mobility and the same static answers."""
-    assert bar_end[0].n_dofs > free_body._LARGE
+    assert bar_end[0].n_dofs > free_body.LARGE
     assert not np.array_equal(adapted_bar.basis.omega, exact_bar.basis.omega)
     assert abs(adapted_bar.n_dofs - exact_bar.n_dofs) <= 3
     found = [mobility(*bar_end, body) for body in (adapted_bar, exact_bar)]
@@ -78,7 +78,7 @@ def test_krylov_vectors_of_large_bodies_need_few_digits(bar_end, adapted_bar, ex
 
 
 def test_krylov_vectors_that_would_be_too_rough_have_all_digits(bar_end, exact_bar, monkeypatch):
-    monkeypatch.setattr(free_body, "_ROUGH", 1e-9)
+    monkeypatch.setattr(free_body, "ROUGH", 1e-9)
     np.testing.assert_array_equal(ep.reduce(*bar_end, f_cut=40e3).basis.omega, exact_bar.basis.omega)
 
 
