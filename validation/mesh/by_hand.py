@@ -108,7 +108,9 @@ def main():
     before = json.loads(path.read_text())["scenes"] if path.is_file() else {}
     result, failed = {"limits": LIMITS, "scenes": before}, []
     table = Table("scene", "no larger error of", "choice", "force", "velocities", "off-line", "on-line", "ratio")
-    result["scenes"] |= {name: measured(name) for name in options.only}
+    for name in options.only:
+        result["scenes"][name] = measured(name)
+        (options.out or path).write_text(json.dumps(result))  # kept, whatever becomes of the next scene
     for name, one in result["scenes"].items():
         if (ratio := one["ratios"].get("force", 0.0)) > LIMITS["ratio"]:
             failed.append(f"{name}: {ratio:.1f}")
