@@ -8,8 +8,8 @@
 - An impact of the turning pinion on the wheel, both on shafts that turn freely, against full FE steps of 1 us. Waves in
   the teeth make its force wavy at 80 kHz, so that these gears are reduced to a higher frequency. Explicit steps are
   measured too: they take half the time, and do not damp these waves, which the full FE model's steps do. The gears turn
-  by less than a thousandth, so that frames that do not turn will do: the joints of their steps are linear, with the same
-  force. `fixed_step_s` is the time of a step there; the rest of `fixed_online_s` is the first search and set-up.
+  by less than a thousandth, so that frames that do not turn will do: joints are linear there, with the same force.
+  `fixed_step_s` is the time of a step there; the rest of `fixed_online_s` is the first search and set-up.
 
     python -m validation.wandering.gears
 """
