@@ -38,7 +38,7 @@ _LOG = logging.getLogger(__name__)
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
 LARGE = 20_000  # dofs, from which on memory and time of factors matter
-ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy; 1e-5 is usual
+ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.

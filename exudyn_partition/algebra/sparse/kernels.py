@@ -98,10 +98,12 @@ def eliminate(own: Array, below: Array, update: Array) -> bool:
             _dsyrk(lower, plain, m, k, minus, b, m, one, c, m)
         if info[0] == 0:
             _dtrtri(lower, plain, k, a, k, said)
-    if info[0] != 0:
-        return False
-    own[:] = factor
-    return True
+    definite: bool = info[0] == 0
+    if definite:
+        own[:] = factor
+    # Arrays are freed after their last use, and an address is none: these are used once more after the calls.
+    kept: bool = letters[0] > 0 and sizes[0] >= 0 and numbers[0] > 0.0
+    return definite and kept
 
 
 @unlocked
