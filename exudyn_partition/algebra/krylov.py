@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -22,6 +23,7 @@ from .sparse.multifrontal import Analysis, Factorisation
 _COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
 _BLOCK = 1e7  # numbers in them, which bounds the memory for large bodies
 _DEPENDENT = 1e-10  # a vector is dropped if less than this of its length lies outside the basis
+_MOST = 3.0  # a pass is the last if it took less than this from the vectors' squares: half of their length
 _TOO_CLOSE = 1e-9  # relative distance from the shift, below which a mode hides all others in the solves
 _ENERGY_OFF = 1e-7  # largest error of the modes' strain energy, by omega_max^2; it is below 1e-9 in sound models
 
@@ -101,12 +103,27 @@ class FreeBodyFlexibility:
         loads[self._held] = 0.0
         return self._factor.solve(loads)
 
-    def balanced(self, held: Array, dofs: Array) -> Array:
-        """Elastic flexibility of some dofs, (k,), from that of the held body at them, (k, k)."""
-        at, moved = self._rigid[dofs], self.held(self._mass_rigid)
-        mixed = moved[dofs] @ at.T
+    def at(self, rows: sp.csr_matrix) -> Array:
+        """Elastic flexibility of some rows G, (r, n), of few dofs: G F_e G', (r, r)."""
+        return self.balanced(self.held_at(rows), rows)
+
+    def held_at(self, rows: sp.csr_matrix) -> Array:
+        """Flexibility of some rows, (r, n), of few dofs, with the six dofs held, (r, r)."""
+        free = np.ones(rows.shape[1])
+        free[self._held] = 0.0
+        return self._factor.inverse_at(rows @ sp.diags(free))
+
+    def balanced(self, held: Array, rows: sp.csr_matrix) -> Array:
+        """Elastic flexibility of some rows, (r, n), from that of the held body at them, (r, r)."""
+        at, moved = rows @ self._rigid, self._moved
+        mixed = (rows @ moved) @ at.T
         result: Array = held - mixed - mixed.T + at @ (self._mass_rigid.T @ moved) @ at.T
         return result
+
+    @cached_property
+    def _moved(self) -> Array:
+        """Answers to the inertia of rigid motion with the six dofs held, (n, 6)."""
+        return self.held(self._mass_rigid)
 
 
 def _uncoupled(matrix: sp.csr_matrix, dofs: Array) -> sp.csr_matrix:
@@ -145,8 +162,9 @@ def _finished(loads: Array) -> Array:
 class BlockKrylov:
     """Block Lanczos vectors of (K + s M)^-1 M, mass-orthonormal to the rigid modes and to each other.
 
-    Every block is orthogonalised twice against all predecessors, so the basis stays orthonormal to round-off at any
-    size and growth needs no restart. The projected operator comes from the same inner products.
+    Every block is orthogonalised against those that it depends on by theory, and then against all predecessors until
+    little changes. So the basis stays orthonormal to round-off at any size and growth needs no restart. The projected
+    operator comes from the same inner products.
 
     Parameters
     ----------
@@ -173,21 +191,26 @@ class BlockKrylov:
         start: Array,
         lead: Array | None = None,
     ) -> None:
-        self._apply, self._mass, self._shift, self._rigid = apply, mass, shift, rigid
-        self._mass_rigid = mass @ rigid
-        lead = np.empty((len(start), 0)) if lead is None else lead
-        self.size = lead.shape[1]
-        self._store = np.asfortranarray(lead)
-        self._mass_store = np.asfortranarray(mass @ lead)
+        self._apply, self._mass, self._shift = apply, mass, shift
+        first = rigid if lead is None else np.hstack([rigid, lead])
+        self._first, self._n_rigid = int(first.shape[1]), int(rigid.shape[1])
+        self._store = np.asfortranarray(first)
+        self._mass_store = np.asfortranarray(mass @ first)
+        self._blocks: list[int] = [self._first]  # where each begins in the store, and where the last one ends
         self._operator = np.zeros((self.size, self.size))
         self._projected = np.empty((0, 0))
         self._next, self._mass_next, *_ = self._orthonormal(self._apply(start))
+
+    @property
+    def size(self) -> int:
+        """Number of vectors."""
+        return self._blocks[-1] - self._n_rigid
 
     def _reserve(self, columns: int) -> None:
         if self._store.shape[1] < columns:
             for name in ("_store", "_mass_store"):
                 grown = np.empty((len(self._store), max(columns, 2 * self._store.shape[1])), order="F")
-                grown[:, : self.size] = getattr(self, name)[:, : self.size]
+                grown[:, : self._blocks[-1]] = getattr(self, name)[:, : self._blocks[-1]]
                 setattr(self, name, grown)
 
     def _orthonormal(self, block: Array) -> tuple[Array, Array, Array, Array]:
@@ -195,28 +218,39 @@ class BlockKrylov:
 
         Returns the new columns, M times them, and the coefficients of `block` in the basis and in the new columns.
         """
-        basis, mass_basis = self._store[:, : self.size], self._mass_store[:, : self.size]
         mass_block = self._mass @ block
         norms = np.sqrt(np.einsum("ij,ij->j", block, mass_block))
-        new = block - self._rigid @ (self._mass_rigid.T @ block)
-        coefficients = mass_basis.T @ new
-        new -= basis @ coefficients
-        mass_new = self._mass @ new
-        lengths = np.sqrt(np.einsum("ij,ij->j", new, mass_new))
-        independent = lengths > _DEPENDENT * norms
-        new, mass_new = (x[:, independent] / lengths[independent] for x in (new, mass_new))
-        values, vectors = np.linalg.eigh(new.T @ mass_new)
-        # The vectors have unit length; smaller eigenvalues are round-off.
-        keep = values > 1e-14
-        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
-        # The second pass: normalising amplifies the rest of the basis that the first has left.
-        new -= self._rigid @ (self._mass_rigid.T @ new)
-        new -= basis @ (mass_basis.T @ new)
-        mass_new = self._mass @ new
-        if new.shape[1]:
-            factor = np.linalg.cholesky(new.T @ mass_new)
-            new, mass_new = (scipy.linalg.solve_triangular(factor, x.T, lower=True).T for x in (new, mass_new))
-        return new, mass_new, coefficients, new.T @ mass_block
+        new, mass_new = block.copy(), mass_block
+        coefficients = np.zeros((self._blocks[-1], block.shape[1]))
+
+        def without(part: slice) -> Array:
+            """Take from the new columns what they have in common with some vectors; return how much."""
+            common: Array = self._mass_store[:, part].T @ new
+            np.subtract(new, self._store[:, part] @ common, out=new)
+            return common
+
+        # By theory there is nothing in common with others than these: the first vectors and the last two blocks.
+        near = slice(self._first), slice(self._blocks[-3:][0], self._blocks[-1])
+        for part in near:
+            coefficients[part] = without(part)
+        settled = False
+        while new.shape[1] and not settled:
+            common = without(slice(self._blocks[-1]))
+            mass_new = self._mass @ new
+            squares = np.einsum("ij,ij->j", new, mass_new)
+            independent = squares > (_DEPENDENT * norms) ** 2
+            scale = np.sqrt(squares[independent])
+            gram = new[:, independent].T @ mass_new[:, independent] / np.outer(scale, scale)
+            values, turn = np.linalg.eigh(gram)
+            # The vectors have unit length; smaller eigenvalues are round-off.
+            keep = values > 1e-14
+            turn = turn[:, keep] / (scale[:, None] * np.sqrt(values[keep]))
+            new, mass_new = new[:, independent] @ turn, mass_new[:, independent] @ turn
+            # What is left of the basis is amplified where columns were long before, or nearly dependent.
+            longer = np.einsum("ij,ij->j", common, common)
+            settled = bool((longer <= _MOST * squares).all() and (values > 1 / _MOST).all())
+            norms = np.ones(new.shape[1])
+        return new, mass_new, coefficients[self._n_rigid :], new.T @ mass_block
 
     def grow(self, size: int) -> bool:
         """Add blocks until the basis has at least `size` vectors; False if the Krylov space is exhausted."""
@@ -224,11 +258,13 @@ class BlockKrylov:
             new = self._next
             if not new.shape[1]:
                 return False
-            self._reserve(max(size, self.size + new.shape[1]))
-            columns = slice(self.size, self.size + new.shape[1])
-            self._store[:, columns] = new
-            self._mass_store[:, columns] = self._mass_next
-            self.size = columns.stop
+            begin = self._blocks[-1]
+            end = begin + new.shape[1]
+            self._reserve(max(self._n_rigid + size, end))
+            self._store[:, begin:end] = new
+            self._mass_store[:, begin:end] = self._mass_next
+            self._blocks.append(end)
+            columns = slice(begin - self._n_rigid, self.size)
             answer = self._apply(self._mass_next)
             self._next, self._mass_next, coefficients, self._coupling = self._orthonormal(answer)
             operator = np.zeros((self.size, self.size))
@@ -245,7 +281,7 @@ class BlockKrylov:
     @property
     def vectors(self) -> Array:
         """(n, size) array: the basis."""
-        return self._store[:, : self.size]
+        return self._store[:, self._n_rigid : self._blocks[-1]]
 
     def ritz_values(self) -> tuple[Array, Array, Array]:
         """Frequencies ascending [rad/s], residuals and combinations of `vectors`, by the shifted operator.

@@ -280,7 +280,7 @@ class Partition:
 
         Contact rows act along the local normals, so that a patch may curve by any angle, even around the body. The
         flexibility between all nodes is kept: `axes="normal"` with 5000 nodes are 200 MB, and `axes="xyz"` nine times
-        that (`large_patch.large_flexibility`). Load patterns all over it lead the basis (`loads.resultants`).
+        that. Load patterns all over it lead the basis (`loads.resultants`).
 
         Parameters
         ----------

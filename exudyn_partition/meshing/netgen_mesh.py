@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import shutil
 import tempfile
@@ -16,6 +17,7 @@ from ..errors import InputError, MeshError, UnitsWarning
 from ..support.arrays import Array
 from ..support.checks import validate_file, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolveMesh, Shape, ShapeSurface
+from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
@@ -29,8 +31,10 @@ CURVATURE = 2.0  # elements in a radius of curvature
 _SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
 _GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
-# Netgen's threads wait by spinning. Where other processes want the cores too, they make a small mesh much slower.
-_MANY = 30_000  # elements, from which threads pay; the mesh is the same
+# Threads wait by spinning. Where other processes want the cores too, they make a small mesh much slower. The mesh is
+# the same with and without them.
+_MANY = 30_000  # elements, from which Netgen's threads always pay
+_SOME = 5_000  # elements, from which NGSolve's threads pay, if nothing else runs
 
 # NGSolve and Netgen keep global state: two threads that mesh or assemble at once crash or mix up their results.
 ONE_AT_A_TIME = threading.RLock()
@@ -103,7 +107,8 @@ def meshed(
         for x, y, z in region.points():
             parameters.RestrictH(x=x, y=y, z=z, h=region.h)
     try:
-        with pulsing("mesh"):
+        threads = ngsolve.TaskManager() if elements > _SOME and alone() else contextlib.nullcontext()
+        with pulsing("mesh"), threads:
             mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
     except (meshing.NgException, RuntimeError) as error:  # OCC raises the latter
         raise MeshError(

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from ..algebra.krylov import FreeBodyFlexibility, columns
+from ..algebra.krylov import FreeBodyFlexibility
 from ..support.arrays import Array
 from ..support.checks import check_floats, read_only
 
@@ -50,13 +50,18 @@ class ZoneFlexibility:
         return ZoneFlexibility(self.own - by_force @ at_zone.T, self.of_patch - by_force @ at_patch.T)
 
 
+def selection(dofs: Array, n: int) -> sp.csr_matrix:
+    """Rows, (k, n), that select k of n dofs."""
+    return sp.csr_matrix((np.ones(len(dofs)), dofs, np.arange(len(dofs) + 1)), shape=(len(dofs), n))
+
+
 def zone_answers(flexibility: FreeBodyFlexibility, stiffness: sp.csr_matrix, dofs: Array) -> Array:
     """Elastic displacements of some dofs of a free body by unit forces on them, (k, k) [m/N].
 
-    Only forces on the edge of the zone are solved for with the body's factors. Within it, elements touch no others, so
-    that with C the inverse stiffness of the held body, b the edge and i the inside,
+    Only the edge of the zone needs the body's factors. Within it, elements touch no others, so that with C the inverse
+    stiffness of the held body, b the edge and i the inside,
 
-        C_ii = K_ii^-1 + C_ib X',    X = -K_ii^-1 K_ib.
+        C_ib = X C_bb,    C_ii = K_ii^-1 + C_ib X',    X = -K_ii^-1 K_ib.
 
     Parameters
     ----------
@@ -71,19 +76,17 @@ def zone_answers(flexibility: FreeBodyFlexibility, stiffness: sp.csr_matrix, dof
     coupled = np.asarray(abs(rows) @ (~inside_zone).astype(float)).ravel() > 0
     held = ~np.isin(dofs, flexibility.free)
     edge, inner = np.flatnonzero(coupled & ~held), np.flatnonzero(~coupled & ~held)
-    C = np.zeros((len(dofs),) * 2)
-    most = columns(stiffness.shape[0])
-    for first in range(0, len(edge), most):
-        some = edge[first : first + most]
-        loads = np.zeros((stiffness.shape[0], len(some)))
-        loads[dofs[some], np.arange(len(some))] = 1.0
-        C[:, some] = flexibility.held(loads)[dofs]
-    C[edge] = C[:, edge].T
     K = rows[:, dofs]
     inverse = scipy.linalg.cho_solve(
         scipy.linalg.cho_factor(K[inner][:, inner].toarray()), np.eye(len(inner)), overwrite_b=True
     )
     X = -inverse @ K[inner][:, edge].toarray()
+    of_dofs = selection(dofs, stiffness.shape[0])
+    at_edge = flexibility.held_at(of_dofs[edge])
+    C = np.zeros((len(dofs),) * 2)
+    C[np.ix_(edge, edge)] = at_edge
+    C[np.ix_(inner, edge)] = X @ at_edge
+    C[np.ix_(edge, inner)] = C[np.ix_(inner, edge)].T
     C[np.ix_(inner, inner)] = inverse + C[np.ix_(inner, edge)] @ X.T
-    own: Array = flexibility.balanced(C, dofs)
+    own: Array = flexibility.balanced(C, of_dofs)
     return (own + own.T) / 2

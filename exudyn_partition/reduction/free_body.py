@@ -26,10 +26,9 @@ from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
-from ..plasticity.zone_flexibility import ZoneFlexibility, zone_answers
+from ..plasticity.zone_flexibility import ZoneFlexibility, selection, zone_answers
 from ..support.arrays import Array
 from ..support.progress import Progress
-from ..surfaces.large_patch import large_flexibility
 from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
 from .tied import tie
 
@@ -100,47 +99,16 @@ class FreeBody:
         """Elastic answers of the free body to the loads of its patches and interfaces."""
         flexibility = flexibility or self.flexibility()
         rows = (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
-        at_patches = np.empty((rows.shape[0],) * 2)
-        zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
-        at_zones = {number: np.empty((len(dofs), rows.shape[0])) for number, dofs in zones.items()}
-        own, of_large = self._large_patch(flexibility, rows)
-        others = np.delete(np.arange(len(at_patches)), own)
-        most = columns(self.model.n)
-        for first in range(0, len(others), most):
-            block = others[first : first + most]
-            answers = flexibility(rows[block].T.toarray())
-            at_patches[:, block] = rows @ answers
-            for number, dofs in zones.items():
-                at_zones[number][:, block] = answers[dofs]
-        at_patches[others, own] = at_patches[own, others].T
-        at_patches[own, own] = of_large
         attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
+        zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
         flexibilities = {
             number: ZoneFlexibility(
                 zone_answers(flexibility, self.model.stiffness, dofs),
-                at_zones[number][:, patch_slice(self.partition, number)].copy(),
+                _displacements(flexibility, selection(dofs, self.model.n), rows[patch_slice(self.partition, number)]),
             )
             for number, dofs in zones.items()
         }
-        return StaticAnswers(at_patches, flexibility(attached.T.toarray()), flexibilities)
-
-    def _large_patch(self, flexibility: FreeBodyFlexibility, rows: sp.csr_matrix) -> tuple[slice, Array]:
-        """Rows of the largest patch that needs few solutions, and its flexibility; no rows if there is none."""
-        patches = self.partition.patches
-        wandering = [number for number, patch in enumerate(patches) if patch.wanders]
-        if not wandering:
-            return slice(0, 0), np.empty((0, 0))
-        number = max(wandering, key=lambda number: len(patches[number].nodes))
-        patch, own = patches[number], patch_slice(self.partition, number)
-
-        def answers(combinations: sp.csr_matrix) -> Array:
-            loads = combinations @ rows[own]
-            most = columns(self.model.n)
-            blocks = (slice(first, first + most) for first in range(0, loads.shape[0], most))
-            return np.hstack([rows[own] @ flexibility(loads[block].T.toarray()) for block in blocks])
-
-        found = large_flexibility(self.fem.points[patch.nodes], patch.node_normals, patch.n_axes, answers)
-        return (slice(0, 0), np.empty((0, 0))) if found is None else (own, found)
+        return StaticAnswers(flexibility.at(rows), flexibility(attached.T.toarray()), flexibilities)
 
     def zone_dofs(self, patch: Patch) -> Array:
         """Coordinates of the nodes of a patch's plastic zone, (3 nz,) int array.
@@ -193,12 +161,10 @@ class AdaptedSpace(FreeBody):
         self.loads = np.asarray(
             (unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition, f_shift)
         )
-        _ = self._analysis.fronts  # found before two threads need them
+        flexibility = self.flexibility()
+        self._lead = flexibility(self.loads)
+        factors = self._factors(_shift(f_shift))
         with ThreadPoolExecutor(1) as second_core:
-            shifted = second_core.submit(self._factors, _shift(f_shift))
-            flexibility = self.flexibility()
-            self._lead = flexibility(self.loads)
-            factors = shifted.result()
             static = second_core.submit(self.static_answers, flexibility)
             self._begin(f_shift, factors)
             self.static = static.result()
@@ -280,6 +246,13 @@ class AdaptedSpace(FreeBody):
         omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
         keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
         return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
+
+
+def _displacements(flexibility: FreeBodyFlexibility, rows: sp.csr_matrix, loads: sp.csr_matrix) -> Array:
+    """Elastic displacements of some rows, (r, n), by many loads, (k, n): (r, k) [m/N]."""
+    most = columns(loads.shape[1])
+    blocks = (slice(first, first + most) for first in range(0, loads.shape[0], most))
+    return np.hstack([np.empty((rows.shape[0], 0)), *(rows @ flexibility(loads[some].T.toarray()) for some in blocks)])
 
 
 def _shift(f_shift: float) -> float:

@@ -1,4 +1,4 @@
-"""Memory that this process may use."""
+"""Memory and cores that this process may use."""
 
 from __future__ import annotations
 
@@ -17,6 +17,15 @@ def available_memory() -> tuple[float, float]:
         return math.inf, math.inf
     limit = _address_space()
     return min(free, limit), min(most, limit)
+
+
+def alone() -> bool:
+    """Whether nothing else runs at this moment; False if the system does not tell."""
+    try:
+        running, _ = Path("/proc/loadavg").read_text().split()[3].split("/")
+        return int(running) <= 1
+    except (OSError, ValueError, IndexError):
+        return False
 
 
 def _address_space() -> float:

@@ -58,7 +58,7 @@ def springs(*shape):
     return sp.csr_matrix(total + sp.diags(np.linspace(0.0, 0.1, total.shape[0])))
 
 
-@pytest.mark.parametrize("with_loops", [True, False])
+@pytest.mark.parametrize("way", ["loops", "loops in two threads", "NumPy"])
 @pytest.mark.parametrize("shift", [0.0, 2.0])
 @pytest.mark.parametrize(
     "matrix",
@@ -70,11 +70,13 @@ def springs(*shape):
     ],
     ids=["plane", "solid", "two parts", "three dofs a node"],
 )
-def test_fronts_against_dense_algebra(matrix, shift, with_loops, monkeypatch):
+def test_fronts_against_dense_algebra(matrix, shift, way, monkeypatch):
     """Chains of fronts, fronts that several children change, and fronts with negative pivots."""
     monkeypatch.setattr(fronts, "WIDEST", 40)
-    if not with_loops:
+    if way == "NumPy":
         monkeypatch.setattr(multifrontal, "kernels", lambda layer: None)
+    if way == "loops in two threads":
+        monkeypatch.setattr(multifrontal, "TWO_THREADS_FROM", 0)
     matrix = sp.csr_matrix(matrix - shift * sp.identity(matrix.shape[0]))
     dense = matrix.toarray()
     factors = Factorisation(matrix)
@@ -85,6 +87,10 @@ def test_fronts_against_dense_algebra(matrix, shift, with_loops, monkeypatch):
     for b, x in ((rhs, expected), (few, expected[:, :3]), (rhs[:, 4], expected[:, 4])):
         np.testing.assert_allclose(factors.solve(b), x, rtol=0, atol=1e-10 * abs(expected).max())
     np.testing.assert_array_equal(few, rhs[:, :3])
+    rows = sp.csr_matrix(([1.0, 2.0, -1.0], ([0, 1, 1], [3, 5, len(dense) - 1])), shape=(2, len(dense)))
+    at_rows = rows @ np.linalg.solve(dense, rows.T.toarray())
+    np.testing.assert_allclose(factors.inverse_at(rows), at_rows, rtol=0, atol=1e-10 * abs(at_rows).max())
+    assert factors.inverse_at(rows[:0]).shape == (0, 0)
 
 
 @pytest.mark.parametrize("with_loops", [True, False])
@@ -110,6 +116,20 @@ def test_compiled_loops_find_the_same_fronts(matrix, monkeypatch):
     for one, other in zip(compiled, fronts.find_fronts(sp.csr_matrix(matrix)), strict=True):
         assert len(one) == len(other)
         assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_two_parts_share_the_work_and_no_front():
+    """A root with two trees of unequal size, and a tree of its own: the larger tree is cut."""
+    #          0 1 2 3 4 (5 takes up 3, 4)    6 (7 takes up 2, 5, 6)
+    children = [[], [], [0, 1], [], [], [3, 4], [], [2, 5, 6], []]
+    parts = fronts.two_parts(children, [4, 4, 1, 4, 4, 1, 3, 1, 2])
+    assert sorted(np.concatenate(parts).tolist()) == list(range(9))
+    part = {front: number for number, some in enumerate(parts) for front in some.tolist()}
+    for front, own in enumerate(children):
+        assert part[front] == 2 or {part[child] for child in own} <= {part[front]}
+    assert [len(some) for some in fronts.two_parts([[]], [1])] == [1, 0, 0]
+    assert part[7] == 2
+    assert abs(len(parts[0]) - len(parts[1])) <= 3
 
 
 def test_memory_of_factors_is_little_more_than_their_entries(block):

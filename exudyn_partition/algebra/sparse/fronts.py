@@ -5,6 +5,7 @@ Theory: J. W. H. Liu, The multifrontal method for sparse matrix solution: theory
 
 from __future__ import annotations
 
+import heapq
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from .ordering import nested_dissection, node_graph
 
 _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fronts are quicker than many small ones
 _SMALL, _SMALL_ZEROS = 56, 0.5  # and that one with at most so many rows to eliminate may hold
+_EVEN = 0.55  # largest share of two parts that is even enough
 WIDEST = 1024  # most rows that a front eliminates; more do so in a chain of fronts, whose triangles are smaller
 
 
@@ -31,13 +33,17 @@ class Fronts(NamedTuple):
         Which of these each front eliminates.
     below : list of (m,) int arrays
         Places in `order` of the rows beyond them that each front changes, ascending.
-    n_children : list of (nf,) int
+    children : list of lists of int
+        The fronts whose changes each front takes up.
+    parts : three int arrays
+        Fronts of two parts that do not touch each other, for two threads, and those that come after both; ascending.
     """
 
     order: Array
     starts: Array
     below: list[Array]
-    n_children: list[int]
+    children: list[list[int]]
+    parts: tuple[Array, Array, Array]
 
 
 @dataclass
@@ -77,18 +83,58 @@ def find_fronts(matrix: sp.csr_matrix) -> Fronts:
     nodes = np.array([number for front in fronts for number in front.nodes], dtype=np.int64)
     place = np.empty(len(nodes), dtype=np.int64)  # of the first row of each node
     place[nodes] = np.cumsum(sizes[nodes]) - sizes[nodes]
-    starts, below, n_children = [0], [], []
+    starts, below = [0], []
     for front in fronts:
         nodes = front.below[np.argsort(place[front.below])]
         count, end = sizes[nodes], starts[-1] + front.n_rows
         beyond = np.repeat(place[nodes] - np.cumsum(count) + count, count) + np.arange(front.n_below)
-        children = len(front.children)
         while starts[-1] < end:
             starts.append(min(starts[-1] + WIDEST, end))
             below.append(np.r_[starts[-1] : end, beyond])
-            n_children.append(children)
-            children = 1
-    return Fronts(np.argsort(place[node], kind="stable"), np.array(starts), below, n_children)
+    n_rows = np.diff(starts)
+    front_of = np.repeat(np.arange(len(below)), n_rows)
+    children: list[list[int]] = [[] for _ in below]
+    for number, rows in enumerate(below):
+        if len(rows):
+            children[front_of[rows[0]]].append(number)
+    work = n_rows * (n_rows + [len(rows) for rows in below])
+    parts = two_parts(children, work.tolist())
+    return Fronts(np.argsort(place[node], kind="stable"), np.array(starts), below, children, parts)
+
+
+def two_parts(children: list[list[int]], work: list[int]) -> tuple[Array, Array, Array]:
+    """Divide fronts into two parts of about equal work that do not touch each other, and what comes after both.
+
+    Parameters
+    ----------
+    children : list of lists of int
+        Of each front; they come before it.
+    work : list of int
+        Of each front.
+    """
+    whole, roots = list(work), set(range(len(work)))  # with all before it
+    for front, own in enumerate(children):
+        whole[front] += sum(whole[child] for child in own)
+        roots.difference_update(own)
+    trees = [(-whole[root], root) for root in roots]
+    heapq.heapify(trees)
+    part = np.empty(len(work), dtype=np.int64)
+    last = []
+    while True:  # the largest tree is cut at its root, until the others can be shared out
+        loads = [0, 0]
+        for size, root in sorted(trees):
+            part[root] = np.argmin(loads)
+            loads[part[root]] -= size
+        if not trees or max(loads) <= _EVEN * sum(loads) or not children[trees[0][1]]:
+            break
+        last.append(heapq.heappop(trees)[1])
+        for child in children[last[-1]]:
+            heapq.heappush(trees, (-whole[child], child))
+    for front in range(len(work) - 1, -1, -1):
+        if front not in last:
+            part[children[front]] = part[front]
+    part[last] = 2
+    return np.flatnonzero(part == 0), np.flatnonzero(part == 1), np.flatnonzero(part == 2)
 
 
 def _roots(graph: sp.csr_matrix, sizes: Array) -> list[_Front]:

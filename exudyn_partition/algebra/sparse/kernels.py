@@ -14,13 +14,15 @@ _dsyrk, _ssyrk = external("cython_blas", "dsyrk", 10), external("cython_blas", "
 
 
 @unlocked
-def put(starts: Array, indices: Array, data: Array, place: Array, own: Array, below: Array) -> bool:
-    """Write the entries of some rows of an upper triangle to a front; all arrays of it are transposed.
+def put(starts: Array, indices: Array, data: Array, first: int, place: Array, own: Array, below: Array) -> bool:
+    """Write the upper triangle of some rows of a matrix to a front; all arrays of it are transposed.
 
     Parameters
     ----------
     starts : (k + 1,) int array
         Where these rows begin in `indices` and `data`, as of csr.
+    first : int
+        The first of these rows.
     place : (n,) int array
         Of each row in the front, -1 if it is not there.
     own, below : (k, k), (k, m) arrays
@@ -33,6 +35,8 @@ def put(starts: Array, indices: Array, data: Array, place: Array, own: Array, be
     k = len(own)
     for i in range(k):
         for entry in range(starts[i], starts[i + 1]):
+            if indices[entry] < first + i:
+                continue
             j = place[indices[entry]]
             if j < 0:
                 return False
@@ -107,39 +111,43 @@ def eliminate(own: Array, below: Array, update: Array) -> bool:
 
 
 @unlocked
-def solve(x: Array, store: Array, starts: Array, ends: Array, changes: Array, signs: Array) -> None:
-    """Solve for one right-hand side x, (n,), in place; its rows are in order of elimination.
+def push(x: Array, store: Array, begins: Array, starts: Array, ends: Array, changes: Array, fronts: Array) -> None:
+    """Eliminate one or many right-hand sides x, (n,) or (n, p), in place, by some fronts.
 
     Parameters
     ----------
+    x : array
+        Its rows are in order of elimination.
     store : array
-        Of one front after the other, `inverse` and `below`, each with its columns one behind the other.
+        `inverse` and `below` of each front, with their columns one behind the other.
+    begins : (nf + 1,) int array
+        Where a front's begin there.
     starts : (nf + 1,) int array
         Which rows each front eliminates.
     ends : (nf + 1,) int array
         Where the rows begin in `changes` that each front changes.
     changes : int array
-    signs : (n,) array
+    fronts : int array
+        Children before their parents.
     """
-    begin = 0
-    for front in range(len(starts) - 1):
+    for front in fronts:
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
-        k, m = len(own), len(others)
-        own[:] = np.dot(own, store[begin : begin + k * k].reshape(k, k))
-        begin += k * k
-        pushed = np.dot(own, store[begin : begin + k * m].reshape(k, m))
-        begin += k * m
+        k, m, begin = len(own), len(others), begins[front]
+        own[:] = np.dot(store[begin : begin + k * k].reshape(k, k).T, own)
+        pushed = np.dot(store[begin + k * k : begin + k * (k + m)].reshape(k, m).T, own)
         for i in range(m):
             x[others[i]] -= pushed[i]
-    for front in range(len(starts) - 2, -1, -1):
+
+
+@unlocked
+def pull(
+    x: Array, store: Array, begins: Array, starts: Array, ends: Array, changes: Array, fronts: Array, signs: Array
+) -> None:
+    """Solve for x by some fronts, from the last to the first, after all are eliminated; see `push`."""
+    for front in fronts[::-1]:
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
-        k, m = len(own), len(others)
-        known = np.empty(m, x.dtype)
-        for i in range(m):
-            known[i] = x[others[i]]
-        begin -= k * m
-        pushed = np.dot(store[begin : begin + k * m].reshape(k, m), known)
+        k, m, begin = len(own), len(others), begins[front]
+        pulled = np.dot(store[begin + k * k : begin + k * (k + m)].reshape(k, m), x[others])
         for i in range(k):
-            pushed[i] = signs[starts[front] + i] * own[i] - pushed[i]
-        begin -= k * k
-        own[:] = np.dot(store[begin : begin + k * k].reshape(k, k), pushed)
+            pulled[i] = signs[starts[front] + i] * own[i] - pulled[i]
+        own[:] = np.dot(store[begin : begin + k * k].reshape(k, k), pulled)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import pairwise
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ from ...support.compiled import kernels
 from .fronts import Fronts, find_fronts
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
-_FEW = 4  # so few are solved for one by one
+_FEW = 8  # so few are solved for one by one
+TWO_THREADS_FROM = 2_000_000  # entries of factors; for fewer a second thread is not worth its start
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
 
@@ -100,36 +102,50 @@ class Factorisation:
         given = matrix
         matrix = sp.csr_matrix(given() if callable(given) else given)
         fronts = find_fronts(matrix) if analysis is None else analysis.fronts
-        self._order, n = fronts.order, len(fronts.order)
-        matrix = _upper(matrix, self._order)
+        self._order, self._children = fronts.order, fronts.children
+        matrix = _ordered(matrix, self._order)
         spans = [slice(*bounds) for bounds in pairwise(fronts.starts.tolist())]
         sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
+        begins = np.cumsum([0, *(k * (k + m) for k, m in sizes)])
         # In one piece, pages of which are taken when they are written: the memory of updates stays whole.
         dtype = np.float32 if single else np.float64
-        self._store = store = np.zeros(sum(k * (k + m) for k, m in sizes), dtype)
-        self._signs = np.ones(n, dtype)
-        place, begin = np.full(n, -1), 0
-        updates: list[tuple[Array, Array]] = []
-        self._factors: list[_Factor] = []
-        for rows, (k, m), changes, count in zip(spans, sizes, fronts.below, fronts.n_children, strict=True):
-            own = store[begin : begin + k * k].reshape((k, k), order="F")
-            below = store[begin + k * k : begin + k * (k + m)].reshape((m, k), order="F")
-            begin += k * (k + m)
-            place[rows], place[changes] = np.arange(k), np.arange(k, k + m)
-            _put(matrix, rows, place, own, below)
-            update = np.zeros((m, m), dtype, order="F")
-            for _ in range(count):
-                child, change = updates.pop()
-                _add(change, place[child], own, below, update)
-                del change
-            place[rows] = place[changes] = -1
-            if (signs := _eliminate(own, below, update)) is not None:
-                self._signs[rows] = signs
-            self._factors.append(_Factor(rows, changes, own, signs, below))
-            updates.append((changes, update))
-            del update
+        self._store = store = np.zeros(begins[-1], dtype)
+        self._signs = np.ones(len(self._order), dtype)
+        updates: dict[int, Array] = {}
+        factors: dict[int, _Factor] = {}
+
+        def eliminate(numbers: Array) -> None:
+            place = np.full(len(self._order), -1)
+            for front in numbers.tolist():
+                rows, changes, (k, m), begin = spans[front], fronts.below[front], sizes[front], begins[front]
+                own = store[begin : begin + k * k].reshape((k, k), order="F")
+                below = store[begin + k * k : begin + k * (k + m)].reshape((m, k), order="F")
+                place[rows], place[changes] = np.arange(k), np.arange(k, k + m)
+                _put(matrix, rows, place, own, below)
+                update = np.zeros((m, m), dtype, order="F")
+                for child in fronts.children[front]:
+                    _add(updates.pop(child), place[fronts.below[child]], own, below, update)
+                place[rows] = place[changes] = -1
+                if (signs := _eliminate(own, below, update)) is not None:
+                    self._signs[rows] = signs
+                factors[front] = _Factor(rows, changes, own, signs, below)
+                updates[front] = update
+                del update
+
+        # Without compiled loops, threads would wait for each other.
+        self._parts = fronts.parts if kernels("algebra.sparse") and len(store) >= TWO_THREADS_FROM else None
+        if self._parts is None:
+            eliminate(np.arange(len(spans)))
+        else:
+            first, second, last = self._parts
+            with ThreadPoolExecutor(1) as second_core:
+                beside = second_core.submit(eliminate, second)
+                eliminate(first)
+                beside.result()
+            eliminate(last)
+        self._factors = [factors[front] for front in range(len(spans))]
         ends = np.cumsum([0, *(len(changes) for changes in fronts.below)])
-        self._places = fronts.starts, ends, np.concatenate(fronts.below)
+        self._places = begins, fronts.starts, ends, np.concatenate(fronts.below)
         if any(factor.signs is not None for factor in self._factors):
             self._check(given() if callable(given) else given)
 
@@ -143,37 +159,95 @@ class Factorisation:
                 f"at most {_ACCURATE:g}. If it is shifted, take another shift"
             )
 
-    def solve(self, rhs: Array, threads: int = 2) -> Array:
-        """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks, `threads` of them at a time.
-
-        A few go through compiled loops one by one: blocks pay for the calls from Python by their width.
-        """
+    def solve(self, rhs: Array) -> Array:
+        """Solve for one, (n,), or many, (n, k), right-hand sides; these in blocks."""
         if rhs.ndim == 1:
             return self.solve(rhs[:, None])[:, 0]
-        result = np.empty(rhs.shape, order="F")
-        if rhs.shape[1] <= _FEW and (loops := kernels("algebra.sparse")):
-            for one, answer in zip(rhs.T, result.T, strict=True):
-                x = one[self._order].astype(self._store.dtype)
-                loops.solve(x, self._store, *self._places, self._signs)
-                answer[self._order] = x
-            return result
-
-        def solve_block(block: slice) -> None:
+        result, n = np.empty(rhs.shape, order="F"), rhs.shape[1]
+        bounds = np.linspace(0, n, -(-n // _BLOCK) + 1).astype(int)
+        for block in (slice(*bounds) for bounds in pairwise(bounds.tolist())):
             x = np.array(rhs[self._order, block], self._store.dtype, order="C")
             x = x[:, 0] if x.shape[1] == 1 else x  # vectors are quicker
-            for rows, changes, inverse, _, below in self._factors:
-                x[rows] = inverse @ x[rows]
-                x[changes] -= below @ x[rows]
-            for rows, changes, inverse, signs, below in reversed(self._factors):
-                own = x[rows] if signs is None else (signs * x[rows].T).T
-                x[rows] = inverse.T @ (own - below.T @ x[changes])
+            if loops := kernels("algebra.sparse"):
+                self._solve_compiled(x, loops)
+            else:
+                self._solve(x)
             result[self._order, block] = x.reshape(len(x), -1)
+        return result
 
-        n = rhs.shape[1]
-        count = min(n, threads * -(-n // (threads * _BLOCK)))
-        bounds = np.linspace(0, n, count + 1).astype(int).tolist()
-        with ThreadPoolExecutor(threads) as pool:  # products of NumPy let other threads run
-            list(pool.map(solve_block, map(slice, bounds[:-1], bounds[1:])))
+    def _solve(self, x: Array) -> None:
+        """Solve for right-hand sides in order of elimination, in place."""
+        for rows, changes, inverse, _, below in self._factors:
+            x[rows] = inverse @ x[rows]
+            x[changes] -= below @ x[rows]
+        for rows, changes, inverse, signs, below in reversed(self._factors):
+            own = x[rows] if signs is None else (signs * x[rows].T).T
+            x[rows] = inverse.T @ (own - below.T @ x[changes])
+
+    def _solve_compiled(self, x: Array, loops: ModuleType) -> None:
+        """Do so by compiled loops."""
+
+        def go(loop: Callable[..., None], x: Array, fronts: Array, *more: Array) -> None:
+            loop(x, self._store, *self._places, fronts, *more)
+
+        signs = self._signs
+        if self._parts is None:
+            every = np.arange(len(self._factors))
+            go(loops.push, x, every)
+            go(loops.pull, x, every, signs)
+            return
+        first, second, last = self._parts
+        own, shared = self._rows(second), self._rows(last)
+        beside = x.copy()  # so that no two threads change a row at once
+        beside[shared] = 0.0
+        with ThreadPoolExecutor(1) as second_core:
+            pushed = second_core.submit(go, loops.push, beside, second)
+            go(loops.push, x, first)
+            pushed.result()
+            x[own] = beside[own]
+            x[shared] += beside[shared]
+            go(loops.push, x, last)
+            go(loops.pull, x, last, signs)
+            pulled = second_core.submit(go, loops.pull, x, second, signs)
+            go(loops.pull, x, first, signs)
+            pulled.result()
+
+    def _rows(self, fronts: Array) -> Array:
+        """Rows that some fronts eliminate, in order of elimination."""
+        chosen = np.zeros(len(self._factors), dtype=bool)
+        chosen[fronts] = True
+        return np.flatnonzero(np.repeat(chosen, np.diff(self._places[1])))
+
+    def inverse_at(self, rows: sp.csr_matrix) -> Array:
+        """R A^-1 R', (r, r), of the matrix A for sparse rows R, (r, n).
+
+        Only fronts that a row reaches take part for it, and there is no substitution back.
+        """
+        entries, n_fronts = rows.tocoo(), len(self._factors)
+        rank = np.empty(len(self._order), dtype=np.int64)
+        rank[self._order] = np.arange(len(rank))
+        at, front = rank[entries.col], np.repeat(np.arange(n_fronts), np.diff(self._places[1]))[rank[entries.col]]
+        sort = np.argsort(front, kind="stable")
+        at, number, value = at[sort], entries.row[sort], entries.data[sort]
+        bounds = np.searchsorted(front[sort], np.arange(n_fronts + 1))
+        result = np.zeros((rows.shape[0],) * 2)
+        place = np.empty(len(self._order), dtype=np.int64)
+        left: dict[int, tuple[Array, Array]] = {}  # by a front on the rows that it changes, and for which of R
+        for front, (span, changes, inverse, signs, below) in enumerate(self._factors):
+            own, before = slice(*bounds[front : front + 2]), [c for c in self._children[front] if c in left]
+            some = np.unique(np.concatenate([number[own], *(left[child][0] for child in before)]))
+            if not len(some):
+                continue
+            k, m = len(inverse), len(changes)
+            place[span], place[changes] = np.arange(k), np.arange(k, k + m)
+            x = np.zeros((k + m, len(some)))
+            np.add.at(x, (place[at[own]], np.searchsorted(some, number[own])), value[own])
+            for child in before:
+                theirs, pushed = left.pop(child)
+                x[np.ix_(place[self._factors[child].changes], np.searchsorted(some, theirs))] += pushed
+            y = inverse @ x[:k]
+            left[front] = some, x[k:] - below @ y
+            result[np.ix_(some, some)] += y.T @ y if signs is None else y.T @ (signs[:, None] * y)
         return result
 
     @property
@@ -186,24 +260,24 @@ class Factorisation:
         return sum(int(np.count_nonzero(f.signs < 0)) for f in self._factors if f.signs is not None)
 
 
-def _upper(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:
-    """Upper triangle of a symmetric matrix with rows and columns in another order, (n,) int array."""
+def _ordered(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:
+    """Rows and columns of a matrix in another order, (n,) int array."""
     rank = np.empty(len(order), dtype=matrix.indices.dtype)
     rank[order] = np.arange(len(order))
-    rows, columns = np.repeat(rank, np.diff(matrix.indptr)), rank[matrix.indices]
-    upper = rows <= columns
-    return sp.csr_matrix((matrix.data[upper], (rows[upper], columns[upper])), shape=matrix.shape)
+    rows = matrix[order]
+    return sp.csr_matrix((rows.data, rank[rows.indices], rows.indptr), shape=matrix.shape)
 
 
 def _put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> None:
-    """Write the entries of some rows of an upper triangle to a front, as columns."""
+    """Write the upper triangle of some rows of a matrix to a front, as columns."""
     starts, k = matrix.indptr[rows.start : rows.stop + 1], len(own)
     if loops := kernels("algebra.sparse"):
-        complete = loops.put(starts, matrix.indices, matrix.data, place, own.T, below.T)
+        complete = loops.put(starts, matrix.indices, matrix.data, rows.start, place, own.T, below.T)
     else:
-        entries = slice(starts[0], starts[-1])
-        row, column = place[matrix.indices[entries]], np.repeat(np.arange(k), np.diff(starts))
-        complete, inside, values = row.min(initial=0) >= 0, row < k, matrix.data[entries]
+        entries, column = slice(starts[0], starts[-1]), np.repeat(np.arange(k), np.diff(starts))
+        upper = matrix.indices[entries] >= rows.start + column
+        row, column, values = place[matrix.indices[entries][upper]], column[upper], matrix.data[entries][upper]
+        complete, inside = row.min(initial=0) >= 0, row < k
         own[row[inside], column[inside]] = values[inside]
         below[row[~inside] - k, column[~inside]] = values[~inside]
     if not complete:

@@ -103,11 +103,13 @@ def _least_cover(graph: sp.csr_matrix, left: Array, right: Array) -> Array:
     mate = maximum_bipartite_matching(edges, perm_type="column")
     alone, paired = np.flatnonzero(mate < 0), np.flatnonzero(mate >= 0)
     n_left, n_right = edges.shape
-    back = sp.csr_matrix((np.ones(len(paired)), (mate[paired], paired)), shape=(n_right, n_left))
-    source = sp.csr_matrix((np.ones(len(alone)), (np.zeros(len(alone), dtype=int), alone)), shape=(1, n_left))
-    paths = sp.bmat([[None, edges, None], [back, None, None], [source, None, sp.csr_matrix((1, 1))]], format="csr")
+    # Of the left nodes, the right ones, and one from which those without a mate are reached.
+    source = n_left + n_right
+    starts = [np.repeat(np.arange(n_left), np.diff(edges.indptr)), n_left + mate[paired], np.full(len(alone), source)]
+    ends = np.concatenate([n_left + edges.indices, paired, alone])
+    paths = sp.csr_matrix((np.ones(len(ends)), (np.concatenate(starts), ends)), shape=(source + 1,) * 2)
     reached = np.zeros(n_left + n_right + 1, dtype=bool)
-    reached[breadth_first_order(paths, n_left + n_right, return_predecessors=False)] = True
+    reached[breadth_first_order(paths, source, return_predecessors=False)] = True
     return np.concatenate([left[~reached[:n_left]], right[reached[n_left:-1]]])
 
 
