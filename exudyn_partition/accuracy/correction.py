@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.krylov import FreeBodyFlexibility
+from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
 from ..fe.patches import Patch

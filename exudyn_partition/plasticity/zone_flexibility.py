@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from ..algebra.krylov import FreeBodyFlexibility
+from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..support.arrays import Array
 from ..support.checks import check_floats, read_only
 

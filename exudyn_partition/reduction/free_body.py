@@ -13,14 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.krylov import (
-    BlockKrylov,
-    FreeBodyFlexibility,
-    RitzPairs,
-    columns,
-    mass_normalised,
-    orthonormal_complement,
-)
+from ..algebra.krylov import BlockKrylov, RitzPairs, columns, mass_normalised, orthonormal_complement
+from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..algebra.sparse.multifrontal import Analysis, Factorisation
 from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..algebra.blas_threads import one_blas_thread
-from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
+from ..algebra.krylov import mass_normalised
+from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import InputError
 from ..fe.model import FEModel
 from ..plasticity.dilatation import with_free_zones

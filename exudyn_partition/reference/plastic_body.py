@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..algebra.krylov import FreeBodyFlexibility, mass_normalised
+from ..algebra.krylov import mass_normalised
 from ..algebra.secants import Anderson
+from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import ComplementarityError
 from ..fe.model import node_dofs
 from ..plasticity.flow import PlasticState

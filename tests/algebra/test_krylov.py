@@ -7,7 +7,8 @@ import scipy.sparse as sp
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.krylov import BlockKrylov, FreeBodyFlexibility, eigenmodes, mass_normalised
+from exudyn_partition.algebra.krylov import BlockKrylov, eigenmodes, mass_normalised
+from exudyn_partition.algebra.sparse.flexibility import FreeBodyFlexibility
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.errors import ModeAccuracyError, ModeCountWarning
 

@@ -1,1 +1,1 @@
-"""Factors of sparse symmetric matrices: order of elimination, and factors by fronts."""
+"""Factors of sparse symmetric matrices: order of elimination, factors by fronts, and flexibilities by them."""

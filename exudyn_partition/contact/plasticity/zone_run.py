@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...algebra.krylov import FreeBodyFlexibility, mass_normalised
+from ...algebra.krylov import mass_normalised
+from ...algebra.sparse.flexibility import FreeBodyFlexibility
 from ...fe.model import node_dofs
 from ...frames.kinematics import Kinematics
 from ...plasticity.flow import PlasticState

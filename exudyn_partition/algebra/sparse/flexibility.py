@@ -1,0 +1,93 @@
+"""Elastic flexibility of a free body.
+
+Theory: examples/site/theory.md, "Residual flexibility".
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from ...support.arrays import Array
+from .multifrontal import Analysis, Factorisation
+
+
+class FreeBodyFlexibility:
+    """Elastic (inertia-relief) flexibility of a free body, F_e = P' Kc^-1 P with P = 1 - M R R'.
+
+    In Kc six statically determinate dofs are held; they are chosen such that the rigid modes there are as independent
+    as possible. F_e first balances a load by the inertia of rigid motion. Its answer contains no rigid motion.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n) csr matrix
+    rigid : (n, 6) array
+        Mass-normalised rigid modes.
+    analysis : Analysis, optional
+        Of matrices with entries where the stiffness has them, or more.
+
+    Attributes
+    ----------
+    free : (n - 6,) int array
+        Dofs that are not held.
+    """
+
+    def __init__(
+        self, stiffness: sp.csr_matrix, mass: sp.spmatrix, rigid: Array, analysis: Analysis | None = None
+    ) -> None:
+        self._rigid, self._mass_rigid = rigid, mass @ rigid
+        _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
+        self._held = np.sort(held[: rigid.shape[1]])
+        self.free = np.delete(np.arange(len(rigid)), self._held)
+        self._factor = Factorisation(lambda: _uncoupled(stiffness, self._held), analysis=analysis)
+
+    def __call__(self, loads: Array) -> Array:
+        """Elastic displacements of `loads`, (n, k)."""
+        result = self.held(loads - self._mass_rigid @ (self._rigid.T @ loads))
+        result -= self._rigid @ (self._mass_rigid.T @ result)
+        return result
+
+    def held(self, loads: Array) -> Array:
+        """Displacements of `loads`, (n, k), with the six dofs held."""
+        loads = np.array(loads)
+        loads[self._held] = 0.0
+        return self._factor.solve(loads)
+
+    def at(self, rows: sp.csr_matrix) -> Array:
+        """Elastic flexibility of some rows G, (r, n), of few dofs: G F_e G', (r, r)."""
+        return self.balanced(self.held_at(rows), rows)
+
+    def held_at(self, rows: sp.csr_matrix) -> Array:
+        """Flexibility of some rows, (r, n), of few dofs, with the six dofs held, (r, r)."""
+        free = np.ones(rows.shape[1])
+        free[self._held] = 0.0
+        return self._factor.inverse_at(rows @ sp.diags(free))
+
+    def balanced(self, held: Array, rows: sp.csr_matrix) -> Array:
+        """Elastic flexibility of some rows, (r, n), from that of the held body at them, (r, r)."""
+        at, moved = rows @ self._rigid, self._moved
+        mixed = (rows @ moved) @ at.T
+        result: Array = held - mixed - mixed.T + at @ (self._mass_rigid.T @ moved) @ at.T
+        return result
+
+    @cached_property
+    def _moved(self) -> Array:
+        """Answers to the inertia of rigid motion with the six dofs held, (n, 6)."""
+        return self.held(self._mass_rigid)
+
+
+def _uncoupled(matrix: sp.csr_matrix, dofs: Array) -> sp.csr_matrix:
+    """A matrix with entries in the same places, of which those of some dofs are zero beside the diagonal."""
+    matrix = sp.csr_matrix(matrix)
+    data, size = matrix.data.copy(), abs(matrix.data).max(initial=0.0) or 1.0
+    data[np.isin(matrix.indices, dofs)] = 0.0
+    lacking = np.zeros(matrix.shape[0])
+    for dof in dofs:
+        row = slice(*matrix.indptr[dof : dof + 2])
+        data[row] = np.where(matrix.indices[row] == dof, size, 0.0)
+        lacking[dof] = size - data[row].sum()
+    result = sp.csr_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+    return result + sp.diags(lacking, format="csr") if lacking.any() else result
