@@ -88,10 +88,9 @@ def _inside(points: Array, facets: Array) -> tuple[float, Array]:
         weight, s = weight * (1 - r), s * (1 - r)
     values, *derivatives = shape_functions(np.column_stack([r, s]), facets.shape[1]).swapaxes(0, 1)
     nodes = points[facets]
-    position = np.einsum("qn,fnd->fqd", values, nodes)
-    a, b = np.einsum("iqn,fnd->ifqd", derivatives, nodes)
-    flux = weight[:, None] * np.cross(a, b)
-    return float((position * flux).sum() / 3), (position**3 * flux).sum(axis=(0, 1)) / 3
+    position = values @ nodes  # (facets, points, 3)
+    flux = weight[:, None] * np.cross(*(derivative @ nodes for derivative in derivatives)) * position
+    return float(flux.sum() / 3), (position * position * flux).sum(axis=(0, 1)) / 3
 
 
 def _far_nodes(fem: FEModel) -> tuple[Array, Array]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from pathlib import Path
+
+_LOOKS = 5  # at what runs: others wake up for a moment
 
 
 def available_memory() -> tuple[float, float]:
@@ -20,12 +23,16 @@ def available_memory() -> tuple[float, float]:
 
 
 def alone() -> bool:
-    """Whether nothing else runs at this moment; False if the system does not tell."""
+    """Whether nothing else runs all the time now; False if the system does not tell."""
     try:
-        running, _ = Path("/proc/loadavg").read_text().split()[3].split("/")
-        return int(running) <= 1
+        for _ in range(_LOOKS):
+            running, _ = Path("/proc/loadavg").read_text().split()[3].split("/")
+            if int(running) <= 1:
+                return True
+            time.sleep(1e-3)
     except (OSError, ValueError, IndexError):
-        return False
+        pass
+    return False
 
 
 def _address_space() -> float:
