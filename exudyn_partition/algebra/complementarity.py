@@ -20,6 +20,7 @@ _REGULARISATION = 1e-9  # of the mean diagonal
 ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
 _FEW = 60  # active rows up to which compiled loops are faster than LAPACK
 PATIENCE = 10  # block steps without progress before single pivots begin
+SOLVING = ROUNDING, PATIENCE, _FEW  # as `kernels.solve_active` takes them
 
 
 def regularised(F: Array) -> Array:
@@ -157,7 +158,7 @@ class Complementarity:
                 self.reset()
             return np.zeros(len(h))
         if loops := kernels("algebra"):
-            lam, upper, index, changes, count = loops.solve_active(*self.compiled, h, ROUNDING, PATIENCE, _FEW)
+            lam, upper, index, changes, count = loops.solve_active(*self.compiled, h, *SOLVING)
             self.iterations += changes + 1
             if changes:
                 self.active, self.index, self._factor = np.zeros(len(h), dtype=bool), index, upper.T

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from ..algebra.complementarity import Complementarity, regularised
+from ..algebra.complementarity import SOLVING, Complementarity, regularised
 from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import SLIP, FrictionProblem
 from ..errors import InputError
 from ..support.arrays import Array
+from ..support.compiled import kernels
 from .default_step import SAFETY, STEPS_A_PERIOD, resolving_step
 
 _SAMPLES = 5000
@@ -75,38 +76,38 @@ class Impact:
 
     def run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
         """Integrate by velocity Verlet: times (m,), total normal forces (m, 1) [N] and velocities (m, n)."""
-        problem = Complementarity(self.F)
-        none = np.zeros(len(self.omega))
-
-        def contact(q: Array, step: float) -> tuple[Array, Array]:
-            lam = problem.solve(self.gap + self.H @ q)
-            index = problem.index
-            return lam[index] @ self.H[index] if index.size else none, lam.sum(keepdims=True)
-
-        return self._integrate(contact, duration, largest_step)
+        return self._run(duration, largest_step)[:3]
 
     def loaded(self, duration: float, largest_step: float) -> Array:
         """Rows that carry a force at some time of `run`, (nc,) bool."""
-        problem, found = Complementarity(self.F), np.zeros(len(self.gap), dtype=bool)
+        return self._run(duration, largest_step)[3]
+
+    def _run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array, Array]:
+        """Return what `run` and `loaded` do."""
+        problem = Complementarity(self.F)
+        if loops := kernels("prediction"):
+            step, steps, stride = _steps(duration, largest_step)
+            F, *_ = problem.compiled
+            state = self.omega**2, self.velocity, step, steps, stride
+            *found, solved = loops.integrate(self.gap, np.ascontiguousarray(self.H), F, *state, SOLVING)
+            if solved:
+                return tuple(found)
+        none, loaded = np.zeros(len(self.omega)), np.zeros(len(self.gap), dtype=bool)
 
         def contact(q: Array, step: float) -> tuple[Array, Array]:
-            nonlocal found
+            nonlocal loaded
             lam = problem.solve(self.gap + self.H @ q)
-            found |= problem.active
-            return lam @ self.H, lam.sum(keepdims=True)
+            index = problem.index
+            if not index.size:
+                return none, lam.sum(keepdims=True)
+            loaded[index] = True
+            return lam[index] @ self.H[index], lam.sum(keepdims=True)
 
-        self._integrate(contact, duration, largest_step)
-        return found
+        return *self._integrate(contact, duration, largest_step), loaded
 
     def _integrate(self, contact: Contact, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
         """Integrate by velocity Verlet with the generalised forces of contact and its total force, (n,) and (k,)."""
-        if duration / largest_step > _MOST_STEPS:
-            raise InputError(
-                f"duration: {duration:g} s are {duration / largest_step:.2g} steps of {largest_step:.2g} s, which this "
-                f"impact needs, expected at most {_MOST_STEPS:g}. Give the time of the impact alone, in s"
-            )
-        steps = int(np.ceil(duration / largest_step))
-        step, stride = duration / steps, max(1, steps // _SAMPLES)
+        step, steps, stride = _steps(duration, largest_step)
         squares = self.omega**2
         q, v = np.zeros(len(squares)), self.velocity.copy()
         generalised, force = contact(q, step)
@@ -122,6 +123,17 @@ class Impact:
                 samples.append((n * step, force, v.copy()))
         t, force_at, v_at = zip(*samples, strict=True)
         return np.array(t), np.array(force_at), np.array(v_at)
+
+
+def _steps(duration: float, largest_step: float) -> tuple[float, int, int]:
+    """Length of steps [s], their number, and how many there are from one sample to the next."""
+    if duration / largest_step > _MOST_STEPS:
+        raise InputError(
+            f"duration: {duration:g} s are {duration / largest_step:.2g} steps of {largest_step:.2g} s, which this "
+            f"impact needs, expected at most {_MOST_STEPS:g}. Give the time of the impact alone, in s"
+        )
+    steps = int(np.ceil(duration / largest_step))
+    return duration / steps, steps, max(1, steps // _SAMPLES)
 
 
 @dataclass(frozen=True, eq=False)

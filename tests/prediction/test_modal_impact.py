@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from oracles import each_way
 
 import exudyn_partition as ep
 from exudyn_partition.prediction.modal_impact import Impact, ObliqueImpact
@@ -54,3 +55,17 @@ def test_truncation_keeps_the_static_answer_in_all_directions():
     added = short.F_all - whole.F_all
     np.testing.assert_allclose(added, added.T)
     assert added[0, 1] == pytest.approx(0.15 * (1 / 3e5**2 + 1 / 4e5**2))
+
+
+def test_compiled_loops_integrate_the_same_impact():
+    """A ball of three modes on five rows, of which some close and open."""
+    rng = np.random.default_rng(3)
+    root, H = rng.standard_normal((5, 5)), np.column_stack([np.ones(5), 0.3 * rng.standard_normal((5, 3))])
+    F = SOFT * (np.eye(5) + 0.05 * root @ root.T)
+    omega, velocity = np.r_[0.0, 2e4, 4e4, 7e4], np.r_[-1.0, 0.0, 0.0, 0.0]
+    pressed = Impact(np.array([0.0, 1e-6, 2e-5, 1e-4, 1e-2]), H, F, omega, velocity, 1e-3)
+    compiled, plain = each_way(lambda: (*pressed.run(1.5e-3, 1.3e-7), pressed.loaded(1.5e-3, 1.3e-7)))
+    assert len(plain[0]) > 5000
+    assert 1 < plain[3].sum() < 5
+    for one, other in zip(compiled, plain, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-8 * abs(other).max())

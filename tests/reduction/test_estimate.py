@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from oracles import TOP, relative
 
 import exudyn_partition as ep
-from exudyn_partition.algebra import krylov
 from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.algebra.sparse import flexibility
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
 from exudyn_partition.reduction import free_body
@@ -78,7 +78,7 @@ def test_a_pair_never_holds_factors_of_both_bodies(pair, monkeypatch):
             living.add(self)
             at_once.append(len(living))
 
-    for module in (free_body, krylov):
+    for module in (free_body, flexibility):
         monkeypatch.setattr(module, "Factorisation", Counted)
     ep.reduce_pair(*pair[0], tolerance=0.1, speed=SPEED, duration=50e-6)
     assert len(at_once) >= 4
