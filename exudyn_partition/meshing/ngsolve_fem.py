@@ -196,11 +196,8 @@ def _from_mesh(
         mesh.Curve(1)
     try:
         basis = NodalBasis(ngsolve, mesh, order)
-        position = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
-        with _threads(ngsolve, position.space.ndof // 3):
-            position.Set(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z)))
-        points = basis.nodal_values(position.vec)
         corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
+        points = _places(ngsolve, mesh, basis.numbers(corners), basis.to_hierarchical.shape[0])
         cells = basis.cells(corners, points)
         _check_volume(points, cells)
         if regions is None:
@@ -216,6 +213,18 @@ def _from_mesh(
     names = np.array(mesh.GetBoundaries())[elements["index"] - 1]
     fem.boundaries.update(_boundaries(fem.facets, {str(name): triangles[names == name] for name in np.unique(names)}))
     return fem
+
+
+def _places(ngsolve: NGSolve, mesh: NGSolveMesh, numbers: Array, n: int) -> Array:
+    """Places of n nodes, (n, 3), by their numbers in each element, (ne, 4), (ne, 10) or (ne, 20)."""
+    local = TET_NODES[numbers.shape[1]]
+    # NGSolve's tetrahedron has its first three vertices at the ends of the axes.
+    local = np.column_stack([1 - local.sum(axis=1), local[:, :2]])
+    rule = ngsolve.IntegrationRule([tuple(x) for x in local.tolist()], [1.0] * len(local))
+    at = mesh.MapToAllElements({ngsolve.ET.TET: rule}, ngsolve.VOL)
+    points = np.zeros((n, 3))
+    points[numbers] = ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(at).reshape(*numbers.shape, 3)
+    return points
 
 
 def _check_volume(points: Array, cells: Array) -> None:

@@ -78,38 +78,21 @@ class NodalBasis:
         on_edge = np.array(shapes.CalcShape(2 / 3, 1 / 3, 0.0))[4:]
         on_face = np.array(shapes.CalcShape(1 / 3, 1 / 3, 0.0))[4:]
         start = int(abs(on_edge).argmax())
-        self._even, self._odd = float(on_edge[start]), float(on_edge[start + 1]) * (1 if ascending else -1)
-        self._across, self._own = float(on_face[start]), float(max(on_face[12:], key=abs))
+        even_by, odd_by = float(on_edge[start]), float(on_edge[start + 1]) * (1 if ascending else -1)
+        across, own_by = float(on_face[start]), float(max(on_face[12:], key=abs))
         nv, ne, nf = self._nv, len(self.edges), len(self._faces)
         n = nv + 2 * ne + nf
         even = nv + 2 * np.arange(ne)
         ends, pair = self.edges.T, np.stack([even, even + 1])
-        sums = _matrix(n, even, [(ends, -1.0), (pair, 1.0)]) / (2 * self._even)
+        sums = _matrix(n, even, [(ends, -1.0), (pair, 1.0)]) / (2 * even_by)
         turns = _matrix(n, even + 1, [(ends[:1], -1 / 3), (ends[1:], 1 / 3), (pair[:1], 1.0), (pair[1:], -1.0)]) / (
-            2 * self._odd
+            2 * odd_by
         )
         own = nv + 2 * ne + np.arange(nf)
         sides = even[self._edges_between(self._faces[:, [0, 1, 2]], self._faces[:, [1, 2, 0]])].T
         faces = _matrix(n, own, [(own[None], 1.0), (self._faces.T, -1 / 3)])
-        faces = (faces - self._across * (_matrix(n, own, [(sides, 1.0)]) @ sums)) / self._own
-        self._sides = sides
+        faces = (faces - across * (_matrix(n, own, [(sides, 1.0)]) @ sums)) / own_by
         return sp.csr_matrix(sp.diags(np.arange(n) < nv, dtype=float) + sums + turns + faces)
-
-    def nodal_values(self, vector: NGSolveObject) -> Array:
-        """Nodal values, (n, 3), of a VectorH1 function by its coefficients."""
-        coefficients = np.array(vector).reshape(3, -1)
-        if self._order < 3:  # off its diagonal `to_hierarchical` reads only vertices
-            diagonal = self.to_hierarchical.diagonal()
-            below = self.to_hierarchical - sp.diags(diagonal)
-            return np.column_stack([(c - below @ c) / diagonal for c in coefficients])
-        nv, ne = self._nv, len(self.edges)
-        c = coefficients.T
-        ends = c[self.edges]
-        even, odd = c[nv : nv + 2 * ne : 2], c[nv + 1 : nv + 2 * ne : 2]
-        line = np.stack([2 * ends[:, 0] + ends[:, 1], ends[:, 0] + 2 * ends[:, 1]], axis=1) / 3
-        line += np.stack([self._even * even + self._odd * odd, self._even * even - self._odd * odd], axis=1)
-        on_faces = c[self._faces].mean(axis=1) + self._across * c[self._sides].sum(axis=0)
-        return np.vstack([c[:nv], line.reshape(-1, 3), on_faces + self._own * c[nv + 2 * ne :]])
 
     def cells(self, corners: Array, points: Array) -> Array:
         """(ne, 4), (ne, 10) or (ne, 20) nodes of tetrahedra with `corners`, (ne, 4), of positive volume, in VTK order.
