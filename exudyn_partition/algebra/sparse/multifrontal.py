@@ -24,7 +24,6 @@ from ...support.compiled import kernels
 from .fronts import Fronts, find_fronts
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
-_FEW = 8  # so few are solved for one by one
 TWO_THREADS_FROM = 2_000_000  # entries of factors; for fewer a second thread is not worth its start
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
