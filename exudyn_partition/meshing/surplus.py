@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from ..fe.model import FEModel
+from ..fe.model import FEModel, node_dofs
 from ..support.arrays import Array
 from ..support.foreign import NGSolve, NGSolveMesh
 
@@ -25,7 +25,7 @@ class Surplus:
     to_hierarchical : (n, n) csr matrix
         From nodal values to NGSolve's coefficients of order k.
     stiffness, mass : csr matrix
-        Of a vector, and of one component, in NGSolve's basis of order k + 1.
+        Of a vector, dofs xyz interleaved, and of one component, in NGSolve's basis of order k + 1.
 
     Attributes
     ----------
@@ -56,12 +56,10 @@ class Surplus:
         self._number = np.where(is_new, np.cumsum(is_new) - 1, -1)
         added, old = np.flatnonzero(is_new), np.flatnonzero(~is_new)
         self.size = len(added)
-        ours = (added[:, None] + n * np.arange(3)).ravel()
-        theirs = (old[:, None] + n * np.arange(3)).ravel()
-        to_nodes = sp.kron(to_hierarchical, sp.identity(3), format="csr")
+        ours, to_nodes = node_dofs(added), sp.kron(to_hierarchical, sp.identity(3), format="csr")
         rows = stiffness[ours]
         self.stiffness = rows[:, ours]
-        self.coupling = sp.csr_matrix(rows[:, theirs] @ to_nodes)
+        self.coupling = sp.csr_matrix(rows[:, node_dofs(old)] @ to_nodes)
         self.mass_coupling = sp.kron(mass[added][:, old] @ to_hierarchical, sp.identity(3), format="csr")
 
     def at(self, corners: Array, local: Array) -> sp.csr_matrix:
