@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.sparse.conjugate_gradients import solve_roughly
 from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
@@ -40,7 +41,7 @@ from ..surfaces.points import contact_points
 from ..surfaces.rows import point_matrix
 from ..surfaces.surface import Surface
 
-_STEPS, _SOLVED = 40, 0.03  # of conjugate gradients; relative residual, whose square is the error of x' r
+_SOLVED = 0.03  # relative residual of conjugate gradients, whose square is the error of x' r
 LEFT = 0.5  # share of the error that functions show, which stays in a corrected body at most: `validation/mesh/correct`
 _LEAST = 0.25  # least square of a frequency that is left, by the lowest one: coarser meshes have no useful estimate
 _INSIDE = np.array([[0.3, 0.2], [0.2, 0.3], [0.5, 0.25]])  # of a facet: where no function of its own is zero
@@ -146,21 +147,20 @@ class Finer:
         rigid, shapes, squares = basis.shapes[:, basis.omega == 0], basis.shapes[:, moving], basis.omega[moving] ** 2
         loads, m = on_nodes.T.toarray(), len(squares)
 
-        def residual(loads: Array) -> Array:
-            """Static answers without those of the kept shapes."""
-            answer = self._expand @ self._elastic(self._expand.T @ loads)
-            return np.asarray(answer - shapes @ ((shapes.T @ loads) / squares[:, None]))
-
         kept = np.hstack([rigid, shapes])
-        of_rows = self._of_rows(points) - self._mass @ (kept @ (kept.T @ loads)) - self._coupling @ residual(loads)
+        static = self._expand @ self._elastic(self._expand.T @ loads)
+        static -= shapes @ ((shapes.T @ loads) / squares[:, None])  # what the kept shapes do not contain
+        of_rows = self._of_rows(points) - self._mass @ (kept @ (kept.T @ loads)) - self._coupling @ static
         # Shapes above are static answers to interfaces and loads. They follow motion of much lower frequencies.
         own = np.where(squares <= (DROP_ABOVE * 2 * np.pi * self.body.f_cut) ** 2, squares, 0.0)
         of_shapes = (self._mass @ shapes) * own - self._coupling @ shapes
         residuals = np.hstack([of_shapes, of_rows])
-        answers = _solve(self._stiffness, residuals)
+        answers = solve_roughly(self._stiffness, residuals, _SOLVED)
         back = self._coupling.T @ answers
         back[:, :m] -= (self._mass.T @ answers[:, :m]) * own
-        E = answers.T @ residuals + back.T @ residual(back)
+        of_kept = shapes.T @ back
+        E = answers.T @ residuals + self._elastic.energies(self._expand.T @ back)
+        E -= of_kept.T @ (of_kept / squares[:, None])
         E = (E + E.T) / 2
         values, vectors = np.linalg.eigh(np.diag(squares) - E[:m, :m])
         turn, gaps = np.eye(len(basis.omega)), np.zeros((loads.shape[1], len(basis.omega)))
@@ -239,29 +239,3 @@ class Finer:
 def patch_axes(patch: Patch) -> Array:
     """Directions of the rows of a patch's nodes, (1 or 3, 3)."""
     return patch.direction[None] if patch.axes == "normal" else np.eye(3)
-
-
-def _solve(matrix: sp.csr_matrix, rhs: Array) -> Array:
-    """Solve with the diagonal as preconditioner, by conjugate gradients of all columns at once, roughly.
-
-    What is as rough needs no more than single precision, whose products read half of the bytes.
-    """
-    sizes = np.linalg.norm(rhs, axis=0)
-    r = (rhs / np.where(sizes > 0, sizes, 1.0)).astype(np.float32)
-    matrix, inverse = matrix.astype(np.float32), (1 / matrix.diagonal()[:, None]).astype(np.float32)
-    x, z = np.zeros_like(r), inverse * r
-    p, rz = z.copy(), np.einsum("ij,ij->j", r, z)
-    goal = _SOLVED**2 * rz
-    for _ in range(_STEPS):
-        q = matrix @ p
-        curvature = np.einsum("ij,ij->j", p, q)
-        alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=curvature > 0)
-        x += alpha * p
-        r -= alpha * q
-        z = inverse * r
-        last, rz = rz, np.einsum("ij,ij->j", r, z)
-        if (rz <= goal).all():
-            break
-        p *= np.divide(rz, last, out=np.zeros_like(rz), where=last > 0)
-        p += z
-    return np.asarray(x * sizes)

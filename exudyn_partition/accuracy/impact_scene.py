@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from ..contact.rigid import RigidSurface
 from ..fe.material import Material
@@ -11,11 +14,15 @@ from ..fe.partition import Partition
 from ..meshing.mesh_size import Refine
 from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed
 from ..meshing.ngsolve_fem import fe_model
+from ..prediction.hertz import effective, impact
+from ..reduction.estimate import FIRST
 from ..support.foreign import NGSolveMesh, Shape
 from .contact_place import ContactPlace
 from .mesh_rules import GRADING, GRADING_CORRECTED, REACH, REFINED, Sizes
 
 Model = tuple[FEModel, Partition]
+
+_MORE = 1.01  # meshes are a little smaller than their shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +37,14 @@ class Scene:
     tolerance: float
     max_dofs: int
     left: float = 1.0  # share of the error by functions of one order more that stays
+
+    @property
+    def least_top(self) -> float:
+        """Frequency up to which the bodies are to be known at least [Hz]; a bit more than for `grow_to_tolerance`."""
+        crossings = [
+            _longest(shape) / own.bar_wave_speed for shape, own in zip(self.shapes, self.materials, strict=True)
+        ]
+        return _MORE * FIRST / (2 * min(crossings))
 
     def mesh(self, i: int, sizes: Sizes, circle: float) -> NGSolveMesh:
         """Mesh of a body."""
@@ -49,3 +64,16 @@ class Scene:
         line = self.place.normal if i == 0 else -self.place.normal
         reach = REACH[i] * self.place.semi_axes(circle)[0] + sizes.near / 2
         return fem, Partition.ball(fem, self.place.points[i], reach, direction=line)
+
+
+def first_circle(shapes: Sequence[Shape], materials: Sequence[Material], speed: float, radius: float) -> float:
+    """Contact radius by Hertz, for compact bodies that do not turn [m]: an upper estimate."""
+    masses = [material.rho * abs(shape.mass) for shape, material in zip(shapes, materials, strict=True)]
+    mass = effective(*masses) if len(masses) == 2 else masses[0]
+    return impact(mass, speed, radius, np.inf, *materials).contact_radius
+
+
+def _longest(shape: Shape) -> float:
+    """Longest side of the box around a shape [m]."""
+    low, high = shape.bounding_box
+    return float(max(high.x - low.x, high.y - low.y, high.z - low.z))

@@ -300,7 +300,9 @@ def _change(finer: Finer, side: Side, rows: Array) -> Change:
     """What the surplus changes of a body and of some rows."""
     n, dofs = len(side.patch.nodes), node_dofs(side.patch.nodes)
     on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
-    points = Points(side.corners, side.local, side.normals, side.mean[rows])
+    mean = side.mean[rows]
+    some = np.unique(mean.indices)
+    points = Points(side.corners[some], side.local[some], side.normals[some], mean[:, some])
     return finer.change(side.on_patch[rows] @ on_body, points)
 
 

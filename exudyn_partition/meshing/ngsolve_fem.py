@@ -21,6 +21,7 @@ from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
 from ..support.checks import validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
+from ..support.machine import others_busy
 from ..support.optional import require
 from ..support.progress import pulsing
 from .input_decks import CellRegions
@@ -267,10 +268,8 @@ def _volume_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> NGSolveMesh:
     return ngsolve.Mesh(mesh)
 
 
-def surplus_of(fem: FEModel, *, one_thread: bool = False) -> Surplus:
+def surplus_of(fem: FEModel) -> Surplus:
     """Functions of one order more on the elements of an FE model, and its matrices between them and the model's nodes.
-
-    With `one_thread`, the other cores are left to what is done meanwhile.
 
     Raises
     ------
@@ -285,7 +284,7 @@ def surplus_of(fem: FEModel, *, one_thread: bool = False) -> Surplus:
     check_memory_of_model(int(_HIGHER[order] * fem.n_nodes), min(order + 1, 3))
     with ONE_AT_A_TIME:
         mesh, to_hierarchical = _deformed_mesh(ngsolve, fem.points, fem.cells)
-        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1, one_thread)
+        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1)
         return Surplus(fem, ngsolve, mesh, to_hierarchical, _csr(stiffness.mat), _csr(mass.mat))
 
 
@@ -346,7 +345,7 @@ def _assemble(
 
 
 def _forms(
-    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int, one_thread: bool = False
+    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int
 ) -> tuple[NGSolveObject, NGSolveObject]:
     """Stiffness of a vector, dofs xyz interleaved, and mass of one component, in NGSolve's basis."""
     u, v = ngsolve.H1(mesh, order=order, dim=3).TnT()  # of a VectorH1 it would take two to three times as long
@@ -361,7 +360,7 @@ def _forms(
         return constants
 
     shear, lame, density = map(by_element, (elastic.shear_modulus, elastic.lame, elastic.rho))
-    with _threads(ngsolve, 0 if one_thread else scalar.ndof):
+    with _threads(ngsolve, scalar.ndof):
         grad = ngsolve.Grad(u)  # alone: div(u) beside it would cost half as much again
         stress = 2 * shear * ngsolve.Sym(grad) + lame * ngsolve.Trace(grad) * ngsolve.Id(3)
         stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, ngsolve.Grad(v)) * ngsolve.dx).Assemble()
@@ -370,8 +369,8 @@ def _forms(
 
 
 def _threads(ngsolve: NGSolve, nodes: int) -> contextlib.AbstractContextManager[object]:
-    """NGSolve's threads, for models that are worth them."""
-    return ngsolve.TaskManager() if nodes >= _THREADS_FROM else contextlib.nullcontext()
+    """NGSolve's threads, for models that are worth them, unless other work has the other cores."""
+    return ngsolve.TaskManager() if nodes >= _THREADS_FROM and not others_busy() else contextlib.nullcontext()
 
 
 def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:

@@ -10,10 +10,10 @@ flexibility), and the default steps of a run (`default_step`). F_top has modes u
 estimate includes the errors of truncation and time step.
 
 Modes above f have inertia besides their static answer. Its relative size is (w / w_k)^2 for motion at w; the sum over
-the cut modes falls as f^-2 (Rubin 1975). Therefore ||F_f - F_top|| is too small by the share
-(f / f_top)^2 of the error, which the denominator corrects (Richardson). The error of velocities is defined in the same
-way. Its norm is the kinetic energy of the difference of the two motions, integrated over the duration, relative to that
-of the change in velocity since the start.
+the cut modes falls as f^-2 (Rubin 1975). Therefore ||F_f - F_top|| is too small by the share (f / f_top)^2 of the
+error, which the denominator corrects (Richardson). The error of velocities is defined in the same way. Its norm is
+the kinetic energy of the difference of the two motions, integrated over the duration, relative to that of the change in
+velocity since the start.
 
 This is an estimate and no bound. It assumes that f_top is high enough for differences to become smaller and smaller
 (saturation assumption; Bank and Weiser 1985). It does not include the error of the mesh; `with_mesh_error` adds that.
@@ -56,7 +56,7 @@ _AIM = 1.5  # trusted accuracy of an estimate: it must be below the tolerance by
 _SETTLED = 3  # the mobilities of the richer bodies converge to this multiple of the tolerance
 _CROSSINGS = 30  # default duration, in crossings of a longitudinal wave through the larger body
 _SHORTEST, _LONGEST = 0.01, 1e4  # durations in crossings of the smaller and of the larger body
-_FIRST = 8  # first f_top, by the frequency of longitudinal waves in the smaller body
+FIRST = 8  # first f_top, by the frequency of longitudinal waves in the smaller body
 _FINER = 4  # steps of F_top for one of F_f if the impact decides on both: a sixteenth of the error
 
 
@@ -271,8 +271,7 @@ def grow_to_tolerance(
 
     The spaces grow to f_top, and truncations from f_top / 32 to f_top / 2 are tried. If none is good enough, f_top is
     raised. For a single body with a flat patch there are impacts on a sphere and on a plane. If the errors on the plane
-    do not fall, because the force rings, the sphere decides on the truncation; the estimate tells the error on the
-    plane.
+    do not fall, because the force rings, the sphere decides on the truncation; the estimate tells that on the plane.
 
     Parameters
     ----------
@@ -300,7 +299,7 @@ def grow_to_tolerance(
     """
     crossing = [np.ptp(fem.points, axis=0).max() / fem.material.bar_wave_speed for fem, _ in models]
     f_limit = min(fem.resolved_frequency for fem, _ in models)
-    f_top = min(max(f_top, _FIRST / (2 * min(crossing))), 2 * f_limit)
+    f_top = min(max(f_top, FIRST / (2 * min(crossing))), 2 * f_limit)
     duration = _CROSSINGS * max(crossing) if duration is None else duration
     shortest, longest = _SHORTEST * min(crossing), _LONGEST * max(crossing)
     if not shortest <= duration <= longest:
@@ -308,7 +307,7 @@ def grow_to_tolerance(
             f"duration: expected {shortest:.3g} to {longest:.3g} s, {_SHORTEST:g} to {_LONGEST:g} crossings of a "
             f"longitudinal wave, got {duration!r}"
         )
-    settled = min(0.1, _SETTLED * tolerance)
+    settled = settled_for(tolerance)
     made = list(known) or [None] * len(models)
     while True:
         for i, model in enumerate(models):
@@ -358,6 +357,11 @@ def grow_to_tolerance(
     )
     _LOG.info("tolerance: f_cut = %.4g Hz is kept, its estimated error is %.3g", estimate.f_cut, estimate.error)
     return spaces, estimate
+
+
+def settled_for(tolerance: float) -> float:
+    """Change of mobilities up to which `grow_to_tolerance` grows spaces."""
+    return min(0.1, _SETTLED * tolerance)
 
 
 def frequency_for(f: float, error: float, tolerance: float) -> float:

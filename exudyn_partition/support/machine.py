@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+_HERE = threading.local()
 _LOOKS = 5  # at what runs: others wake up for a moment
 
 
@@ -22,8 +26,25 @@ def available_memory() -> tuple[float, float]:
     return min(free, limit), min(most, limit)
 
 
+@contextlib.contextmanager
+def beside_other_work() -> Iterator[None]:
+    """Take one core in this thread meanwhile, where others could be taken too: they have other work."""
+    _HERE.busy = True
+    try:
+        yield
+    finally:
+        _HERE.busy = False
+
+
+def others_busy() -> bool:
+    """Whether this thread is `beside_other_work`."""
+    return getattr(_HERE, "busy", False)
+
+
 def alone() -> bool:
     """Whether nothing else runs all the time now; False if the system does not tell."""
+    if others_busy():
+        return False
     try:
         for _ in range(_LOOKS):
             running, _ = Path("/proc/loadavg").read_text().split()[3].split("/")

@@ -10,7 +10,7 @@ import pytest
 from oracles import SPHERE_MATERIAL, relative
 
 import exudyn_partition as ep
-from exudyn_partition.accuracy.design import Search
+from exudyn_partition.accuracy.design_search import Search
 from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
@@ -125,7 +125,7 @@ def test_a_later_mesh_that_fails_leaves_the_best_design(design, monkeypatch):
         except StopIteration:
             raise MeshError("maxh: Netgen made no mesh") from None
         search.looks.append(now)
-        search.models = [(now.sizes[0], now.circle, (design.fems[0], design.partitions[0]))]
+        search.models = {0: (now.sizes[0], now.circle, (design.fems[0], design.partitions[0]))}
         search.best = None if now.mesh is None else design
         return now
 
@@ -141,7 +141,7 @@ def test_meshes_change_even_if_each_part_of_the_error_is_small(design):
     small = replace(design.look.mesh, far=(1e-4,), local=(1e-4,))
     look = replace(design.look, mesh=small, truncation=replace(design.look.truncation, limit=""))
     search = Search(SimpleNamespace(tolerance=TOLERANCE), END)
-    search.models = [(look.sizes[0], look.circle, (design.fems[0], design.partitions[0]))]
+    search.models = {0: (look.sizes[0], look.circle, (design.fems[0], design.partitions[0]))}
     assert search.refined(look)[0].near < look.sizes[0].near
 
 

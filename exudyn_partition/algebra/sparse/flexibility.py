@@ -50,11 +50,18 @@ class FreeBodyFlexibility:
         result -= self._rigid @ (self._mass_rigid.T @ result)
         return result
 
+    def energies(self, loads: Array) -> Array:
+        """Work of `loads` L, (n, k), on each other's elastic displacements, L' F_e L, (k, k)."""
+        return self._factor.energies(self._on_free(loads - self._mass_rigid @ (self._rigid.T @ loads)))
+
     def held(self, loads: Array) -> Array:
         """Displacements of `loads`, (n, k), with the six dofs held."""
-        loads = np.array(loads)
+        return self._factor.solve(self._on_free(np.array(loads)))
+
+    def _on_free(self, loads: Array) -> Array:
+        """Leave out what acts on dofs that are held, in place."""
         loads[self._held] = 0.0
-        return self._factor.solve(loads)
+        return loads
 
     def at(self, rows: sp.csr_matrix) -> Array:
         """Elastic flexibility of some rows G, (r, n), of few dofs: G F_e G', (r, r)."""

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import pairwise
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -165,51 +164,67 @@ class Factorisation:
         result, n = np.empty(rhs.shape, order="F"), rhs.shape[1]
         bounds = np.linspace(0, n, -(-n // _BLOCK) + 1).astype(int)
         for block in (slice(*bounds) for bounds in pairwise(bounds.tolist())):
-            x = np.array(rhs[self._order, block], self._store.dtype, order="C")
-            x = x[:, 0] if x.shape[1] == 1 else x  # vectors are quicker
-            if loops := kernels("algebra.sparse"):
-                self._solve_compiled(x, loops)
-            else:
-                self._solve(x)
+            x = self._in_order(rhs[:, block])
+            self._push(x)
+            self._pull(x)
             result[self._order, block] = x.reshape(len(x), -1)
         return result
 
-    def _solve(self, x: Array) -> None:
-        """Solve for right-hand sides in order of elimination, in place."""
-        for rows, changes, inverse, _, below in self._factors:
-            x[rows] = inverse @ x[rows]
-            x[changes] -= below @ x[rows]
-        for rows, changes, inverse, signs, below in reversed(self._factors):
-            own = x[rows] if signs is None else (signs * x[rows].T).T
-            x[rows] = inverse.T @ (own - below.T @ x[changes])
+    def energies(self, rhs: Array) -> Array:
+        """B' A^-1 B, (k, k), of the matrix A for many right-hand sides B, (n, k), without substitution back."""
+        x = self._in_order(rhs)
+        self._push(x)
+        x = x.reshape(len(x), -1)
+        result: Array = x.T @ (self._signs[:, None] * x)
+        return result
 
-    def _solve_compiled(self, x: Array, loops: ModuleType) -> None:
-        """Do so by compiled loops."""
+    def _in_order(self, rhs: Array) -> Array:
+        """Right-hand sides in order of elimination, (n, k); of a single one a vector, which is quicker."""
+        x = np.array(rhs[self._order], self._store.dtype, order="C")
+        return x[:, 0] if x.shape[1] == 1 else x
 
-        def go(loop: Callable[..., None], x: Array, fronts: Array, *more: Array) -> None:
-            loop(x, self._store, *self._places, fronts, *more)
-
-        signs = self._signs
+    def _push(self, x: Array) -> None:
+        """Eliminate right-hand sides in order of elimination, in place."""
+        if (loops := kernels("algebra.sparse")) is None:
+            for rows, changes, inverse, _, below in self._factors:
+                x[rows] = inverse @ x[rows]
+                x[changes] -= below @ x[rows]
+            return
         if self._parts is None:
-            every = np.arange(len(self._factors))
-            go(loops.push, x, every)
-            go(loops.pull, x, every, signs)
+            self._go(loops.push, x, np.arange(len(self._factors)))
             return
         first, second, last = self._parts
         own, shared = self._rows(second), self._rows(last)
         beside = x.copy()  # so that no two threads change a row at once
         beside[shared] = 0.0
         with ThreadPoolExecutor(1) as second_core:
-            pushed = second_core.submit(go, loops.push, beside, second)
-            go(loops.push, x, first)
+            pushed = second_core.submit(self._go, loops.push, beside, second)
+            self._go(loops.push, x, first)
             pushed.result()
-            x[own] = beside[own]
-            x[shared] += beside[shared]
-            go(loops.push, x, last)
-            go(loops.pull, x, last, signs)
-            pulled = second_core.submit(go, loops.pull, x, second, signs)
-            go(loops.pull, x, first, signs)
+        x[own] = beside[own]
+        x[shared] += beside[shared]
+        self._go(loops.push, x, last)
+
+    def _pull(self, x: Array) -> None:
+        """Solve for right-hand sides that are eliminated, in place."""
+        if (loops := kernels("algebra.sparse")) is None:
+            for rows, changes, inverse, signs, below in reversed(self._factors):
+                own = x[rows] if signs is None else (signs * x[rows].T).T
+                x[rows] = inverse.T @ (own - below.T @ x[changes])
+            return
+        if self._parts is None:
+            self._go(loops.pull, x, np.arange(len(self._factors)), self._signs)
+            return
+        first, second, last = self._parts
+        self._go(loops.pull, x, last, self._signs)
+        with ThreadPoolExecutor(1) as second_core:
+            pulled = second_core.submit(self._go, loops.pull, x, second, self._signs)
+            self._go(loops.pull, x, first, self._signs)
             pulled.result()
+
+    def _go(self, loop: Callable[..., None], x: Array, fronts: Array, *more: Array) -> None:
+        """Run a compiled loop over some fronts."""
+        loop(x, self._store, *self._places, fronts, *more)
 
     def _rows(self, fronts: Array) -> Array:
         """Rows that some fronts eliminate, in order of elimination."""

@@ -1,0 +1,255 @@
+"""The search of `design_impact`: meshes, one after the other, until the estimated error is small enough."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from ..algebra.blas_threads import one_blas_thread
+from ..errors import InputError, MemoryLimitError, MeshError, PartitionError
+from ..meshing.netgen_mesh import CURVATURE
+from ..meshing.ngsolve_fem import surplus_of
+from ..meshing.surplus import Surplus
+from ..prediction.hertz import contact_radius
+from ..reduction.estimate import frequency_for, grow_to_tolerance, settled_for
+from ..reduction.free_body import AdaptedSpace
+from ..reduction.memory import fits_together, watched
+from ..reduction.reduction import bodies_of
+from ..support.machine import beside_other_work
+from ..support.progress import Progress
+from .contact_place import sides_of
+from .correction import Finer
+from .impact_design import TRUST, ImpactDesign, Look
+from .impact_scene import Model, Scene, first_circle
+from .mesh_error import estimate_of
+from .mesh_rules import Sizes, count_of_dofs, curvature_for, energy_frequency, first_sizes, sizes_by_rule
+from .modal_pair import impact_of
+
+_LOG = logging.getLogger(__name__)
+
+_FIRST_LOOK = 0.15  # tolerance of the reduction on the first meshes
+_TRUNCATION = 0.45  # share of the tolerance that the reduction gets; its estimate is then below 0.3
+_TOP = 2.2  # f_top by the f_cut that the last reduction foretells: twice that, and a tenth more to be safe
+_COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while their meshes do not fit
+_LOOKS = 6  # most meshes, the first look included
+_COUNTS = 0.3  # parts of the error below this share of the largest one are not refined
+_LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
+_AIM = 0.8  # of the budget, which the next mesh is to keep
+_RESOLVE = 0.5  # ratio by which a mesh that resolves too little is to become better
+_FINER = 4  # steps of the default one, to tell the error of the step
+_SETTLED = 0.2  # relative change of the contact radius after which both contacts are meshed anew
+
+
+class Search:
+    """Meshes, one after the other, until one is good enough."""
+
+    def __init__(self, scene: Scene, duration: float | None) -> None:
+        self.scene, self.duration = scene, duration
+        self.looks: list[Look] = []
+        self.best: ImpactDesign | None = None
+        self.models: dict[int, tuple[Sizes, float, Model]] = {}  # of each body
+        self.spaces: dict[int, AdaptedSpace] = {}
+
+    def run(self, progress: Progress | None) -> ImpactDesign:
+        """Look, refine, and look again."""
+        scene, place = self.scene, self.scene.place
+        sides = [sides_of(shape) for shape in scene.shapes]
+        circle = first_circle(scene.shapes, scene.materials, scene.speed, place.radius)
+        sizes = [first_sizes(own, place.semi_axes(circle)[1]) for own in sides]
+        first = self.look_at(sizes, circle, _FIRST_LOOK, estimated=False)
+        fems = [self.models[i][2][0] for i in range(len(sizes))]
+        circle, near, limit = first.circle, place.semi_axes(first.circle)[1], ""
+
+        def by_rule(tolerance: float) -> list[Sizes]:
+            rules = [
+                sizes_by_rule(fem, own, first.frequency, near, tolerance, slave=i == 0, corrected=scene.left < 1)
+                for i, (fem, own) in enumerate(zip(fems, sides, strict=True))
+            ]
+            return [
+                replace(rule, curvature=curvature_for(own.curvature, missed, tolerance))
+                for rule, own, missed in zip(rules, first.sizes, first.missed, strict=True)
+            ]
+
+        allowed = scene.tolerance
+        sizes = by_rule(allowed)
+        while not limit:
+            if progress:
+                progress(len(self.looks) / _LOOKS)
+            try:
+                look = self.look_at(sizes, circle, _TRUNCATION * scene.tolerance)
+            except PartitionError as error:
+                if self.best is not None:
+                    limit = str(error)
+                    break
+                if not isinstance(error, MemoryLimitError) or allowed >= _COARSEST:
+                    raise
+                allowed *= _COARSER  # the best meshes that fit
+                sizes = by_rule(allowed)
+                continue
+            if look.error <= scene.tolerance / TRUST:
+                break
+            if len(self.looks) == _LOOKS:
+                limit = f"the number of meshes that are tried, {_LOOKS}; accept that estimate, or mesh by hand"
+            sizes = self.refined(look)
+            if abs(look.circle / circle - 1) > _SETTLED:
+                circle = look.circle
+        assert self.best is not None
+        return replace(self.best, looks=tuple(self.looks), limit=limit)
+
+    def look_at(self, sizes: Sequence[Sizes], circle: float, tolerance: float, estimated: bool = True) -> Look:
+        """Mesh, reduce, and estimate; what did not change since the last look is taken over.
+
+        The second core meshes and assembles the second body, and what the next order adds, while the first is reduced.
+        """
+        scene, rigid, times, n = self.scene, self.scene.rigid, {"mesh": 0.0, "assemble": 0.0}, len(sizes)
+        anew = [i for i, own in enumerate(sizes) if i not in self.models or self.models[i][:2] != (own, circle)]
+        for i in anew[:1]:
+            times = self.make_model(i, sizes[i], circle)
+        begin = time.perf_counter()
+        with ThreadPoolExecutor(1) as second_core, one_blas_thread():
+            others = [second_core.submit(self.make_model, i, sizes[i], circle, one_thread=True) for i in anew[1:]]
+            surpluses = [second_core.submit(self.surplus, i) for i in range(n)] if estimated else []
+            for i in anew[:1] if others else ():
+                model = self.models[i][2]
+                with watched([model], "contact-adapted"):
+                    self.spaces[i] = self.grown_space(model, tolerance, keep=estimated and fits_together([model]))
+            for other in others:
+                other.result()
+            sizes, models = [self.models[i][0] for i in range(n)], [self.models[i][2] for i in range(n)]
+            with watched(models, "contact-adapted"):
+                spaces, truncation = grow_to_tolerance(
+                    models,
+                    [[0] * n],
+                    tolerance=tolerance,
+                    speed=scene.speed,
+                    duration=self.duration,
+                    rigid=None if rigid is None else lambda points: rigid.project(points)[0],
+                    known=[self.spaces.get(i) for i in range(n)],
+                    keep=estimated and fits_together(models),
+                    f_top=self.first_top(tolerance),
+                )
+                bodies = bodies_of(spaces, truncation, begin)
+            self.spaces = dict(enumerate(spaces))
+        times["reduce"], begin = time.perf_counter() - begin, time.perf_counter()
+        self.duration = duration = truncation.duration
+        with one_blas_thread():
+            pairs = [(fem, body) for (fem, _), body in zip(models, bodies, strict=True)]
+            sides, impact_now = impact_of(pairs, [0] * len(pairs), scene.speed, rigid)
+            mesh = None
+            if estimated:
+                finers = [
+                    Finer(*pair, space.elastic, surplus.result())
+                    for pair, space, surplus in zip(pairs, spaces, surpluses, strict=True)
+                ]
+                mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left)
+                if scene.left < 1:
+                    bodies = tuple(finer.corrected(0) for finer in finers)
+            step = impact_now.step(truncation.f_cut)
+            t, force, _ = impact_now.run(duration, step / _FINER)
+            at, coarse, _ = impact_now.run(duration, step)
+        times["estimate"] = time.perf_counter() - begin
+        force, peak, place = force[:, 0], float(force.max()), scene.place
+        if not peak > 0:
+            raise InputError(
+                f"duration: the bodies do not press on each other within {duration:.3g} s; take a longer one"
+            )
+        look = Look(
+            sizes=tuple(sizes),
+            dofs=tuple(fem.n_dofs for fem, _ in models),
+            missed=tuple(scene.missed(i, fem) for i, (fem, _) in enumerate(models)),
+            circle=contact_radius(peak, place.radius, np.inf, *scene.materials),
+            peak=peak,
+            frequency=energy_frequency(t, force),
+            truncation=truncation,
+            mesh=mesh,
+            step=step,
+            step_error=float(np.linalg.norm(np.interp(t, at, coarse[:, 0]) - force) / np.linalg.norm(force)),
+            seconds=times,
+        )
+        self.looks.append(look)
+        _LOG.info("design: %s dofs, estimated error %.3g", " + ".join(map(str, look.dofs)), look.error)
+        if estimated and (self.best is None or look.error < self.best.error):
+            self.best = ImpactDesign(
+                fems=tuple(fem for fem, _ in models),
+                partitions=tuple(partition for _, partition in models),
+                bodies=bodies,
+                look=look,
+                looks=(),
+                tolerance=scene.tolerance,
+                speed=scene.speed,
+                duration=duration,
+                place=place,
+            )
+        return look
+
+    def make_model(self, i: int, own: Sizes, circle: float, *, one_thread: bool = False) -> dict[str, float]:
+        """Mesh a body and assemble its FE model; return the times [s]."""
+        begin, scene = time.perf_counter(), self.scene
+        self.spaces.pop(i, None)
+        with beside_other_work() if one_thread else contextlib.nullcontext():
+            mesh = scene.mesh(i, own, circle)
+            meshed = time.perf_counter()
+            dofs = count_of_dofs(mesh, own.order) + sum(
+                model[0].n_dofs for j, (_, _, model) in self.models.items() if j != i
+            )
+            if dofs > scene.max_dofs:
+                raise MemoryLimitError(
+                    f"max_dofs: {scene.max_dofs}, and the meshes that are needed next have {dofs} dofs. Allow more, "
+                    "or a larger tolerance"
+                )
+            try:
+                self.models[i] = own, circle, scene.model(i, mesh, own, circle)
+            except MeshError:  # curved sides turned elements inside out
+                if own.curvature == CURVATURE:
+                    raise
+                return self.make_model(i, replace(own, curvature=CURVATURE), circle, one_thread=one_thread)
+        return {"mesh": meshed - begin, "assemble": time.perf_counter() - meshed}
+
+    def grown_space(self, model: Model, tolerance: float, keep: bool) -> AdaptedSpace:
+        """The space of a body as `grow_to_tolerance` grows it first, for most other bodies."""
+        f_top = min(self.first_top(tolerance), 2 * model[0].resolved_frequency)
+        space = AdaptedSpace(*model, f_top, keep=keep)
+        space.grow(f_top, settled=settled_for(tolerance))
+        space.krylov.finish()
+        return space
+
+    def surplus(self, i: int) -> Surplus:
+        """What the next order adds to the FE model of a body."""
+        with beside_other_work():
+            return surplus_of(self.models[i][2][0])
+
+    def first_top(self, tolerance: float) -> float:
+        """Frequency up to which the bodies are to be known, by the last reduction [Hz]."""
+        least = self.scene.least_top
+        if not self.looks:
+            return least
+        last = self.looks[-1].truncation
+        if last.tolerance <= tolerance:
+            return max(least, last.f_top)
+        return max(least, _TOP * frequency_for(last.f_cut, last.error, tolerance))
+
+    def refined(self, look: Look) -> list[Sizes]:
+        """Smaller elements where the estimate is largest."""
+        assert look.mesh is not None
+        parts = {("far", i): x for i, x in enumerate(look.mesh.far)}
+        parts |= {("near", i): x for i, x in enumerate(look.mesh.local)}
+        budget = max(self.scene.tolerance / TRUST - look.truncation.error, _LEAST_BUDGET * self.scene.tolerance)
+        worst = max(parts.values())
+        active = {key: x for key, x in parts.items() if x >= _COUNTS * worst}
+        ratios = {}
+        if worst > _COUNTS * budget or not look.truncation.limit:  # else the same meshes would be tried again
+            shared = _AIM * budget * sum(parts.values()) / look.mesh.error  # parts make less together than their sum
+            ratios = {key: min(shared / len(active) / x, 1.0) for key, x in active.items()}
+        if look.truncation.limit:  # no basis on these meshes is good enough
+            weakest = min(self.models, key=lambda i: self.models[i][2][0].resolved_frequency)
+            ratios["far", weakest] = min(_RESOLVE, ratios.get(("far", weakest), 1.0))
+        return [
+            own.finer(ratios.get(("far", i)), ratios.get(("near", i)), self.models[i][2][0].weakest_wall)
+            for i, own in enumerate(look.sizes)
+        ]
