@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..exudyn_bodies.joints import mass_and_rows
 from ..exudyn_bodies.model import coordinate_slices, registered, user_function
 from ..frames.floating import FloatingKinematics
+from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array, consecutive
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
@@ -92,11 +95,18 @@ def add_common_element(
 
 
 @contextlib.contextmanager
-def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Runs) -> Iterator[None]:
-    """Let the common element apply the forces of its contacts in runs that begin meanwhile; their own are off."""
+def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Runs, *, explicit: bool) -> Iterator[None]:
+    """Apply the forces of contacts on common bodies together in runs that begin meanwhile; their own elements are off.
+
+    In explicit runs of bodies whose frames stand still they push themselves. Else the common element applies them.
+    """
     common = [contact for contact in contacts if all("oCommon" in member for member in contact.group)]
     if not common:
         yield
+        return
+    if explicit and (inverse_mass := _inverse_mass(mbs, common)) is not None:
+        with runs.at_once(common), switched_off(mbs, common), _pushed(mbs, inverse_mass, runs):
+            yield
         return
     element = common[0]["oCommon"]
     dofs = np.array(_dofs(mbs, mbs.GetObjectParameter(element, "nodeNumbers")))
@@ -128,6 +138,50 @@ def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Run
             yield
     finally:
         mbs.SetObjectParameter(element, "forceUserFunction", 0)
+
+
+@contextlib.contextmanager
+def _pushed(mbs: MainSystem, inverse_mass: Array, runs: Runs) -> Iterator[None]:
+    """Let contacts push the coordinates of an explicit run themselves, at the end of each step.
+
+    Exudyn hands all coordinates of the common element over as lists, which costs a microsecond for each contact.
+    `inverse_mass`, (nq,), is that of all coordinates [1/kg].
+    """
+    own_function, last = user_function(mbs.GetPostStepUserFunction()), math.nan
+
+    def after_step(mbs: MainSystem, t: float) -> bool:
+        nonlocal last
+        f, data = runs.now(mbs).force_at_once(mbs), mbs.systemData
+        if f.any():
+            acceleration = inverse_mass * f
+            data.GetODE2Coordinates_tt(copy=False)[:] += acceleration
+            if t > last:  # not before the first step
+                data.GetODE2Coordinates_t(copy=False)[:] += 0.5 * (t - last) * acceleration
+        last = t
+        return own_function is None or own_function(mbs, t)
+
+    mbs.SetPostStepUserFunction(after_step)
+    try:
+        yield
+    finally:
+        mbs.SetPostStepUserFunction(own_function or 0)
+
+
+def _inverse_mass(mbs: MainSystem, contacts: Sequence[PartitionContact]) -> Array | None:
+    """Inverse of the mass of all coordinates, (nq,), zero where no contact pushes; None if forces do more than push.
+
+    They do where a frame moves, where joints hold a body, or where another item adds its mass to one.
+    """
+    items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
+    if mbs.systemData.AEsize() or not all(isinstance(item.kinematics, InertialKinematics) for item in items):
+        return None
+    M, _ = mass_and_rows(mbs)
+    own = np.concatenate([np.r_[s] for item in items for s in coordinate_slices(mbs, item)])
+    if M[own].nnz > len(own):  # not diagonal
+        return None
+    result = np.zeros(M.shape[0])
+    result[own] = 1 / M.diagonal()[own]
+    return result
 
 
 @contextlib.contextmanager

@@ -339,6 +339,8 @@ class GroupRun:
 
     def _keep(self, t: float, frozen: FrozenContacts) -> None:
         """Keep the forces on closed rows at time t."""
+        if not frozen.told[:, 1].any() and not self._kept:  # nothing has closed yet
+            return
         closed = np.flatnonzero(frozen.lam > 0.0)
         if self._closed is None or not np.array_equal(closed, self._closed):
             self._closed, self._nodes = closed, frozen.row_nodes[closed]

@@ -247,8 +247,8 @@ def CreatePartitionContact(
     leads, key = not contacts, id(contact)
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        if t == runs.told_at and not leads and key in runs.told:
-            return runs.told[key]
+        if t == runs.told_at and not leads and (told := runs.told.get(key)) is not None:
+            return told
         run = runs.see(mbs, t, leads).of(contact)
         return run.values(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
 

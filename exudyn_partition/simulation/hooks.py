@@ -95,11 +95,11 @@ def multipliers_at_work(mbs: MainSystem, method: Method) -> Iterator[None]:
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s].
 
-    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile. One element applies the
-    forces of all contacts that are coupled.
+    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile. The forces of all contacts
+    that are coupled are applied together.
     """
     contacts, runs = partition_items(mbs)[1], runs_of(mbs)
-    with all_at_once(mbs, contacts, runs):
+    with all_at_once(mbs, contacts, runs, explicit=method == "explicit"):
         run = runs.begin(mbs, t, method)
         laws = [(contact, run.of(contact).law) for contact in contacts]
         with switched_off(mbs, [contact for contact, law in laws if law.ahead and law.yielding is None]):

@@ -3,6 +3,7 @@
 import itertools
 
 import exudyn as exu
+import exudyn.itemInterface as items
 import numpy as np
 import pytest
 from oracles import MARBLE_RADIUS as R
@@ -148,3 +149,32 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
     assert runs[0].law.gaps.moving
     np.testing.assert_allclose(runs[0].law.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
     assert group.values(700.0) is None
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")
+@pytest.mark.parametrize("added", [0.0, 0.3], ids=["alone", "with another item's mass"])
+def test_bodies_that_press_on_each_other_at_the_start_move_as_by_own_elements(marble, added):
+    """Contacts push at the end of each step, and at first accelerations alone; mass that couples coordinates counts."""
+
+    def pressed():
+        mbs, contacts = chain(marble)
+        if added:
+            matrix = marble.mass.toarray()
+            matrix[:3, :3] += added
+            node = mbs.GetObject(1)["nodeNumbers"][0]
+            mbs.AddObject(items.ObjectGenericODE2(nodeNumbers=[node], massMatrix=added * matrix))
+            mbs.Assemble()
+        q = mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Initial)
+        q[: marble.n_dofs] += 2e-6 * marble.rigid[:, 2]
+        mbs.systemData.SetODE2Coordinates(q, exu.ConfigurationType.Initial)
+        return mbs, contacts[0]
+
+    mbs, contact = pressed()
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
+    own, other = pressed()
+    expected = by_own_elements(own)
+    assert contact.force(result)[0] > 10.0
+    np.testing.assert_allclose(contact.force(result), other.force(expected), rtol=1e-9, atol=1e-9)
+    for kind in ("GetODE2Coordinates", "GetODE2Coordinates_t", "GetODE2Coordinates_tt"):
+        found, wanted = (getattr(model.systemData, kind)() for model in (mbs, own))
+        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * abs(wanted).max())
