@@ -8,7 +8,7 @@ step in contact [us], all of the run included, over closed contacts. It is the d
 comes before the first step does not count. The smallest of five repetitions counts. The table also has the same by
 `mbs.SolveDynamic`, where Exudyn asks each contact's own element for its forces; the time that an open contact adds to a
 step of balls that are apart, of which the time without contacts is taken; and the time to set up a contact, of the
-first model of a chain and the second.
+first model of a chain and the second. BLAS has one thread, as others would spin and count.
 Limits: the longest chain, of 200 balls, needs at most 1.2 times the time of the second for each closed contact, and at
 most half of the time of the contacts' own elements; forces on both sides of the middle are equal to 1e-6.
 
@@ -25,6 +25,7 @@ import netgen.occ as occ
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from threadpoolctl import threadpool_limits
 
 import exudyn_partition as ep
 from validation.contact import scenes
@@ -127,6 +128,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="short chains")
     options = parser.parse_args()
+    threadpool_limits(1)
     body, chains = reduced_ball(), QUICK_CHAINS if options.quick else CHAINS
     results = {
         frame: [measured(body, balls, frame) for balls in (chains if frame == "inertial" else chains[:1])]
