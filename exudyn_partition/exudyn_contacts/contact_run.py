@@ -259,7 +259,7 @@ class ContactRun:
 
 
 class GroupRun:
-    """Contacts in a run whose forces are found together and applied by one element of the model.
+    """Contacts in a run whose forces are found together and applied at once.
 
     As long as their pairs are frozen, compiled loops evaluate all of them at once. This keeps what the sensors tell,
     and laws learn of it only when they are looked at. Else each contact is evaluated by its law.
