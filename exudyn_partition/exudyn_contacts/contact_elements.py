@@ -170,10 +170,12 @@ def _pushed(mbs: MainSystem, inverse_mass: Array, runs: Runs) -> Iterator[None]:
 def _inverse_mass(mbs: MainSystem, contacts: Sequence[PartitionContact]) -> Array | None:
     """Inverse of the mass of all coordinates, (nq,), zero where no contact pushes; None if forces do more than push.
 
-    They do where a frame moves, where joints hold a body, or where another item adds its mass to one.
+    They do where a frame moves, where joints hold a body, or where another item adds its mass to one. Loads on what
+    carries a rigid surface need the forces within the step.
     """
     items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
-    if mbs.systemData.AEsize() or not all(isinstance(item.kinematics, InertialKinematics) for item in items):
+    standing = all(isinstance(item.kinematics, InertialKinematics) for item in items)
+    if mbs.systemData.AEsize() or not standing or any(contact.carrier is not None for contact in contacts):
         return None
     M, _ = mass_and_rows(mbs)
     own = np.concatenate([np.r_[s] for item in items for s in coordinate_slices(mbs, item)])
