@@ -7,7 +7,6 @@ is estimated (`mesh_error`). What makes the largest error is refined, until the 
 
 from __future__ import annotations
 
-import logging
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -32,8 +31,6 @@ from .correction import LEFT
 from .design_search import Search
 from .impact_design import ImpactDesign
 from .impact_scene import Scene, first_circle
-
-_LOG = logging.getLogger(__name__)
 
 _TOLERANCES = (2e-3, 0.2)
 _MOST_DOFS = 250_000

@@ -144,7 +144,7 @@ def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Run
 def _pushed(mbs: MainSystem, inverse_mass: Array, runs: Runs) -> Iterator[None]:
     """Let contacts push the coordinates of an explicit run themselves, at the end of each step.
 
-    Exudyn hands all coordinates of the common element over as lists, which costs a microsecond for each contact.
+    Exudyn hands all coordinates of the common element over as lists in each step, which takes long.
     `inverse_mass`, (nq,), is that of all coordinates [1/kg].
     """
     own_function, last = user_function(mbs.GetPostStepUserFunction()), math.nan

@@ -348,7 +348,7 @@ def _forms(
     ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int
 ) -> tuple[NGSolveObject, NGSolveObject]:
     """Stiffness of a vector, dofs xyz interleaved, and mass of one component, in NGSolve's basis."""
-    u, v = ngsolve.H1(mesh, order=order, dim=3).TnT()  # of a VectorH1 it would take two to three times as long
+    u, v = ngsolve.H1(mesh, order=order, dim=3).TnT()  # a VectorH1 has the same matrix, but takes longer
     scalar = ngsolve.H1(mesh, order=order)
     p, q = scalar.TnT()
 
