@@ -90,9 +90,11 @@ class FrozenContacts:
         Node of the slave's patch for each row of all.
     at_edge : (nr,) bool array
         Rows at the edge of their patch.
-    told : (n, 7) array
-        Of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N], the smallest
-        gap, zero if it is closed [m], and the stored energy [J].
+    told : (n, 6) array
+        Of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N], and the
+        smallest gap, zero if it is closed [m].
+    stored : (n,) array
+        Energy that each contact stores [J].
     """
 
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
@@ -101,7 +103,8 @@ class FrozenContacts:
         self._rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
         self._held = [each.held for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
-        self.h, self.told, self.force = np.empty(len(self.lam)), np.empty((len(gaps), 7)), np.empty(0)
+        self.h, self.force = np.empty(len(self.lam)), np.empty(0)
+        self.told, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
         self.at_edge = np.concatenate([each.at_edge for each in gaps])
 
@@ -116,7 +119,7 @@ class FrozenContacts:
             self.force = np.empty(len(q))
         if not loops.gaps_of_frozen(self._rows, q, self.h) or not self._blocks.solve(self.h):
             return False
-        loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.told)
+        loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.told, self.stored)
         return True
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:

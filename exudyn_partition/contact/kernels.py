@@ -250,9 +250,11 @@ def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
 
 
 @compiled
-def forces_of_frozen(rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, told: Array) -> None:
+def forces_of_frozen(
+    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, told: Array, stored: Array
+) -> None:
     """Set generalised forces, and what the contacts tell, see `frozen.FrozenContacts`."""
-    force[:], told[:] = 0.0, 0.0
+    force[:], told[:], stored[:] = 0.0, 0.0, 0.0
     for j in range(len(told)):
         dofs, start, tell = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], told[j]
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
@@ -268,7 +270,7 @@ def forces_of_frozen(rows: FlatRows, h: Array, lam: Array, pushed: Array, force:
                 tell[1] += 1.0
                 for k in range(3):
                     tell[2 + k] += push * normals[i, k]
-                tell[6] -= 0.5 * push * h[start + i]
+                stored[j] -= 0.5 * push * h[start + i]
         if tell[1] == 0.0:
             tell[5] = least
         else:

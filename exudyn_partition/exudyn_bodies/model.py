@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -179,3 +179,42 @@ def method_of(solver: MainSolver) -> Method:
     """Return the method of a solver of Exudyn."""
     name = solver.GetSolverName()
     return "static" if "static" in name else "implicit" if "implicit" in name else "explicit"
+
+
+class SolverMotion:
+    """What a law may ask of Exudyn's solver, see `formulation.Motion`.
+
+    It lives for one evaluation. An object that lives longer must not hold the model: the model holds its user
+    functions, and these would hold the model, so that neither is ever freed.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    of : callable
+        Returns the coordinates of a contact, (n,), of those of the model.
+    """
+
+    __slots__ = ("_mbs", "_of")
+
+    def __init__(self, mbs: MainSystem, of: Callable[[Array], Array]) -> None:
+        self._mbs, self._of = mbs, of
+
+    @property
+    def q(self) -> Array:
+        """See `formulation.Motion`."""
+        return self._of(self._mbs.systemData.GetODE2Coordinates(copy=False))
+
+    @property
+    def q_t(self) -> Array:
+        """See `formulation.Motion`."""
+        return self._of(self._mbs.systemData.GetODE2Coordinates_t(copy=False))
+
+    @property
+    def step(self) -> float:
+        """See `formulation.Motion`."""
+        return float(self._mbs.sys["dynamicSolver"].it.currentStepSize)
+
+    @property
+    def start(self) -> float:
+        """See `formulation.Motion`."""
+        return start_of_step(self._mbs)

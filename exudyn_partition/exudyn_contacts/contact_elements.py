@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..exudyn_bodies.joints import mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices, registered, user_function
+from ..exudyn_bodies.model import coordinate_slices, latest_solver, registered, user_function
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array, consecutive
@@ -20,6 +20,8 @@ from ..support.optional import require
 from .contact_run import ContactRun
 from .model_run import Runs
 from .partition_contact import PartitionContact
+
+_TOUCHING = 1e-3  # of a facet's size: gaps of rows that touch
 
 
 def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> ObjectIndex:
@@ -36,6 +38,8 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         begin = time.perf_counter()
         run = runs.advanced(mbs, t, contact)
         f = run.evaluate(mbs, t, q)
+        if run.place_told is not None:
+            run.tell(mbs.systemData.GetDataCoordinates(copy=False))
         if floating and f.any():
             f, now = f.copy(), np.asarray(q)
             for own, kinematics in floating:
@@ -48,7 +52,7 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
     ) -> MatrixContainer:
         run = runs.advanced(mbs, t, contact)
         run.update(mbs, t, q)
-        if (touching := run.touching_stiffness(mbs)) is not None:
+        if (touching := _touching_stiffness(mbs, run)) is not None:
             return exu.MatrixContainer(sp.csr_matrix(fODE2 * touching))
         if run.together is None:
             return exu.MatrixContainer(sp.csr_matrix(run.law.tangent_matrix(fODE2, fODE2_t)))
@@ -59,6 +63,17 @@ def add_element(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Objec
         return exu.MatrixContainer(sp.csr_matrix(fODE2 * stiffness))
 
     return _add_object(mbs, contact.name, contact.nodes, force, jacobian)
+
+
+def _touching_stiffness(mbs: MainSystem, run: ContactRun) -> Array | None:
+    """Stiffness, (n, n), of an open contact whose rows just touch, in the first iteration of a load step, or None.
+
+    An open contact has none, and a block that only stands on another one would have no equilibrium under its load.
+    """
+    law, solver = run.law, mbs.sys.get("staticSolver")
+    if law.index.size or solver is None or solver.it.newtonSteps != 1 or latest_solver(mbs) is not solver:
+        return None
+    return law.closed_stiffness() if law.least_gap < _TOUCHING * law.gaps.size else None
 
 
 def add_common_element(

@@ -13,14 +13,14 @@ from ..contact.formulations.formulation import Law, Method, Together
 from ..contact.formulations.frictional import FrictionalContact
 from ..contact.frozen import FrozenContacts
 from ..errors import RunError
-from ..exudyn_bodies.model import latest_solver, start_of_step
+from ..exudyn_bodies.model import SolverMotion, start_of_step
 from ..plasticity.strain_history import StrainHistory
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, MainSystem
 
 _FEW = 200  # coordinates that are converted from Exudyn's list faster than they are gathered from the model's
 
-_TOUCHING = 1e-3  # of a facet's size: gaps of rows that touch
+TOLD, TOLD_AHEAD = 6, 10  # values of `sForce`; those of multipliers tell impulses too
 
 
 class ContactRun:
@@ -37,6 +37,8 @@ class ContactRun:
     t : float
         When the run begins [s].
     method : {"explicit", "implicit", "static"}
+    place_told : int, optional
+        First of the data coordinates that the sensor `sForce` reads. Default: it asks the contact itself.
 
     Attributes
     ----------
@@ -56,8 +58,10 @@ class ContactRun:
         Whether the multipliers are found together with those of joints.
     """
 
-    def __init__(self, name: str, law: Law, slices: Sequence[slice], t: float, method: Method) -> None:
-        self.name, self._law, self.slices = name, law, [*slices]
+    def __init__(
+        self, name: str, law: Law, slices: Sequence[slice], t: float, method: Method, place_told: int | None = None
+    ) -> None:
+        self.name, self._law, self.slices, self.place_told = name, law, [*slices], place_told
         self._explicit = method == "explicit"  # then the last evaluation is the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self.together: Together | None = None
@@ -136,7 +140,7 @@ class ContactRun:
         if law.elastic or isinstance(law, FrictionalContact):
             few = q is not None and len(q) <= _FEW
             return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
-        return law.evaluate(SolverMotion(mbs, self))
+        return law.evaluate(SolverMotion(mbs, self.of))
 
     def update(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> None:
         """Bring the law to the model's present state at time t [s]."""
@@ -158,16 +162,6 @@ class ContactRun:
         if self._jacobian is None:
             self._jacobian = dense(self.law.row_jacobian())
         return self._jacobian
-
-    def touching_stiffness(self, mbs: MainSystem) -> Array | None:
-        """Stiffness, (n, n), of an open contact whose rows just touch, in the first iteration of a load step, or None.
-
-        An open contact has none, and a block that only stands on another one would have no equilibrium under its load.
-        """
-        law, solver = self.law, mbs.sys.get("staticSolver")
-        if law.index.size or solver is None or solver.it.newtonSteps != 1 or latest_solver(mbs) is not solver:
-            return None
-        return law.closed_stiffness() if law.least_gap < _TOUCHING * law.gaps.size else None
 
     def follow(self, start: float, t: float) -> None:
         """Tell a law that depends on the path which step is computed, from `start` to t [s]."""
@@ -193,11 +187,28 @@ class ContactRun:
         self._impulse += 0.5 * self._last
         self._rest = -0.5 * self._last
 
-    def values(self, t: float, q: Callable[[], Array]) -> list[float]:
-        """Values of the sensor `sForce` at t; `q` returns the model's coordinates there."""
-        if self._group is not None and (told := self._group.values(t)) is not None:
-            return told[self._place]
+    def told(self) -> list[float]:
+        """Values of the sensor `sForce` in the state that was evaluated last."""
+        if self._group is not None and (told := self._group.told) is not None:
+            values: list[float] = told[self._place].tolist()
+            return values
         law = self.law
+        if law.index.size:
+            total = float(law.lam.take(law.index).sum())
+            values = [total, float(law.index.size), *law.resultant().tolist(), 0.0]
+        else:
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
+        return values + self._impulse[:4].tolist() if law.ahead else values
+
+    def tell(self, data: Array) -> None:
+        """Write these values to where the sensor reads them, among the model's data coordinates."""
+        if self.place_told is not None:
+            values = self.told()
+            data[self.place_told : self.place_told + len(values)] = values
+
+    def keep(self, t: float, q: Callable[[], Array]) -> None:
+        """Keep what results need of the state at t; `q` returns the model's coordinates there."""
+        law = self._law
         closed = law.index
         if law.yielding is not None:
             law.yielding.check()
@@ -218,10 +229,6 @@ class ContactRun:
                 self._stored[t] = law.stored()
             if law.friction is not None:
                 self.tangential[t] = law.traction[closed], law.state[closed]
-            values = [float(lam.sum()), float(closed.size), *law.resultant().tolist(), 0.0]
-        else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
-        return values + self._impulse[:4].tolist() if law.ahead else values
 
     def look_for_edge(self, t: float) -> None:
         """Note when and where a row at the edge of its patch closes first."""
@@ -285,8 +292,9 @@ class GroupRun:
         self._frozen: FrozenContacts | None = None
         self._q: Array | None = None  # of the evaluation, if compiled loops made it
         self._laws_know = True
-        self._told: list[list[float]] = []
-        self._told_at: float | None = None
+        readers = [(j, member.place_told) for j, member in enumerate(members) if member.place_told is not None]
+        starts = np.reshape(readers, (-1, 2)).astype(int) * [TOLD, 1]
+        self._from, self._to = np.add.outer(starts.T, np.arange(TOLD)).reshape(2, -1)  # of `told` to data coordinates
         self._closed: Array | None = None
         self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
         for member in members:
@@ -294,10 +302,9 @@ class GroupRun:
 
     def force(self, q: Array) -> Array:
         """Generalised forces of all members, (nq,), at the model's coordinates q, (nq,)."""
-        if self._q is not None and self._frozen is not None and np.array_equal(q, self._q):
+        if self._q is not None and self._frozen is not None and (q == self._q).all():
             return self._frozen.force
         begin = time.perf_counter()
-        self._told_at = None
         if self._q is None:
             known, self._frozen = self._frozen, self._together.frozen(self._dofs, self._frozen)
             self._closed = self._closed if self._frozen is known else None
@@ -328,17 +335,30 @@ class GroupRun:
         self.tell_laws()
         self._q = self._frozen = None
 
-    def values(self, t: float) -> list[list[float]] | None:
-        """Values of the sensors `sForce` of all members at t; None if their laws have evaluated them."""
-        if t != self._told_at:
-            if self._q is None or self._frozen is None:
-                return None
-            self._told, self._told_at = self._frozen.told[:, :6].tolist(), t
-            self._keep(t, self._frozen)
-        return self._told
+    @property
+    def _looped(self) -> FrozenContacts | None:
+        """What compiled loops have found in the last evaluation; None if the laws have made it."""
+        return None if self._q is None else self._frozen
 
-    def _keep(self, t: float, frozen: FrozenContacts) -> None:
-        """Keep the forces on closed rows at time t."""
+    @property
+    def told(self) -> Array | None:
+        """Values of the sensors `sForce` of all members, (n, 6); None if their laws have evaluated them."""
+        return None if self._looped is None else self._looped.told
+
+    def tell(self, data: Array) -> None:
+        """Write these values to where the sensors read them, among the model's data coordinates."""
+        if (told := self.told) is not None:
+            data[self._to] = told.take(self._from)
+            return
+        for member in self._members:
+            member.tell(data)
+
+    def keep(self, t: float, q: Callable[[], Array]) -> None:
+        """Keep what results need of the members' state at t; `q` returns the model's coordinates there."""
+        if (frozen := self._looped) is None:
+            for member in self._members:
+                member.keep(t, q)
+            return
         if not frozen.told[:, 1].any() and not self._kept:  # nothing has closed yet
             return
         closed = np.flatnonzero(frozen.lam > 0.0)
@@ -351,7 +371,7 @@ class GroupRun:
         if self._kept and self._kept[-1][0] == t:  # asked for again
             self._kept.pop()
         if len(closed):
-            self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.told[:, 6].copy()))
+            self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy()))
 
     def samples(self, place: int) -> list[tuple[float, Array, Array]]:
         """What was kept of a member, see `ContactRun.samples`."""
@@ -365,36 +385,3 @@ class GroupRun:
     def stored(self, place: int) -> dict[float, float]:
         """Energy that a member stored while it was closed [J], by the time."""
         return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}
-
-
-class SolverMotion:
-    """What a law may ask of Exudyn's solver, see `formulation.Motion`.
-
-    It lives for one evaluation. An object that lives longer must not hold the model: the model holds its user
-    functions, and these would hold the model, so that neither is ever freed.
-    """
-
-    __slots__ = ("_mbs", "_run")
-
-    def __init__(self, mbs: MainSystem, run: ContactRun) -> None:
-        self._mbs, self._run = mbs, run
-
-    @property
-    def q(self) -> Array:
-        """See `formulation.Motion`."""
-        return self._run.of(self._mbs.systemData.GetODE2Coordinates(copy=False))
-
-    @property
-    def q_t(self) -> Array:
-        """See `formulation.Motion`."""
-        return self._run.of(self._mbs.systemData.GetODE2Coordinates_t(copy=False))
-
-    @property
-    def step(self) -> float:
-        """See `formulation.Motion`."""
-        return float(self._mbs.sys["dynamicSolver"].it.currentStepSize)
-
-    @property
-    def start(self) -> float:
-        """See `formulation.Motion`."""
-        return start_of_step(self._mbs)

@@ -29,7 +29,7 @@ from ..support.optional import require
 from ..surfaces.near import near_patches, opposite_parts
 from ..surfaces.points import ROWS, RowKind
 from .contact_elements import add_common_element, add_element, add_links
-from .contact_run import ContactRun
+from .contact_run import TOLD, TOLD_AHEAD, ContactRun
 from .coupling import solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
@@ -244,18 +244,7 @@ def CreatePartitionContact(
     add_common_element(mbs, contact, contacts, runs)
     add_links(mbs, contact, runs)
 
-    leads, key = not contacts, id(contact)
-
-    def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        if t == runs.told_at and not leads and (told := runs.told.get(key)) is not None:
-            return told
-        run = runs.see(mbs, t, leads).of(contact)
-        return run.values(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
-
-    items = require("exudyn.itemInterface")
-    contact["sForce"] = mbs.AddSensor(
-        items.SensorUserFunction(name=name, sensorUserFunction=sample, storeInternal=True)
-    )
+    _add_force_sensor(mbs, runs, contact, first=not contacts)
     if coulomb is not None:
         contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
     if law.yielding is not None:
@@ -306,6 +295,27 @@ def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
     if not hasattr(formulation, "with_friction"):
         return Formulation.with_friction(formulation, friction)  # which refuses
     return formulation.with_friction(friction)
+
+
+def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *, first: bool) -> None:
+    """Add `sForce`. That of the `first` contact lets all contacts tell; the others read, which needs no Python."""
+    items = require("exudyn.itemInterface")
+
+    def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
+        return runs.see(mbs, t).of(contact).told()
+
+    if first:
+        sensor = items.SensorUserFunction(name=contact.name, sensorUserFunction=sample, storeInternal=True)
+    else:
+        values = [0.0] * (TOLD_AHEAD if contact.law.ahead else TOLD)
+        contact["nGenericData"] = mbs.AddNode(
+            items.NodeGenericData(initialCoordinates=values, numberOfDataCoordinates=len(values))
+        )
+        kind = require("exudyn").OutputVariableType.Coordinates
+        sensor = items.SensorNode(
+            name=contact.name, nodeNumber=contact["nGenericData"], outputVariableType=kind, storeInternal=True
+        )
+    contact["sForce"] = mbs.AddSensor(sensor)
 
 
 def _add_sensor(

@@ -6,7 +6,7 @@ import contextlib
 import logging
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..contact.formulations.formulation import Law, Method
 from ..exudyn_bodies.joints import Joints
@@ -59,13 +59,16 @@ class ModelRun:
     ) -> None:
         self._contacts, self._stepping_s = [*contacts], 0.0
         self._runs = {
-            id(contact): ContactRun(contact.name, contact.law.for_run(method), contact.slices(mbs), t, method)
+            id(contact): ContactRun(
+                contact.name, contact.law.for_run(method), contact.slices(mbs), t, method, contact.place_told(mbs)
+            )
             for contact in contacts
         }
+        self._evaluated: list[ContactRun | GroupRun] = [*self._runs.values()]
+        self._all_ask = all(run.place_told is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
         self._steppers: list[MultiplierStep] = []
         self._groups: list[GroupRun] = []
-        self._grouped: list[list[int]] = []  # identities of the contacts of each
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
             if group[0].together is not None:
@@ -132,19 +135,27 @@ class ModelRun:
             members = [self._runs[id(contact)] for contact in group]
             assert members[0].together is not None
             self._groups.append(GroupRun(members[0].together, members))
-            self._grouped.append([id(contact) for contact in group])
+        grouped = set(map(id, contacts))
+        self._evaluated = [*self._groups, *(run for key, run in self._runs.items() if key not in grouped)]
 
     def force_at_once(self, mbs: MainSystem) -> Array:
         """Generalised forces of these contacts, (nq,), in the model's present state."""
         q = mbs.systemData.GetODE2Coordinates(copy=False)
-        return sum((group.force(q) for group in self._groups[1:]), self._groups[0].force(q))
+        force = sum((group.force(q) for group in self._groups[1:]), self._groups[0].force(q))
+        self.tell(mbs)
+        return force
 
-    def told(self, t: float) -> dict[int, list[float]]:
-        """Values of the sensors `sForce` at t that compiled loops have found, by the identity of each contact."""
-        found: dict[int, list[float]] = {}
-        for contacts, group in zip(self._grouped, self._groups, strict=True):
-            found.update(zip(contacts, group.values(t) or (), strict=False))
-        return found
+    def tell(self, mbs: MainSystem) -> None:
+        """Let sensors `sForce` have what the contacts tell in the state that was evaluated last."""
+        if not self._all_ask:
+            data = mbs.systemData.GetDataCoordinates(copy=False)
+            for run in self._evaluated:
+                run.tell(data)
+
+    def keep(self, t: float, q: Callable[[], Array]) -> None:
+        """Keep what results need of the state at t; `q` returns the model's coordinates there."""
+        for run in self._evaluated:
+            run.keep(t, q)
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
@@ -153,10 +164,11 @@ class ModelRun:
 
     def _recorded(self, t: float, q: Array) -> dict[int, list[float]]:
         """Values of the contacts' sensors at t, by their numbers, with the model's coordinates q there."""
+        self.keep(t, lambda: q)
         found: dict[int, list[float]] = {}
         for contact in self._contacts:
             run = self.of(contact)
-            found[int(contact["sForce"])] = run.values(t, lambda: q)
+            found[int(contact["sForce"])] = run.told()
             if "sFriction" in contact:
                 found[int(contact["sFriction"])] = run.friction_values()
             if "sPlastic" in contact:
@@ -206,14 +218,9 @@ class Runs:
     ----------
     joints : Joints or None
         Joints that the next runs close together with the contacts.
-    told : dict of int to list of float
-        `ModelRun.told` for the time `told_at`, so that most sensors need only one look.
-    told_at : float or None
     """
 
     def __init__(self) -> None:
-        self.told: dict[int, list[float]] = {}
-        self.told_at: float | None = None
         self.joints: Joints | None = None
         self._left_to_sensors = False
         self._at_once: Sequence[ContactResults] = ()
@@ -224,7 +231,6 @@ class Runs:
 
     def now(self, mbs: MainSystem) -> ModelRun:
         """The present run, to evaluate contacts in. If there is none, a run begins."""
-        self.told_at = None
         return self._now or self.begin(mbs, float(mbs.systemData.GetTime()))
 
     def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ContactRun:
@@ -241,17 +247,18 @@ class Runs:
             model.keep_last_step(mbs, t)
         return run
 
-    def see(self, mbs: MainSystem, t: float, first: bool) -> ModelRun:
-        """The run that reads a contact's sensor at time t. At the start of a run, sensors come first: then it begins.
+    def see(self, mbs: MainSystem, t: float) -> ModelRun:
+        """The run whose sensors are read at time t. At the start of a run, sensors come first: then it begins.
 
-        Exudyn asks for the sensors in their order, so that the `first` one looks whether the solver is another.
+        The sensor of the first contact asks, and lets all contacts keep what they have at t. They told it when they
+        were evaluated, but for multipliers ahead of steps.
         """
-        if self._now is None or t != self._latest or first:
-            if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
-                self._now = self.begin(mbs, t)
-            self._latest = t
-        if first:
-            self.told, self.told_at = self._now.told(t), t
+        if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
+            self._now = self.begin(mbs, t)
+        self._latest = t
+        self._now.keep(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
+        if not self._now.idle:
+            self._now.tell(mbs)
         return self._now
 
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:
@@ -266,6 +273,7 @@ class Runs:
         last, self._now = self._now, ModelRun(mbs, contacts, t, method, self.joints, keep)
         self._now.evaluate_at_once(self._at_once)
         self._origin = self._now.go_on(mbs, [{} if last is None else last.laws, self._origin])
+        self._now.tell(mbs)
         return self._now
 
     def at_work(self, contact: ContactResults) -> ContactRun:

@@ -33,7 +33,7 @@ class PartitionContact(ContactResults):
     space [N], the number of rows that stick, of those that slip, the energy that friction has taken and what the
     contact stores [J]. `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest
     equivalent plastic strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the
-    slave [N m].
+    slave [N m]. `nGenericData`, of all contacts but the first: the node whose data `sForce` reads.
 
     `slave` and `master` are the bodies as the rows have them: with passes="finer" they may have changed places.
     """

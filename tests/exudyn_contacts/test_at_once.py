@@ -36,7 +36,7 @@ def chain(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
     return mbs, contacts
 
 
-def by_own_elements(mbs, solver=exu.DynamicSolverType.VelocityVerlet):
+def by_own_elements(mbs, solver=exu.DynamicSolverType.VelocityVerlet, sample_period=STEP):
     """Run the model by Exudyn directly."""
     settings = exu.SimulationSettings()
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
@@ -44,7 +44,7 @@ def by_own_elements(mbs, solver=exu.DynamicSolverType.VelocityVerlet):
     settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = END, round(END / STEP)
     settings.timeIntegration.verboseMode = 0
     settings.timeIntegration.explicit.computeEndOfStepAccelerations = False
-    settings.solution.sensors.writePeriod = STEP
+    settings.solution.sensors.writePeriod = sample_period
     settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
     mbs.SolveDynamic(settings, solverType=solver)
     return ep.collect(mbs)
@@ -142,13 +142,37 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
         np.testing.assert_allclose(group.force(q), expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
         if step in (10, 100, 699):
             assert [law.gaps.moving for law in laws[0]] == [step == 100] * 2
-            assert (group.values(float(step)) is None) == (step == 100)
+            assert (group.told is None) == (step == 100)
     assert all(law.gaps.searches for law in laws[0])
     # Somebody moves the pairs of a law: then the laws find the present state themselves.
     laws[1][0].gaps.at(runs[0].of(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]])))
     assert runs[0].law.gaps.moving
     np.testing.assert_allclose(runs[0].law.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
-    assert group.values(700.0) is None
+    assert group.told is None
+
+
+@pytest.mark.usefixtures("each_path")
+@pytest.mark.parametrize("method", ["explicit", "implicit", "own elements"])
+def test_sensors_tell_in_each_step(marble, method):
+    """Users' functions read them there, however seldom Exudyn stores them. All but the first do without Python."""
+
+    def told(sample_period, read=None):
+        mbs, contacts = chain(marble)
+        kinds = [mbs.GetSensor(contact["sForce"])["sensorType"] for contact in contacts]
+        assert kinds == ["UserFunction", "Node"]
+        if read is not None:
+            mbs.SetPreStepUserFunction(lambda mbs, t: read.append(mbs.GetSensorValues(contacts[1]["sForce"])) is None)
+        if method == "own elements":
+            by_own_elements(mbs, sample_period=sample_period)
+        else:
+            ep.solve_dynamic(mbs, end_time=END, step=STEP, method=method, sample_period=sample_period)
+        return mbs.GetSensorStoredData(contacts[1]["sForce"])
+
+    each_step, at_starts = told(STEP), []
+    last = told(END, at_starts)[-1]
+    assert each_step[:, 1].max() > 10.0
+    np.testing.assert_array_equal(at_starts[1:], each_step[1:-1, 1:])
+    np.testing.assert_array_equal(last, each_step[-1])
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")

@@ -33,7 +33,7 @@ from validation.contact import scenes
 R, SPEED, STEP = 0.010, 0.1, 5e-7  # [m], of neighbours to each other [m/s], [s]
 APART = 1e-5  # between balls that are to stay apart [m]
 CHAINS, QUICK_CHAINS = (12, 50, 200), (5, 12, 24)  # balls
-BEGIN, END, END_APART = 40, 100, 400  # steps
+BEGIN, END, END_APART = 40, 100, 1600  # steps
 REPETITIONS = 5
 LIMITS = {"growth": 1.2, "share": 0.5, "symmetry": 1e-6}
 
