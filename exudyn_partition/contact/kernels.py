@@ -242,7 +242,12 @@ def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
                 return False
         H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
         gap[:] = rows.start[rows.starts[j] : rows.starts[j + 1]]
-        for k in range(n):
+        most = n - n % 4
+        for k in range(0, most, 4):
+            a, b, c, d = own[k], own[k + 1], own[k + 2], own[k + 3]
+            for i in range(len(gap)):
+                gap[i] += a * H[k, i] + b * H[k + 1, i] + c * H[k + 2, i] + d * H[k + 3, i]
+        for k in range(most, n):
             way = own[k]
             for i in range(len(gap)):
                 gap[i] += way * H[k, i]

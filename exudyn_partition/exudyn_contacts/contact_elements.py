@@ -137,7 +137,7 @@ def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Run
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         f = runs.now(mbs).force_at_once(mbs)
-        if not f.any():
+        if f is None:
             return nothing
         if floating:
             f, now = f.copy(), mbs.systemData.GetODE2Coordinates(copy=False)
@@ -166,9 +166,9 @@ def _pushed(mbs: MainSystem, inverse_mass: Array, runs: Runs) -> Iterator[None]:
 
     def after_step(mbs: MainSystem, t: float) -> bool:
         nonlocal last
-        f, data = runs.now(mbs).force_at_once(mbs), mbs.systemData
-        if f.any():
-            acceleration = inverse_mass * f
+        f = runs.now(mbs).force_at_once(mbs)
+        if f is not None:
+            acceleration, data = inverse_mass * f, mbs.systemData
             data.GetODE2Coordinates_tt(copy=False)[:] += acceleration
             if t > last:  # not before the first step
                 data.GetODE2Coordinates_t(copy=False)[:] += 0.5 * (t - last) * acceleration

@@ -282,10 +282,12 @@ class GroupRun:
         Time in forces so far [s].
     evaluated : object
         Another object after each evaluation in another state.
+    pushes : bool
+        Whether any force was there in the last evaluation.
     """
 
     def __init__(self, together: Together, members: Sequence[ContactRun]) -> None:
-        self.time_s, self.evaluated = 0.0, object()
+        self.time_s, self.evaluated, self.pushes = 0.0, object(), False
         self._together, self._members = together, [*members]
         self._dofs = [member.dofs for member in members]
         self._twice = [len(np.unique(dofs)) < len(dofs) for dofs in self._dofs]  # of a body that touches itself
@@ -311,6 +313,7 @@ class GroupRun:
         if self._frozen is not None and self._frozen.evaluate(q):
             self.evaluated = self._q = q.copy()
             self._laws_know, force = False, self._frozen.force
+            self.pushes = bool(self._frozen.told[:, 1].any())
         else:
             self._q, self._laws_know, force = None, True, np.zeros(len(q))
             self.evaluated = forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
@@ -319,6 +322,7 @@ class GroupRun:
                     np.add.at(force, dofs, own)
                 else:
                     force[dofs] += own
+            self.pushes = bool(force.any())
         self.time_s += time.perf_counter() - begin
         return force
 
@@ -359,7 +363,7 @@ class GroupRun:
             for member in self._members:
                 member.keep(t, q)
             return
-        if not frozen.told[:, 1].any() and not self._kept:  # nothing has closed yet
+        if not self._kept and not self.pushes:  # nothing has closed yet
             return
         closed = np.flatnonzero(frozen.lam > 0.0)
         if self._closed is None or not np.array_equal(closed, self._closed):

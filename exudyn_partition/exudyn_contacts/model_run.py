@@ -138,12 +138,13 @@ class ModelRun:
         grouped = set(map(id, contacts))
         self._evaluated = [*self._groups, *(run for key, run in self._runs.items() if key not in grouped)]
 
-    def force_at_once(self, mbs: MainSystem) -> Array:
-        """Generalised forces of these contacts, (nq,), in the model's present state."""
+    def force_at_once(self, mbs: MainSystem) -> Array | None:
+        """Generalised forces of these contacts, (nq,), in the model's present state; None if all are open."""
         q = mbs.systemData.GetODE2Coordinates(copy=False)
-        force = sum((group.force(q) for group in self._groups[1:]), self._groups[0].force(q))
+        found = [(group.force(q), group.pushes) for group in self._groups]
         self.tell(mbs)
-        return force
+        forces = [force for force, pushes in found if pushes]
+        return sum(forces[1:], forces[0]) if forces else None
 
     def tell(self, mbs: MainSystem) -> None:
         """Let sensors `sForce` have what the contacts tell in the state that was evaluated last."""

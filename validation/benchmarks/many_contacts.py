@@ -7,8 +7,8 @@ Reference: the second chain, of 50 balls; shorter ones fit into the processor's 
 step in contact [us], all of the run included, over closed contacts. It is the difference of two runs, so that what
 comes before the first step does not count. The smallest of five repetitions counts. The table also has the same by
 `mbs.SolveDynamic`, where Exudyn asks each contact's own element for its forces; the time that an open contact adds to a
-step of balls that are apart, of which the time without contacts is taken; and the time to set up a contact, of the
-first model of a chain and the second. BLAS has one thread, as others would spin and count.
+step of balls that are apart, which rest or fly side by side, of which the time without contacts is taken; and the time
+to set up a contact, of the first model of a chain and the second. BLAS has one thread, as others would spin and count.
 Limits: the longest chain, of 200 balls, needs at most 1.2 times the time of the second for each closed contact, and at
 most half of the time of the contacts' own elements; forces on both sides of the middle are equal to 1e-6.
 
@@ -47,14 +47,13 @@ def reduced_ball():
     return ep.reduce(fem, back | front, f_cut=200e3)
 
 
-def chain(body, balls, frame, apart=0.0, contacts=True):
-    """Model of a chain, its contacts, and the time to set one up [s]; at rest if the balls are `apart` [m]."""
+def chain(body, balls, frame, speed=None, contacts=True):
+    """Model of a chain, its contacts, and the time to set one up [s]; balls with one `speed` [m/s] stay apart."""
     mbs = exu.SystemContainer().AddSystem()
-    speed = 0.0 if apart else SPEED
     items = [
         ep.CreatePartitionBody(
-            mbs, body, frame=frame, referencePosition=[0, 0, (2 * R + apart) * i],
-            initialVelocity=[0, 0, speed * ((balls - 1) / 2 - i)],
+            mbs, body, frame=frame, referencePosition=[0, 0, (2 * R + (0.0 if speed is None else APART)) * i],
+            initialVelocity=[0, 0, SPEED * ((balls - 1) / 2 - i) if speed is None else speed],
         )
         for i in range(balls)
     ]  # fmt: skip
@@ -108,8 +107,9 @@ def measured(body, balls, frame):
     rows = np.array([contact.closed_rows(result)[BEGIN:] for contact in contacts])
     force = np.array([contact.force(result) for contact in contacts])
     closed = np.count_nonzero(rows) / rows.shape[1]
-    apart, alone = (
-        step_us(lambda c=c: chain(body, balls, frame, APART, c)[0], at_once, END_APART)[0] for c in (True, False)
+    resting, flying, alone = (
+        step_us(lambda v=v, c=c: chain(body, balls, frame, v, c)[0], at_once, END_APART)[0]
+        for v, c in ((0.0, True), (SPEED, True), (SPEED, False))
     )
     return {
         "contacts": len(contacts),
@@ -117,7 +117,8 @@ def measured(body, balls, frame):
         "rows": int(rows.max()),
         "us_a_closed_contact": time_us / closed,
         "us_by_own_elements": step_us(pressed, by_own_elements)[0] / closed,
-        "us_an_open_contact": (apart - alone) / len(contacts),
+        "us_a_resting_contact": (resting - alone) / len(contacts),
+        "us_a_flying_contact": (flying - alone) / len(contacts),
         "symmetry": float(abs(force - force[::-1]).max() / force.max()),
         "setup_ms": 1e3 * setups[0],
         "setup_again_ms": 1e3 * min(setups[1:]),
