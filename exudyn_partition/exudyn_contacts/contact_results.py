@@ -65,10 +65,6 @@ class ContactResults(PlasticResults):
         """Where the coordinates of slave and master are among the model's."""
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
-    def place_told(self, mbs: MainSystem) -> int | None:
-        """First of the data coordinates that `sForce` reads; None if it asks the contact itself."""
-        return int(mbs.systemData.GetNodeLTGData(self["nGenericData"])[0]) if "nGenericData" in self else None
-
     @property
     def elastic(self) -> bool:
         """Whether forces follow from the coordinates alone, so that they can be found again at every sample."""

@@ -60,7 +60,7 @@ class ModelRun:
         self._contacts, self._stepping_s = [*contacts], 0.0
         self._runs = {
             id(contact): ContactRun(
-                contact.name, contact.law.for_run(method), contact.slices(mbs), t, method, contact.place_told(mbs)
+                contact.name, contact.law.for_run(method), contact.slices(mbs), t, method, _place_told(mbs, contact)
             )
             for contact in contacts
         }
@@ -328,3 +328,8 @@ def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
     runs: Runs = mbs.sys.setdefault(RUNS, Runs())
     return runs
+
+
+def _place_told(mbs: MainSystem, contact: ContactResults) -> int | None:
+    """First of the data coordinates that `sForce` reads; None if it asks the contact itself."""
+    return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None
