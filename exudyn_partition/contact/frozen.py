@@ -14,6 +14,7 @@ from .gaps import Gaps
 from .pairings import LinearGaps
 
 _CLEARLY = 1 - 1e-6  # rounding of what pairs have slid, relative to their reach
+_FEW = 8  # lowest rows
 
 
 class FlatRows(NamedTuple):
@@ -66,6 +67,44 @@ class FlatRows(NamedTuple):
         )
 
 
+class LowestRows(NamedTuple):
+    """Rows with the smallest gaps of each contact: one of them keeps the smallest while the contact moves a little.
+
+    Parameters
+    ----------
+    H : array
+        Transposes of the rows, (n, k), one contact after the other.
+    start : (nc, k) array
+    at : array
+        Coordinates of each contact where they were chosen.
+    numbers : array
+        `turn` and `slide` of all contacts; equal ones are there once.
+    turn, slide : (nc,) int arrays
+        Where these begin, (n,) each: how much the gaps of two rows change against each other, and pairs slide, at most
+        with each coordinate.
+    room, slack : (nc,) arrays
+        How much they may from there, so that the rows hold and pairs stay frozen [m].
+    """
+
+    H: Array
+    start: Array
+    at: Array
+    numbers: Array
+    turn: Array
+    slide: Array
+    room: Array
+    slack: Array
+
+    @classmethod
+    def of(cls, frozen: Sequence[LinearGaps]) -> LowestRows:
+        """Return none chosen yet."""
+        nc, k, n = len(frozen), min(_FEW, *(len(g.start) for g in frozen)), sum(g.H.shape[1] for g in frozen)
+        turns = {id(g.H): np.ptp(g.H, axis=0) for g in frozen}
+        numbers, at = pooled([turns[id(g.H)] for g in frozen] + [abs(g.drift).max(axis=0, initial=0) for g in frozen])
+        turn, slide = at.reshape(2, -1)
+        return cls(np.empty(k * n), np.empty((nc, k)), np.empty(n), numbers, turn, slide, *np.zeros((2, nc)))
+
+
 class FrozenContacts:
     """Frictionless contacts with frozen pairs on common bodies, evaluated at once. Only where loops are compiled.
 
@@ -95,12 +134,17 @@ class FrozenContacts:
         smallest gap, zero if it is closed [m].
     stored : (n,) array
         Energy that each contact stores [J].
+    whole : bool
+        Whether `h` and `pushed` are those of the last evaluation: the lowest rows of open contacts do without them.
+    pushes : bool
+        Whether there are forces.
     """
 
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
         frozen = [each.linear for each in gaps if each.linear is not None]
         assert len(frozen) == len(gaps)
         self._rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
+        self._lowest, self.whole, self.pushes = LowestRows.of(frozen), True, True
         self._held = [each.held for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
@@ -109,17 +153,29 @@ class FrozenContacts:
         self.at_edge = np.concatenate([each.at_edge for each in gaps])
 
     def evaluate(self, q: Array) -> bool:
-        """Find gaps and forces at the model's coordinates q, (nq,).
+        """Find forces at the model's coordinates q, (nq,), and what the contacts tell.
 
-        Return False if pairs begin to slide, or forces do not settle soon; then each contact must be evaluated.
+        Return False if pairs begin to slide, or forces do not settle soon; then each contact must be evaluated. While
+        all contacts stay open, their lowest rows are enough; `evaluate_rows` finds the gaps of all.
         """
         loops = kernels("contact")
         assert loops is not None
+        if not self.pushes and loops.fly_on(self._rows, self._lowest, q, self.h, self.told):
+            self.whole = False
+            return True
+        return self.evaluate_rows(q)
+
+    def evaluate_rows(self, q: Array) -> bool:
+        """Find gaps of all rows too, see `evaluate`."""
+        loops = kernels("contact")
+        assert loops is not None
+        self.whole = self.pushes = True
         if len(q) != len(self.force):
             self.force = np.empty(len(q))
         if not loops.gaps_of_frozen(self._rows, q, self.h) or not self._blocks.solve(self.h):
             return False
         loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.told, self.stored)
+        self.pushes = bool(self.told[:, 1].any())
         return True
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:

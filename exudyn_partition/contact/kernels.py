@@ -10,11 +10,11 @@ import numpy as np
 from ..algebra.kernels import check_active
 from ..frames.kernels import Fixed, add_on_shapes, place_active
 from ..support.arrays import Array
-from ..support.compiled import compiled
+from ..support.compiled import compiled, inlined
 from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
-    from .frozen import FlatRows
+    from .frozen import FlatRows, LowestRows
 
 
 @compiled
@@ -224,33 +224,111 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
     return tangents, cosines
 
 
+@inlined
+def coordinates_of(rows: FlatRows, j: int, q: Array) -> Array:
+    """Coordinates of contact j, (n,)."""
+    dofs = rows.dofs[rows.places[j] : rows.places[j + 1]]
+    own = np.empty(len(dofs))
+    for k in range(len(dofs)):
+        own[k] = q[dofs[k]]
+    return own
+
+
+@inlined
+def slid(rows: FlatRows, j: int, own: Array) -> float:
+    """How far pairs of contact j have slid at its coordinates [m]; NaN if these are not finite."""
+    n, first, end = len(own), rows.drift_starts[j], rows.drift_starts[j + 1]
+    drift, most = rows.numbers[rows.drift[j] :][: (end - first) * n].reshape(end - first, n), 0.0
+    for i in range(end - first):
+        total = -rows.drift_start[first + i]
+        for k in range(n):
+            total += drift[i, k] * own[k]
+        if not abs(total) <= most:
+            most = abs(total)
+    return most
+
+
+@inlined
+def gaps_of_contact(rows: FlatRows, j: int, own: Array, gap: Array) -> None:
+    """Set the gaps of contact j, (nr,), at its coordinates."""
+    n = len(own)
+    H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
+    gap[:] = rows.start[rows.starts[j] : rows.starts[j + 1]]
+    most = n - n % 4
+    for k in range(0, most, 4):
+        a, b, c, d = own[k], own[k + 1], own[k + 2], own[k + 3]
+        for i in range(len(gap)):
+            gap[i] += a * H[k, i] + b * H[k + 1, i] + c * H[k + 2, i] + d * H[k + 3, i]
+    for k in range(most, n):
+        way = own[k]
+        for i in range(len(gap)):
+            gap[i] += way * H[k, i]
+
+
 @compiled
 def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
     """Set h to the gaps at coordinates q; whether all pairs stay frozen, see `frozen.FrozenContacts`."""
     for j in range(len(rows.reach)):
-        dofs, gap = rows.dofs[rows.places[j] : rows.places[j + 1]], h[rows.starts[j] : rows.starts[j + 1]]
-        n, own = len(dofs), np.empty(len(dofs))
+        own = coordinates_of(rows, j, q)
+        if not slid(rows, j, own) <= rows.reach[j]:
+            return False
+        gaps_of_contact(rows, j, own, h[rows.starts[j] : rows.starts[j + 1]])
+    return True
+
+
+@compiled
+def choose_lowest(rows: FlatRows, lowest: LowestRows, j: int, own: Array, gap: Array) -> float:
+    """Choose the lowest rows of contact j at its coordinates; `gap` is work space.
+
+    Return the smallest gap [m], or NaN if pairs have slid too far.
+    """
+    n, few, nr = len(own), lowest.start.shape[1], len(gap)
+    gaps_of_contact(rows, j, own, gap)
+    least, chosen = np.full(few + 1, np.inf), np.zeros(few + 1, np.int64)  # in ascending order
+    for i in range(nr):
+        if gap[i] < least[few]:
+            k = few
+            while k and gap[i] < least[k - 1]:
+                least[k], chosen[k] = least[k - 1], chosen[k - 1]
+                k -= 1
+            least[k], chosen[k] = gap[i], i
+    place, start = rows.places[j], rows.start[rows.starts[j] :]
+    H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
+    few_H = lowest.H[few * place :][: n * few].reshape(n, few)
+    for k in range(n):
+        lowest.at[place + k] = own[k]
+        for i in range(few):
+            few_H[k, i] = H[k, chosen[i]]
+    for i in range(few):
+        lowest.start[j, i] = start[chosen[i]]
+    lowest.room[j], lowest.slack[j] = least[few] - least[0], rows.reach[j] - slid(rows, j, own)
+    return least[0] if lowest.slack[j] >= 0.0 else np.nan
+
+
+@compiled
+def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
+    """Tell the smallest gap of each contact; False if one is closed or pairs slide. See `frozen.LowestRows`."""
+    few, gap = lowest.start.shape[1], np.empty(lowest.start.shape[1])
+    for j in range(len(told)):
+        own, place, turned, slides, least = coordinates_of(rows, j, q), rows.places[j], 0.0, 0.0, np.inf
+        n, turn, slide = len(own), lowest.numbers[lowest.turn[j] :], lowest.numbers[lowest.slide[j] :]
         for k in range(n):
-            own[k] = q[dofs[k]]
-        first, end = rows.drift_starts[j], rows.drift_starts[j + 1]
-        drift = rows.numbers[rows.drift[j] :][: (end - first) * n].reshape(end - first, n)
-        for i in range(end - first):
-            total = -rows.drift_start[first + i]
+            way = abs(own[k] - lowest.at[place + k])
+            turned += way * turn[k]
+            slides += way * slide[k]
+        if turned < lowest.room[j] and slides < lowest.slack[j]:
+            H = lowest.H[few * place :][: n * few].reshape(n, few)
+            gap[:] = lowest.start[j]
             for k in range(n):
-                total += drift[i, k] * own[k]
-            if not abs(total) <= rows.reach[j]:
-                return False
-        H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
-        gap[:] = rows.start[rows.starts[j] : rows.starts[j + 1]]
-        most = n - n % 4
-        for k in range(0, most, 4):
-            a, b, c, d = own[k], own[k + 1], own[k + 2], own[k + 3]
-            for i in range(len(gap)):
-                gap[i] += a * H[k, i] + b * H[k + 1, i] + c * H[k + 2, i] + d * H[k + 3, i]
-        for k in range(most, n):
-            way = own[k]
-            for i in range(len(gap)):
-                gap[i] += way * H[k, i]
+                for i in range(few):
+                    gap[i] += own[k] * H[k, i]
+            for i in range(few):
+                least = min(least, gap[i])
+        else:
+            least = choose_lowest(rows, lowest, j, own, h[rows.starts[j] : rows.starts[j + 1]])
+        if not least > 0.0:
+            return False
+        told[j, 5] = least
     return True
 
 

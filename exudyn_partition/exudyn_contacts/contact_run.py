@@ -313,7 +313,7 @@ class GroupRun:
         if self._frozen is not None and self._frozen.evaluate(q):
             self.evaluated = self._q = q.copy()
             self._laws_know, force = False, self._frozen.force
-            self.pushes = bool(self._frozen.told[:, 1].any())
+            self.pushes = self._frozen.pushes
         else:
             self._q, self._laws_know, force = None, True, np.zeros(len(q))
             self.evaluated = forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
@@ -331,7 +331,8 @@ class GroupRun:
         if self._laws_know or self._q is None or self._frozen is None:
             return
         self._laws_know, q = True, self._q
-        if not self._together.take(self._frozen, [member.of(q) for member in self._members]):
+        known = self._frozen.whole or self._frozen.evaluate_rows(q)
+        if not (known and self._together.take(self._frozen, [member.of(q) for member in self._members])):
             self._q = None
 
     def end(self) -> None:

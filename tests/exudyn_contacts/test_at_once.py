@@ -9,6 +9,7 @@ import pytest
 from oracles import MARBLE_RADIUS as R
 
 import exudyn_partition as ep
+from exudyn_partition.contact.frozen import FrozenContacts
 from exudyn_partition.exudyn_contacts.contact_run import ContactRun, GroupRun
 from exudyn_partition.support.compiled import compiles
 
@@ -119,9 +120,8 @@ def test_sensors_of_moments_see_the_laws(marble):
     np.testing.assert_allclose(arm[closed], -1.0, atol=1e-3)
 
 
-@pytest.mark.skipif(not compiles(), reason="numba does not load here")
-def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
-    """They are other pairs than at the start. Forces are those of the laws alone, before, during and after."""
+def grouped(marble):
+    """Laws of a chain to be evaluated alone and in a group, the former together, runs, group, and size of facets."""
     mbs, contacts = chain(marble)
     laws = [[contact.law.for_run("explicit") for contact in contacts] for _ in range(2)]
     alone, together = (contacts[0].together.for_run(some) for some in laws)
@@ -129,7 +129,13 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
     runs = [ContactRun("", law, contact.slices(mbs), 0.0, "explicit") for law, contact in each]
     for run in runs:
         run.join(together, runs)
-    group, size = GroupRun(together, runs), contacts[0].slave_facet_size
+    return laws, alone, runs, GroupRun(together, runs), contacts[0].slave_facet_size
+
+
+@pytest.mark.skipif(not compiles(), reason="numba does not load here")
+def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
+    """They are other pairs than at the start. Forces are those of the laws alone, before, during and after."""
+    laws, alone, runs, group, size = grouped(marble)
     moved = np.zeros((3, len(marble.rigid)))
     for step in range(700):
         slide = size * min(max(0.001 * (step - 20), 0.0), 0.05)
@@ -149,6 +155,27 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
     assert runs[0].law.gaps.moving
     np.testing.assert_allclose(runs[0].law.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
     assert group.told is None
+
+
+@pytest.mark.skipif(not compiles(), reason="numba does not load here")
+def test_contacts_that_fly_tell_the_smallest_gap(marble, monkeypatch):
+    """As long as all are open, their lowest rows are enough. Laws that are looked at have all rows."""
+    evaluate_rows, counted = FrozenContacts.evaluate_rows, []
+    monkeypatch.setattr(FrozenContacts, "evaluate_rows", lambda self, q: counted.append(step) or evaluate_rows(self, q))
+    laws, alone, runs, group, size = grouped(marble)
+    for step in range(300):
+        away = size * ((-0.01 if 100 <= step < 120 else 0.01) + 1e-5 * step)
+        q = (marble.rigid[:, 2] * away * [[0], [1], [2]]).ravel()
+        force, expected = group.force(q), np.zeros(len(q))
+        for run, own in zip(runs, alone.forces([run.of(q) for run in runs]), strict=True):
+            expected[run.dofs] += own
+        np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+        assert group.pushes == expected.any() == (100 <= step < 120)
+        gaps = [0.0 if law.index.size else law.least_gap for law in laws[0]]
+        np.testing.assert_allclose(group.told[:, 5], gaps, rtol=1e-9)
+        if step == 200:
+            assert [run.law.least_gap for run in runs] == pytest.approx(gaps, rel=1e-9)
+    assert counted == [0, *range(100, 121), 200]
 
 
 @pytest.mark.usefixtures("each_path")
