@@ -67,7 +67,7 @@ def bearing(body, load, clearance, turn, first=0.0):
     ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround())))
     node = mbs.AddNode(items.NodeRigidBodyRotVecLG(referenceCoordinates=[0] * 6))
     inertia = [MASS * PITCH**2] * 3 + [0] * 3
-    shaft = mbs.AddObject(items.ObjectRigidBody(nodeNumber=node, physicsMass=MASS, physicsInertia=inertia))
+    shaft = mbs.AddObject(items.ObjectRigidBody(nodeNumber=node, mass=MASS, inertia=inertia))
     on_shaft = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=shaft))
     mbs.AddObject(items.GenericJoint(markerNumbers=[ground, on_shaft], constrainedAxes=[0, 0, 1, 1, 1, 1]))
     soft = {"stiffness": [SOFT] * 3, "damping": [DAMPING] * 3}
@@ -75,7 +75,7 @@ def bearing(body, load, clearance, turn, first=0.0):
     mbs.AddLoad(items.Force(markerNumber=on_shaft, loadVector=[0, -load, 0]))
 
     wheel = mbs.AddNode(items.Node1D(referenceCoordinates=[0.0]))
-    cage = mbs.AddObject(items.ObjectRotationalMass1D(nodeNumber=wheel, physicsInertia=1e-5))
+    cage = mbs.AddObject(items.ObjectRotationalMass1D(nodeNumber=wheel, inertia=1e-5))
     coordinates = [
         mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=number, coordinate=0))
         for number in (mbs.AddNode(items.NodePointGround()), wheel)
@@ -95,9 +95,10 @@ def bearing(body, load, clearance, turn, first=0.0):
             mbs, body, name=f"ball {i}", frame="floating", referencePosition=place, referenceRotation=turned(phi)
         )
         belt = ball.CreateInterfaceMarker(mbs, "belt")
-        pocket = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=cage, localPosition=place))
-        joint = {"constrainedAxes": [0, 1, 1, 1, 1, 1], "rotationMarker0": turned(phi)}
-        mbs.AddObject(items.GenericJoint(markerNumbers=[pocket, belt], **joint))
+        pocket = mbs.AddMarker(
+            items.MarkerBodyRigid(bodyNumber=cage, localHT=exu.HT(rotation=turned(phi), translation=place))
+        )
+        mbs.AddObject(items.GenericJoint(markerNumbers=[pocket, belt], constrainedAxes=[0, 1, 1, 1, 1, 1]))
         mbs.AddObject(items.CartesianSpringDamper(markerNumbers=[pocket, belt], **soft))
         result.balls.append(ball)
         result.inner.append(ep.CreatePartitionContact(mbs, ball, inner, slavePatch="inner", masterBody=shaft))

@@ -200,7 +200,7 @@ class Regions:
         """Return the material with the largest volume, by those of the elements, (ne,) [m3]; with its mean modulus."""
         most = int(np.bincount(self.number, volume).argmax())
         own = self.number == most
-        return replace(self.materials[most], E=float(volume[own] @ self.E[own] / volume[own].sum()))
+        return replace(self.materials[most], E=_mean(self.E[own], volume[own]))
 
     def at(self, cells: Array) -> Material:
         """Return the material of some elements, (k,) int: that of most, with their mean modulus.
@@ -208,7 +208,7 @@ class Regions:
         If they are of several materials, the lowest yield stress is kept.
         """
         most = int(np.bincount(self.number[cells]).argmax())
-        material = replace(self.materials[most], E=float(self.E[cells].mean()))
+        material = replace(self.materials[most], E=_mean(self.E[cells], np.ones(len(cells))))
         known = [self.materials[i].yield_stress for i in np.unique(self.number[cells])]
         if len(known) == 1 or material.plastic:
             return material
@@ -222,3 +222,8 @@ class Regions:
             if len(rows):
                 found.append((replace(material, E=float(self.E[cells[rows]].min())), rows))
         return tuple(found)
+
+
+def _mean(values: Array, weights: Array) -> float:
+    """Mean by weights; of equal values, their value without rounding."""
+    return float(values[0] + weights @ (values - values[0]) / weights.sum())

@@ -12,6 +12,7 @@ from meshing.test_input_decks import CELLS, POINTS, SECTIONS, SETS, deck, glued
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.fe.material import Regions
 from exudyn_partition.meshing.ngsolve_fem import surplus_of
 
 # Without Poisson's effect a bar is one-dimensional.
@@ -85,6 +86,15 @@ def test_one_region_by_name_is_the_plain_model():
     assert abs(one.stiffness - plain.stiffness).max() < 1e-14 * abs(plain.stiffness).max()
     assert one.material == plain.material
     assert one.resolved_frequency == pytest.approx(plain.resolved_frequency)
+
+
+def test_means_of_one_modulus_are_that_modulus():
+    """Whatever the volumes of elements are: bodies compare their materials."""
+    material, rng = dataclasses.replace(HARD, E=2.1e11 / 3), np.random.default_rng(0)
+    for n in range(1, 200):
+        regions = Regions(("all",), (material,), np.zeros(n, dtype=int), np.full(n, material.E))
+        assert regions.largest(rng.uniform(1e-12, 1e-9, n)) == material
+        assert regions.at(np.arange(n)) == material
 
 
 def test_the_slower_material_limits_the_frequency(pair):

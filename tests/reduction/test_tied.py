@@ -244,7 +244,7 @@ def test_exudyn_s_constraint_and_load_attach_without_spurious_compliance(mbs, li
     mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", head.T @ wrench)
     mbs.Assemble()
     settings = exu.SimulationSettings()
-    settings.solutionSettings.writeSolutionToFile = False
+    settings.solution.file.write = False
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     assert mbs.SolveStatic(settings)
     q = mbs.GetNodeOutput(item["nModal"], exu.OutputVariableType.Coordinates)

@@ -22,7 +22,7 @@ def test_the_caller_s_model_keeps_working(impact):
     """A mass on a spring beside the impact, its sensor, and a PreStep function of the user's own."""
     mbs, _, _, contact = impact
     mass = mbs.AddObject(
-        items.MassPoint(physicsMass=1.0, nodeNumber=mbs.AddNode(items.NodePoint(initialVelocities=[1, 0, 0])))
+        items.MassPoint(mass=1.0, nodeNumber=mbs.AddNode(items.NodePoint(initialVelocities=[1, 0, 0])))
     )
     ground = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.ObjectGround())))
     end = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mass))

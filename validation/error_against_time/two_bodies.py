@@ -128,7 +128,7 @@ class TwoBodies:
         for (fem, _), speed in zip(self.models, (-self.speed, 0.0), strict=True):
             body = mbs.AddObject(
                 items.MassPoint(
-                    physicsMass=fem.total_mass,
+                    mass=fem.total_mass,
                     nodeNumber=mbs.AddNode(items.Point(initialVelocities=[0, 0, speed])),
                 )
             )
