@@ -364,7 +364,9 @@ class GroupRun:
             for member in self._members:
                 member.keep(t, q)
             return
-        if not self._kept and not self.pushes:  # nothing has closed yet
+        if self._kept and self._kept[-1][0] == t:  # asked for again
+            self._kept.pop()
+        if not self.pushes:
             return
         closed = np.flatnonzero(frozen.lam > 0.0)
         if self._closed is None or not np.array_equal(closed, self._closed):
@@ -373,8 +375,6 @@ class GroupRun:
             at_edge = closed[frozen.at_edge[closed]]
             for j in np.unique(np.searchsorted(frozen.starts, at_edge, side="right")) - 1:
                 self._members[j].look_for_edge(t)
-        if self._kept and self._kept[-1][0] == t:  # asked for again
-            self._kept.pop()
         if len(closed):
             self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy()))
 
