@@ -1,20 +1,27 @@
 """Estimated error of meshes: beside the true one, by body, and what is refused."""
 
+from types import SimpleNamespace
+
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from oracles import SPHERE_MATERIAL
+from scipy.spatial import Delaunay
 
 import exudyn_partition as ep
-from exudyn_partition.accuracy.correction import Finer
+from exudyn_partition.accuracy import mesh_error
+from exudyn_partition.accuracy.correction import Change, Finer
 from exudyn_partition.accuracy.mesh_error import estimate_of
 from exudyn_partition.accuracy.modal_pair import impact_of
 from exudyn_partition.algebra import krylov
 from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError, ToleranceWarning
+from exudyn_partition.prediction.modal_impact import Impact
 from exudyn_partition.reduction import free_body
 from exudyn_partition.reduction.estimate import grow_to_tolerance
 from exudyn_partition.reduction.reduction import bodies_of
+from validation.mesh import row_spacing
 
 RADIUS, SPEED, END = 5e-3, 0.3, 45e-6
 MASS = SPHERE_MATERIAL.rho * 4 / 3 * np.pi * RADIUS**3
@@ -159,6 +166,48 @@ def test_rows_that_carry_force_are_those_inside_the_circle_of_hertz(coarse):
     assert away[loaded].max() < A + impact.size
     assert loaded[away < 0.7 * A].all()
     assert 0.1 < loaded.mean() < 0.6
+
+
+def on_half_space(fine, coarse, influence):
+    """Impact of a rigid sphere on rows of hat functions, (nr, cells), by the contact radius; and coarser means."""
+    means = np.linalg.lstsq(fine.T, coarse.T)[0].T * fine.sum(axis=1)
+    rows = fine / fine.sum(axis=1)[:, None]
+    gap = rows @ (row_spacing.PLACES**2).sum(axis=1) / 2
+    near = gap < 1.3  # the sphere comes to 1
+    rows, gap = rows[near], gap[near]
+    F = rows @ influence @ rows.T / (2 * row_spacing.WIDTH / row_spacing.CELLS) ** 2
+    rigid = row_spacing.MASS**-0.5
+    impact = Impact(gap, np.full((len(gap), 1), rigid), (F + F.T) / 2, np.zeros(1), np.array([-1 / rigid]), 1.0)
+    whole = means[:, near].sum(axis=1) > 0.999 * means.sum(axis=1)
+    return impact, means[np.ix_(whole, near)] / means[whole].sum(axis=1)[:, None]
+
+
+def test_rows_are_as_wrong_as_the_estimate_says(monkeypatch):
+    """A sphere on a half-space, where only rows on random grids are wrong; the true force is that of Hertz.
+
+    As in the validation of the rows' spacing, with squares of even pressure that are three times as long.
+    """
+    cells = 48
+    middle = row_spacing.WIDTH * ((2 * np.arange(cells) + 1) / cells - 1)
+    monkeypatch.setattr(row_spacing, "CELLS", cells)
+    monkeypatch.setattr(row_spacing, "PLACES", np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2))
+    monkeypatch.setattr(mesh_error, "_change", lambda *_: Change(np.eye(1), np.zeros(1), 0.0, 0.0))
+    number, kernel = np.indices((cells, cells)).reshape(2, -1), row_spacing.influence()
+    influence = kernel[tuple(number[:, :, None] - number[:, None] + cells - 1)]
+    rng, t = np.random.default_rng(0), np.linspace(0, row_spacing.END, row_spacing.STEPS + 1)
+    true, found = row_spacing.exact(t), []
+    for _ in range(6):
+        points = row_spacing.vertices(0.7, rng)
+        triangles = Delaunay(points).simplices
+        hats = (row_spacing.hats(*row_spacing.divided(triangles, points, k)).toarray() for k in (2, 1))
+        impact, coarse = on_half_space(*(own[own.any(axis=1)] for own in hats), influence)
+        body = SimpleNamespace(f_cut=1.0, estimate=None)
+        side = SimpleNamespace(body=body, mean=sp.identity(len(impact.gap), format="csr"), coarse=coarse, spacing=2.0)
+        at, force, _ = impact.run(row_spacing.END, row_spacing.END / row_spacing.STEPS)
+        error = np.linalg.norm(np.interp(t, at, force[:, 0]) - true) / np.linalg.norm(true)
+        found.append((estimate_of([side], impact, 1.0, row_spacing.END, [None]).rows, error))
+    estimated, error = np.sqrt(np.mean(np.square(found), axis=0))
+    assert error / 1.5 < estimated < 1.5 * error < 0.01
 
 
 def test_what_is_refused(coarse):

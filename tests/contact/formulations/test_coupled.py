@@ -1,11 +1,19 @@
 """Contacts on common bodies, whose forces are found together."""
 
+import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.linalg
 
+import exudyn_partition as ep
+from exudyn_partition.algebra.complementarity import regularised
+from exudyn_partition.algebra.friction import FrictionProblem
+from exudyn_partition.contact.formulations.choices import Compliance
 from exudyn_partition.contact.formulations.coupled import CoupledContacts
-from exudyn_partition.contact.side import Standing
+from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
+from exudyn_partition.contact.side import Side, Standing
 from exudyn_partition.errors import ComplementarityError
+from exudyn_partition.frames.inertial import InertialKinematics
 
 
 class Runaway:
@@ -73,3 +81,76 @@ def test_a_contact_that_only_the_other_closes_is_closed():
     found = CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([0.1])])
     # a = 1 + 0.3 b and b = 0.3 a - 0.1
     np.testing.assert_allclose(np.concatenate(found), [0.97 / 0.91, 0.3 * 0.97 / 0.91 - 0.1], rtol=1e-9)
+
+
+MU = 0.3
+# Of a block that is pressed on, pushed along, and then left where it is [m].
+WAYS = [(0, 0, 0), (0, 0, -1e-6), (2e-7, 0, -1e-6), (5e-7, 1e-7, -1.2e-6), (2e-7, 4e-7, -0.8e-6), (2e-7, 4e-7, -0.8e-6)]
+
+
+@pytest.fixture(scope="module")
+def block_on_feet():
+    """A block over a rigid plane with two patches beside each other, which push each other in all directions."""
+    fem = ep.fe_model(occ.Box((0, 0, 0), (0.008, 0.004, 0.004)), ep.STEEL, maxh=1.3e-3)
+    left, right = (ep.Partition.ball(fem, (x, 2e-3, 0), 1.4e-3, axes="xyz") for x in (2e-3, 6e-3))
+    return ep.reduce(fem, left | right, f_cut=150e3)
+
+
+def of_feet(body, friction=MU):
+    """Laws of a run, and what solves them together."""
+    formulation = Compliance() if friction is None else Compliance().with_friction(ep.Coulomb(friction))
+    sides = [Side.of(InertialKinematics(body, np.zeros(3)), patch) for patch in (0, 1)]
+    laws = [formulation.law(RigidGaps(side, RigidPlane())) for side in sides]
+    links = [(0, 0, 1, 0, body.flexibility(0, 1)), (1, 0, 0, 0, body.flexibility(1, 0))]
+    return laws, CoupledContacts(laws, lambda: links).for_run(laws)
+
+
+def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
+    """A patch moves the rows of the other along their tangents too, by what forces have changed since the last step."""
+    body, (laws, together) = block_on_feet, of_feet(block_on_feet)
+    left, right = (law.side_rows(0) for law in laws)
+    F = scipy.linalg.block_diag(*(law.tangential.flexibility() for law in laws))
+    F[: len(left), len(left) :] = left @ body.flexibility(0, 1) @ right.T
+    F[len(left) :, : len(left)] = F[: len(left), len(left) :].T
+    whole, lam, last_q = FrictionProblem(regularised(F)), np.zeros((len(F) // 3, 3)), np.zeros(body.n_dofs)
+    for n, way in enumerate(WAYS):
+        for law in laws:
+            law.commit(float(n))
+        q = body.rigid[:, :3] @ way
+        together.forces([q, q])
+        gaps = np.concatenate([law.gaps.at(q) for law in laws])
+        moved = [law.tangential.jacobian(np.arange(len(law.row_nodes))) @ (q - last_q) for law in laws]
+        h = (np.concatenate(moved) - F @ lam.ravel()).reshape(-1, 3)
+        h[:, 0] = gaps
+        lam, last_q = whole.solve(h, np.full(len(h), MU)).copy(), q
+        found = np.concatenate([law.forces for law in laws])
+        np.testing.assert_allclose(found, lam, rtol=0, atol=1e-7 * abs(lam).max())
+    assert {1, 2} < set(np.concatenate([law.state for law in laws]))  # some rows stick, some slip
+    pushed = F[: len(left), len(left) :] @ lam[len(left) // 3 :].ravel()
+    assert abs(pushed.reshape(-1, 3)[:, 1:]).max() > 0.1 * abs(np.array(WAYS)).max()
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_stiffness_of_coupled_contacts_against_finite_differences(block_on_feet, friction):
+    """Between all closed rows of both, in stick and in slip, where it is not symmetric."""
+    body, (laws, together) = block_on_feet, of_feet(block_on_feet, friction)
+    for n, way in enumerate(WAYS[:4]):
+        for law in laws:
+            law.commit(float(n))
+        q = body.rigid[:, :3] @ way
+        together.forces([q, q])
+    stiffness = np.block([[together.stiffness(law, other) for other in laws] for law in laws])
+    index, states = [law.index for law in laws], [law.state for law in laws]
+    H = np.vstack([law.row_jacobian() for law in laws])
+
+    def forces(way):
+        together.forces([q + way, q + way])
+        for law, rows, state in zip(laws, index, states, strict=True):
+            np.testing.assert_array_equal(law.index, rows)
+            np.testing.assert_array_equal(law.state, state)
+        return np.concatenate([law.forces[rows].ravel() for law, rows in zip(laws, index, strict=True)])
+
+    for way in np.random.default_rng(0).standard_normal((3, body.n_dofs)):
+        way *= 1e-10 / abs(H @ way).max()
+        change = (forces(way) - forces(-way)) / 2
+        np.testing.assert_allclose(-stiffness @ (H @ way), change, rtol=0, atol=2e-4 * abs(change).max())
