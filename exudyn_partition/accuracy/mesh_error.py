@@ -29,7 +29,7 @@ from ..algebra.blas_threads import one_blas_thread
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from ..errors import InputError, ToleranceWarning
 from ..fe.model import FEModel, node_dofs
-from ..fe.partition import check_one_line
+from ..fe.partition import check_one_line, number_of_patch
 from ..prediction.modal_impact import Impact
 from ..reduction.body import ReducedBody
 from ..reduction.estimate import Estimate
@@ -197,7 +197,7 @@ def judged(
             raise InputError("duration: expected one [s], because the bodies were not reduced to a tolerance")
         duration = max(known)
     duration = validate_positive("duration", duration, "s")
-    numbers = [body.partition.patch(key) for (_, body), key in zip(pairs, patches, strict=False)]
+    numbers = [number_of_patch(body.partition, key, "patches") for (_, body), key in zip(pairs, patches, strict=False)]
     for (_, body), number in zip(pairs, numbers, strict=True):
         check_one_line(body.partition, number, "patches")
     with one_blas_thread():

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ..contact.plasticity.zone_run import ZoneMotion, deformed_at_rest
 from ..errors import InputError
+from ..fe.partition import number_of_patch
 from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of
 from ..frames.floating import FloatingKinematics
 from ..frames.inertia_forces import TERMS, InertiaForces, InertiaTerm
@@ -373,7 +374,7 @@ def _set_plastic_states(mbs: MainSystem, item: PartitionBody, states: Mapping[in
         raise InputError(f"plasticStates: expected a dict of patch: PlasticState, got {type(states).__name__}")
     forces = []
     for key, state in states.items():
-        patch = item.body.partition.patch(key)
+        patch = number_of_patch(item.body.partition, key, "plasticStates")
         motion = ZoneMotion.of(item.kinematics, patch)
         if motion is None:
             raise InputError(

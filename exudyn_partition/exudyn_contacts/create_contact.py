@@ -23,6 +23,7 @@ from ..errors import EmptyRegionError, InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, load_carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registry, user_function, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..fe.partition import number_of_patch
 from ..support.checks import validate_choice, validate_items, validate_positive, validate_text
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
@@ -187,9 +188,9 @@ def CreatePartitionContact(
         validate_carrier("masterBody", mbs, masterBody)
     if masterPatch is not None and rigid is not None:
         raise InputError(f"masterPatch: a {type(rigid).__name__} has no patches, leave it out")
-    sides = [(slave, slave.body.partition.patch(slavePatch))]
+    sides = [(slave, number_of_patch(slave.body.partition, slavePatch, "slavePatch"))]
     if other is not None:
-        sides.append((other, other.body.partition.patch(masterPatch)))
+        sides.append((other, number_of_patch(other.body.partition, masterPatch, "masterPatch")))
     if slave is other:
         _check_itself(slave, [patch for _, patch in sides], chosen)
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in sides]

@@ -179,28 +179,11 @@ class Partition:
         InputError
             If there is no such patch, or none is named and there are several.
         """
-        names = [patch.name for patch in self.patches]
-        if key is None and len(names) == 1:
-            return 0
-        if isinstance(key, str) and key and key in names:
-            return names.index(key)
-        if isinstance(key, int | np.integer) and not isinstance(key, bool) and 0 <= key < len(names):
-            return int(key)
-        raise InputError(
-            f"patch: expected the name or number of one of the {len(names)} contact patches {names}, got {key!r}"
-        )
+        return number_of_patch(self, key, "patch")
 
     def find_interface(self, name: str) -> Interface:
         """Return the interface of that name; InputError if there is none."""
-        names = [interface.name for interface in self.interfaces]
-        if not isinstance(name, str) or name not in names:
-            raise InputError(
-                f"interface: expected one of {', '.join(map(repr, names)) or 'none, for the body has no interfaces'}, "
-                f"got {name!r}. Nodes beside interfaces are reduced away, and with them the body's static answer to "
-                f"a joint's forces; join Partition.interface(fem, {name!r}, nodes) to the partition by | and reduce "
-                "the body again"
-            )
-        return self.interfaces[names.index(name)]
+        return interface_named(self, name, "interface")
 
     @classmethod
     def ball(
@@ -261,7 +244,8 @@ class Partition:
             raise EmptyRegionError(
                 f"no node lies within {radius:.4g} m of {show(center)}: the nearest is {distance.min():.4g} m away, "
                 f"at {show(fem.points[distance.argmin()])}; the body spans {show(fem.points.min(axis=0))} to "
-                f"{show(fem.points.max(axis=0))} m. Move the center, enlarge the radius or refine the mesh there"
+                f"{show(fem.points.max(axis=0))} m, and the largest elements have edges of {fem.max_size:.4g} m. Move "
+                "the center, enlarge the radius or refine the mesh there"
             )
         chosen, line, rim = ball_facets(fem, center, reach, direction, nodes)
         facets = fem.facets[chosen]
@@ -397,3 +381,30 @@ def check_one_line(partition: Partition, patch: int, argument: str) -> None:
             f"{partition.patches[patch].name!r}, made by Partition.surface. Reduce such a body with f_cut, or judge an "
             "impact at one place with a patch of Partition.ball"
         )
+
+
+def number_of_patch(partition: Partition, key: int | str | None, argument: str) -> int:
+    """Do the work of `Partition.patch`; messages name the argument as the caller wrote it."""
+    names = [patch.name for patch in partition.patches]
+    if key is None and len(names) == 1:
+        return 0
+    if isinstance(key, str) and key and key in names:
+        return names.index(key)
+    if isinstance(key, int | np.integer) and not isinstance(key, bool) and 0 <= key < len(names):
+        return int(key)
+    raise InputError(
+        f"{argument}: expected the name or number of one of the {len(names)} contact patches {names}, got {key!r}"
+    )
+
+
+def interface_named(partition: Partition, name: str, argument: str) -> Interface:
+    """Do the work of `Partition.find_interface`; messages name the argument as the caller wrote it."""
+    names = [interface.name for interface in partition.interfaces]
+    if not isinstance(name, str) or name not in names:
+        raise InputError(
+            f"{argument}: expected one of {', '.join(map(repr, names)) or 'none, for the body has no interfaces'}, "
+            f"got {name!r}. Nodes beside interfaces are reduced away, and with them the body's static answer to "
+            f"a joint's forces; join Partition.interface(fem, {name!r}, nodes) to the partition by | and reduce "
+            "the body again"
+        )
+    return partition.interfaces[names.index(name)]

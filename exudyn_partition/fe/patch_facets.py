@@ -56,14 +56,16 @@ def ball_facets(
     line = _direction(normals[(fem.facets == foot).any(axis=1)], direction)
     # Facets beyond an edge, such as side walls, cannot touch along the line of contact.
     facing = normals @ line > _FACING * np.linalg.norm(normals, axis=1)
-    if direction is None:
-        line = _direction(normals[within & facing], None)
     chosen = np.flatnonzero(within & facing)
     if not len(chosen):
+        met = "" if direction is not None else ", the mean normal there, because faces meet at an edge or a corner"
         raise EmptyRegionError(
-            f"no facet within {reach:.4g} m of {show(center)} faces the line of contact {show(line)}; give "
-            "another direction or center"
+            f"no facet within {reach:.4g} m of {show(center)} faces the line of contact {show(line)}{met}. Give "
+            f"{'another' if direction is not None else 'a'} direction=, outward, or another center, or enlarge the "
+            "radius"
         )
+    if direction is None:
+        line = _direction(normals[chosen], None)
     return chosen, line, np.intersect1d(fem.facets[chosen], fem.facets[~within & facing])
 
 
@@ -192,7 +194,14 @@ def _facing(normals: Array, within: Array, direction: Vector | None) -> Array:
 
 
 def _direction(normals: Array, direction: Vector | None) -> Array:
+    """Unit mean of normals weighted by areas, (k, 3), or the direction that was given, if it agrees with that mean."""
     total = normals.sum(axis=0)
+    sum_of_areas = np.linalg.norm(normals, axis=1).sum()
+    if np.linalg.norm(total) <= _NO_NORMAL * sum_of_areas:
+        raise InputError(
+            "direction: the normals around the center cancel each other, so that the line of contact is not defined. "
+            "Move the center onto one face"
+        )
     mean: Array = total / np.linalg.norm(total)
     if direction is None:
         return mean

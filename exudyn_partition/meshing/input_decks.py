@@ -125,12 +125,12 @@ def _check_abaqus(path: Path, keywords: list[_Keyword], several: bool) -> None:
     materials = {options.get("MATERIAL", "").upper() for options in sections}
     if len(materials) > 1:
         refuse_regions(
-            path, "*SOLID SECTION", [f"{o.get('ELSET', '')} of material {o.get('MATERIAL', '')}" for o in sections]
+            path, "*SOLID SECTION", [f"{o.get('MATERIAL', '')!r} of ELSET={o.get('ELSET', '')}" for o in sections]
         )
     solids = [k.options for k in keywords if k.name == "ELEMENT" and k.options.get("TYPE", "").upper().startswith("C3")]
     sets = list(dict.fromkeys(options["ELSET"] for options in solids if "ELSET" in options))
     if len(sets) > 1 and not sections:
-        refuse_regions(path, "*ELEMENT, ELSET", sets)
+        refuse_regions(path, "*ELEMENT, ELSET", list(map(repr, sets)))
 
 
 def _cards(text: str) -> list[list[str]]:
@@ -184,7 +184,7 @@ def check_regions(path: Path, mesh: MeshioMesh) -> None:
         Names the regions.
     """
     for regions in _regions(path, mesh):
-        refuse_regions(path, regions.kind, [str(name) for name in regions.names])
+        refuse_regions(path, regions.kind, [repr(name) for name in regions.names])
 
 
 def regions_of(path: Path, mesh: MeshioMesh) -> CellRegions:
@@ -262,8 +262,8 @@ def _values(blocks: Sequence[object], volumes: list[int]) -> Array:
 
 
 def refuse_regions(source: object, kind: str, names: list[str]) -> None:
-    """Raise `MeshError` that names the regions of a body."""
-    listed = ", ".join(repr(name) for name in names[:8]) + (", ..." if len(names) > 8 else "")
+    """Raise `MeshError` that lists the regions of a body, each with the name that is its key in quotes."""
+    listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     raise MeshError(
         f"{source}: expected a body of one material, got {len(names)} regions by {kind}: {listed}. All would be "
         "made of the one material that is given. Give one for each, {name: Material}; if all is of one material, give "

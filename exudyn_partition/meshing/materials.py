@@ -55,6 +55,35 @@ class GivenMaterial:
         """Whether each region has its own."""
         return isinstance(self.material, Mapping)
 
+    def check(self, source: str, kind: str, names: Sequence[str | None]) -> None:
+        """Raise unless there is a material for each region.
+
+        Parameters
+        ----------
+        source : str
+            For messages.
+        kind : str
+            What the regions are.
+        names : sequence of str or None
+            Of all regions.
+
+        Raises
+        ------
+        MeshError
+            If one material is given, and regions have different names, or several have none.
+        InputError
+            If a dict lacks a region's name or has another one.
+        """
+        if isinstance(self.material, Material):
+            if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
+                listed = [f"{i}: {'without name' if name in _UNNAMED else repr(name)}" for i, name in enumerate(names)]
+                refuse_regions(source, kind, listed)
+        elif set(names) != set(self.material):
+            raise InputError(
+                f"material: expected one for each region of {source}, {_listed(names)}, got "
+                f"{_listed(self.material)}. Name the solids of an OCC shape by solid.mat('name')"
+            )
+
     def on(self, source: str, regions: CellRegions, centres: Array) -> Material | Regions:
         """Material of a mesh's elements.
 
@@ -68,25 +97,15 @@ class GivenMaterial:
 
         Raises
         ------
-        MeshError
-            If one material is given, and regions have different names, or several have none.
-        InputError
-            If a dict lacks a region's name or has another one, or the modulus is no positive number somewhere.
+        MeshError, InputError
+            As `check`; or if the modulus is no positive number somewhere.
         """
         names, number = regions.names, regions.number
+        self.check(source, regions.kind, names if not self.several else [names[i] for i in np.unique(number)])
         if isinstance(self.material, Material):
-            if len(names) > 1 and (len(set(names)) > 1 or names[0] in _UNNAMED):
-                listed = [f"{i}: {'without name' if name in _UNNAMED else name}" for i, name in enumerate(names)]
-                refuse_regions(source, regions.kind, listed)
             if self.modulus is None:
                 return self.material
             return Regions(("",), (self.material,), np.zeros(len(number), dtype=np.int64), self._moduli(centres))
-        present = [names[i] for i in np.unique(number)]
-        if set(present) != set(self.material):
-            raise InputError(
-                f"material: expected one for each region of {source}, {_listed(present)}, got "
-                f"{_listed(self.material)}. Name the solids of an OCC shape by solid.mat('name')"
-            )
         keys = list(self.material)
         own = np.array([keys.index(name) if name in keys else -1 for name in names])[number]
         materials = tuple(self.material.values())

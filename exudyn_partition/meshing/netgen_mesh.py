@@ -8,20 +8,23 @@ import shutil
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError, MeshError, UnitsWarning
+from ..fe.patch_facets import show
 from ..support.arrays import Array
 from ..support.checks import validate_file, validate_number, validate_path, validate_positive
-from ..support.foreign import NGSolveMesh, Shape, ShapeSurface
+from ..support.foreign import NGSolveMesh, Shape, ShapeAssembly, ShapeSurface
 from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
-from .step_files import ENDINGS, check_step
+from .step_files import ENDINGS, check_step, solids_said
 
 _LOG = logging.getLogger(__name__)
 
@@ -90,13 +93,11 @@ def meshed(
         raise InputError(f"grading: expected {_GRADINGS[0]} (slow) to {_GRADINGS[1]:g} (fast), got {grading:g}")
     if not isinstance(shape, occ.TopoDS_Shape):
         raise InputError(f"shape: expected an OCC shape of netgen.occ, got {type(shape).__name__}")
-    regions = regions_of(refine)
+    shape, regions = solids_alone(shape), regions_of(refine)
     if not np.isfinite([[v.p.x, v.p.y, v.p.z] for v in shape.vertices]).all():  # OCC crashes on some of these
         raise InputError("shape: expected a body of finite size, got corners that are not finite")
     low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
     size = check_sizes(low, high, maxh, regions)
-    if not len(shape.solids):
-        raise MeshError("shape: expected a solid, got none: its faces enclose no volume, or some are missing")
     _check_tips(shape, size)
     surface = sum(face.mass for face in shape.faces)
     elements = check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
@@ -179,14 +180,91 @@ def regions_of(refine: object) -> list[Refine]:
 
 
 def read_step(path: Path) -> Shape:
-    """OCC shape of a STEP file."""
+    """OCC shape of a STEP file, of all its root products.
+
+    Raises
+    ------
+    InputError
+        If Netgen cannot read it.
+    MeshError
+        If it reads fewer solids than the file defines.
+    """
     occ = require("netgen.occ")
     validate_file("path", path)
     with tempfile.TemporaryDirectory() as folder:
         if path.suffix not in ENDINGS:  # Netgen knows small letters alone
             path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
         check_step(path)
-        return occ.OCCGeometry(str(path)).shape
+        geometry, said = occ.OCCGeometry(str(path)), solids_said(path)
+    # Netgen's shape is that of the first root alone.
+    shape, products = geometry.shape, list(_products(geometry.GetAssemblyTree()))
+    if sum(len(product.solids) for product in products) > len(shape.solids):
+        shape = occ.Compound(products)
+    if len(shape.solids) < said:
+        raise MeshError(
+            f"path: {path} defines {said} solids, of which Netgen reads {len(shape.solids)}. Are the others damaged, "
+            "or of no product? Export the body that you need as a file of its own"
+        )
+    return shape
+
+
+def _products(node: ShapeAssembly | None) -> Iterator[Shape]:
+    """Shapes of all parts of an assembly, in place."""
+    if node is not None and node.is_assembly:
+        for child in node.children:
+            yield from _products(child)
+    elif node is not None:
+        yield node.shape
+
+
+def solids_alone(shape: Shape, name: str = "shape") -> Shape:
+    """Shape without edges and faces of no solid, such as sketches that CAD exports beside it.
+
+    Raises
+    ------
+    MeshError
+        If it has no solid.
+    """
+    solids = shape.solids
+    if not len(solids):
+        raise MeshError(f"{name}: expected a solid, got none: its faces enclose no volume, or some are missing")
+    alone = require("netgen.occ").Compound(solids)
+    beside = [
+        f"{many - few} {kind}"
+        for kind in ("faces", "edges", "vertices")
+        if (many := len(set(getattr(shape, kind)))) > (few := len(set(getattr(alone, kind))))
+    ]
+    if not beside:
+        return shape
+    _LOG.info("%s: left out %s that belong to no solid", name, ", ".join(beside))
+    return alone
+
+
+def check_one_part(shape: Shape) -> None:
+    """Refuse a shape of several parts before it is meshed.
+
+    Raises
+    ------
+    MeshError
+        If not all solids hang together through faces that they share.
+    """
+    solids = list(shape.solids)
+    number = {face: i for i, face in enumerate(dict.fromkeys(face for solid in solids for face in solid.faces))}
+    owners = [(i, number[face]) for i, solid in enumerate(solids) for face in solid.faces]
+    of = sp.csr_matrix((np.ones(len(owners)), tuple(np.transpose(owners))), shape=(len(solids), len(number)))
+    parts, part = connected_components(of @ of.T, directed=False)
+    if parts > 1:
+        first = [
+            f"{i}{f' {solid.name!r}' if solid.name else ''} around {show(np.array([*solid.center]))}"
+            for i, solid in enumerate(solids)
+            if part[i] not in part[:i]
+        ]
+        listed = ", ".join(first[:8]) + (", ..." if parts > 8 else "")
+        raise MeshError(
+            f"shape: expected one connected body, got {parts} parts that share no face, of {len(solids)} solids: "
+            f"solid {listed}. Make an FE model of each body, shape.solids[i], and connect them in Exudyn; or join "
+            "those that touch, occ.Glue(shape.solids)"
+        )
 
 
 def scaled(shape: Shape, scale: float) -> Shape:
@@ -217,9 +295,7 @@ def shape_of(source: Shape | str | Path, scale: float, name: str = "source") -> 
         if path.suffix.lower() not in ENDINGS:
             raise InputError(f"{name}: expected a STEP file ({', '.join(ENDINGS)}), got {path}")
         source = read_step(path)
-    if not len(source.solids):
-        raise MeshError(f"{name}: expected a solid, got none: its faces enclose no volume, or some are missing")
-    return scaled(source, scale)
+    return scaled(solids_alone(source, name), scale)
 
 
 def distances(shape: Shape, points: Array) -> Array:

@@ -28,7 +28,16 @@ from .input_decks import CellRegions
 from .materials import GivenMaterial, Modulus
 from .mesh_files import VolumeMesh, check_order, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
-from .netgen_mesh import GRADING, ONE_AT_A_TIME, meshed, read_step, regions_of, scaled
+from .netgen_mesh import (
+    GRADING,
+    ONE_AT_A_TIME,
+    check_one_part,
+    meshed,
+    read_step,
+    regions_of,
+    scaled,
+    solids_alone,
+)
 from .nodal_basis import NodalBasis
 from .step_files import ENDINGS
 from .surplus import Surplus
@@ -118,9 +127,11 @@ def fe_model(
     try:
         with ONE_AT_A_TIME:
             if is_shape:
-                shape = scaled(read_step(path) if path else source, scale)
+                shape = scaled(solids_alone(read_step(path) if path else source), scale)
                 if maxh is None:
                     raise InputError("maxh: a shape needs a largest element size [m]")
+                check_one_part(shape)
+                given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
                 mesh = meshed(shape, maxh, refine, grading, order or 2)
                 with pulsing("assemble"):
                     fem = _from_mesh(ngsolve, mesh, given, order or 2)

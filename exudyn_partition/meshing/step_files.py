@@ -1,8 +1,9 @@
-"""STEP files: a trial in a child process, because a damaged file may crash its reader and thereby the process."""
+"""STEP files: a trial in a child process, because a damaged file may crash its reader, and a count of its solids."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,9 @@ from pathlib import Path
 from ..errors import InputError
 
 ENDINGS = (".step", ".stp")
+
+_SOLID = re.compile(r"\b(MANIFOLD_SOLID_BREP|BREP_WITH_VOIDS|FACETED_BREP(?:_AND_BREP_WITH_VOIDS)?)\s*\(")
+_TEXTS = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 
 TRIAL = "import sys; from netgen.occ import OCCGeometry; OCCGeometry(sys.argv[1]).shape.solids"
 
@@ -36,3 +40,9 @@ def check_step(path: Path) -> None:
         crashed = not said or not said[-1].partition(":")[0].endswith(("Exception", "Error"))
         reason = f"its reader crashes, exit code {run.returncode}" if crashed else said[-1]
         raise InputError(f"path: {path} could not be read by Netgen ({reason}). Is it a complete STEP file?")
+
+
+def solids_said(path: Path) -> int:
+    """Number of solids that a STEP file defines; an assembly may place each of them several times."""
+    text = path.read_text(encoding="latin-1")
+    return sum(_SOLID.search(entity) is not None for entity in _TEXTS.sub("''", text).split(";"))

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..fe.material import Material
 from ..fe.model import node_dofs, rigid_modes
-from ..fe.partition import Partition
+from ..fe.partition import Partition, interface_named, number_of_patch
 from ..fe.patches import PARTS, check_facets
 from ..fe.places import nearest_node
 from ..plasticity.zone_flexibility import ZoneFlexibility
@@ -309,9 +309,9 @@ class ReducedBody:
         """
         if self.basis.flexibility is None:
             raise InputError(f"body: basis {self.basis.name!r} has no residual flexibility, its patch has mass instead")
-        rows, columns = (
-            patch_slice(self.partition, self.partition.patch(key)) for key in (patch, patch if other is None else other)
-        )
+        partition, row = self.partition, self.partition.patch(patch)
+        column = row if other is None else number_of_patch(partition, other, "other")
+        rows, columns = (patch_slice(partition, number) for number in (row, column))
         return self.basis.flexibility[rows, columns]
 
     def interface_rows(self, name: str) -> Array:
@@ -328,7 +328,7 @@ class ReducedBody:
         InputError
             If there is no such interface.
         """
-        interface = self.partition.find_interface(name)
+        interface = interface_named(self.partition, name, "name")
         return interface.motion @ self.rows(interface.nodes)
 
     @property

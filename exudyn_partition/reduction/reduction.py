@@ -19,7 +19,7 @@ from ..algebra.blas_threads import one_blas_thread
 from ..algebra.coulomb import Coulomb, friction_of
 from ..errors import FrequencyRangeError, InputError
 from ..fe.model import FEModel, node_dofs
-from ..fe.partition import Partition, check_one_line
+from ..fe.partition import Partition, check_one_line, number_of_patch
 from ..fe.patches import Patch
 from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
@@ -222,7 +222,9 @@ def reduce_pair(
     _validate_progress(progress)
     if not isinstance(patches, tuple | list) or len(patches) != 2:
         raise InputError(f"patches: expected the slave's and the master's, two names or numbers, got {patches!r}")
-    numbers = [partition.patch(key) for (_, partition), key in zip((slave, master), patches, strict=True)]
+    numbers = [
+        number_of_patch(partition, key, "patches") for (_, partition), key in zip((slave, master), patches, strict=True)
+    ]
     for (_, partition), number in zip((slave, master), numbers, strict=True):
         check_one_line(partition, number, "patches")
     options = _impact_options(tolerance, speed, duration)

@@ -32,6 +32,7 @@ UserFunction = Callable[..., _Unknown]  # what Exudyn calls in a step
 NGSolve = _Unknown  # the module itself
 Shape = _Unknown  # netgen.occ.TopoDS_Shape
 ShapeSurface = _Unknown  # of a face of a shape
+ShapeAssembly = _Unknown  # netgen.occ.OCCAssemblyNode
 NGSolveMesh = _Unknown  # ngsolve.Mesh
 NGSolveObject = _Unknown  # a vector, matrix or coefficient function
 

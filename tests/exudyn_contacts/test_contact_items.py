@@ -239,6 +239,10 @@ def test_bad_contacts(mbs, marble):
         ep.CreatePartitionContact(mbs, item, "floor", slavePatch="south")
     with pytest.raises(InputError, match="passes: 'two' needs two partition bodies"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", passes="two")
+    with pytest.raises(InputError, match=r"^slavePatch: expected the name or number of one of the"):
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="west")
+    with pytest.raises(InputError, match=r"^plasticStates: expected the name or number of one of the"):
+        ep.CreatePartitionBody(mbs, marble, plasticStates={"west": None})
     other = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, -R])
     options = {"slavePatch": "south"}
     with pytest.raises(InputError, match="masterPatch: a RigidPlane has no patches"):

@@ -133,5 +133,5 @@ def test_a_patch_takes_one_contact_of_most_formulations(mbs, link):
     ep.CreatePartitionContact(mbs, balls[0], target, masterPatch=0, formulation="penalty")
     with pytest.raises(InputError, match="its patch 0 already has the contact"):
         ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="side", formulation="penalty")
-    with pytest.raises(InputError, match=r"patch: expected the name or number of one of the 1 contact patches"):
+    with pytest.raises(InputError, match=r"^masterPatch: expected the name or number of one of the 1 contact patches"):
         ep.CreatePartitionContact(mbs, balls[1], target, masterPatch="back")

@@ -115,3 +115,17 @@ def test_a_partition_is_printed_in_a_line(block):
     assert "axes='xyz', outwards [0.0, 0.0, 1.0]" in said
     assert "Interface('foot', rigid, " in said
     assert "array" not in said
+
+
+def test_balls_around_corners_and_edges_name_the_direction_to_give():
+    bar = ep.fe_model(occ.Box((0, 0, 0), (0.04, 0.01, 0.01)), ep.STEEL, maxh=3.5e-3)
+    said = []
+    for center in ((0, 0, 0), (0.04, 0, 0), (0, 0.01, 0.01), (0, 0, 5e-3), (0.02, 0, 0)):
+        for radius in np.arange(1e-3, 7e-3, 0.25e-3):
+            try:
+                partition = ep.Partition.ball(bar, center, radius)
+                assert np.isfinite(partition.patches[0].direction).all()
+            except EmptyRegionError as error:
+                said.append(str(error))
+    assert not any("nan" in text for text in said)
+    assert any("faces meet at an edge or a corner. Give a direction=" in text for text in said)

@@ -304,7 +304,8 @@ def test_bodies_that_overlap_are_moved_by_what_there_is(ball, block, top):
         (lambda fem, part, body: body.displacement(np.full(body.n_dofs, np.nan)), "q: expected finite numbers"),
         (lambda fem, part, body: body.surface(float("nan")), "position: expected shape"),
         (lambda fem, part, body: body.flexibility(7), "patch: expected the name or number"),
-        (lambda fem, part, body: body.interface_rows(np.ones(2)), "interface: expected one of none"),
+        (lambda fem, part, body: body.flexibility(0, "nose"), "other: expected the name or number"),
+        (lambda fem, part, body: body.interface_rows(np.ones(2)), "name: expected one of none"),
     ],
 )
 def test_reductions_and_bodies_are_not_given_anything(block, top, bodies, call, message):

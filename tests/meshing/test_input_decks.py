@@ -31,7 +31,7 @@ def refused(source, *patterns, **options):
 @pytest.mark.parametrize("names", [("steel", "copper"), ("steel", None), (None, None)])
 def test_shapes_and_meshes_of_several_solids(names):
     shape = glued(*names)
-    listed = ", ".join(f"'{i}: {name or 'without name'}'" for i, name in enumerate(names))
+    listed = ", ".join(f"{i}: {repr(name) if name else 'without name'}" for i, name in enumerate(names))
     refused(shape, f"expected a body of one material, got 2 regions by solids: {listed}", maxh=0.01)
     refused(ep.generate_mesh(shape, maxh=0.01), f"mesh: expected a body of one material, got 2 regions .*{listed}")
 
@@ -91,7 +91,7 @@ SECTIONS = "*SOLID SECTION, ELSET=a, MATERIAL=steel\n,\n*SOLID SECTION, ELSET=b,
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (deck(elements=SETS, after=SECTIONS.format("foam")), "'a of material steel', 'b of material foam'"),
+        (deck(elements=SETS, after=SECTIONS.format("foam")), "'steel' of ELSET=a, 'foam' of ELSET=b"),
         (deck(elements=SETS), r"2 regions by \*ELEMENT, ELSET: 'a', 'b'"),
         (deck(after="*INCLUDE, INPUT=more.inp"), r"all nodes and elements as they are, got \*INCLUDE"),
         (deck(after="*NCOPY, OLD SET=a, NEW SET=b, CHANGE NUMBER=20, SHIFT\n0,0,1"), r"got \*NCOPY"),

@@ -178,7 +178,7 @@ def test_elements_without_a_section(tmp_path):
 @pytest.mark.parametrize(
     ("material", "message"),
     [
-        ({"hard": HARD}, "each region of mesh, 'hard', 'soft', got 'hard'"),
+        ({"hard": HARD}, "each region of shape, 'hard', 'soft', got 'hard'"),
         ({**BOTH, "more": HARD}, "got 'hard', 'soft', 'more'"),
         ({"hard": HARD, "soft": 1.0}, "one ep.Material for each name of a region, got float"),
         ({}, "got an empty dict"),

@@ -1,11 +1,16 @@
-"""STEP files: their endings, and files that crash their reader."""
+"""STEP files: endings, files that crash their reader, several roots and solids, and what belongs to no solid."""
 
+import logging
+import re
+
+import netgen.occ as occ
+import numpy as np
 import pytest
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
-from exudyn_partition.meshing import step_files
+from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.meshing import netgen_mesh, ngsolve_fem, step_files
 
 BLOCK = box(0.01, 0.02, 0.03)
 
@@ -28,3 +33,76 @@ def test_a_step_file_that_crashes_its_reader(tmp_path, monkeypatch):
     path.write_text("".join(line for line in lines if "CARTESIAN_POINT" not in line))
     with pytest.raises(InputError, match=r"could not be read|expected a solid, got none"):
         ep.fe_model(path, ep.STEEL, maxh=0.02)
+
+
+def join_roots(path, *shapes):
+    """Write a STEP file in which each shape is a root product of its own, as CAD writes parts side by side."""
+    head, data, last = "", "", 0
+    for shape in shapes:
+        shape.WriteStep(str(path))
+        head, _, rest = path.read_text().partition("DATA;")
+        shifted = re.sub(r"#(\d+)", lambda found, by=last: f"#{int(found[1]) + by}", rest.partition("ENDSEC;")[0])
+        data, last = data + shifted, max(map(int, re.findall(r"#(\d+)\s*=", shifted)))
+    path.write_text(f"{head}DATA;{data}ENDSEC;\nEND-ISO-10303-21;\n")
+    return path
+
+
+def test_all_roots_of_a_file_are_read(tmp_path):
+    boxes = [occ.Box((30 * i, 0, 0), (30 * i + 10, 10, 10 * (i + 1))) for i in range(3)]
+    path = join_roots(tmp_path / "roots.step", boxes[0], occ.Compound(boxes[1:]))
+    shape = netgen_mesh.read_step(path)
+    assert sorted(solid.mass for solid in shape.solids) == pytest.approx([1000, 2000, 3000])
+    assert sorted(solid.center.x for solid in shape.solids) == pytest.approx([5, 35, 65])
+    with pytest.raises(MeshError, match=r"got 3 parts that share no face, of 3 solids: solid 0 around \(0\.005"):
+        ep.fe_model(path, ep.STEEL, scale=1e-3, maxh=5e-3)
+
+
+def test_a_root_without_a_solid_before_the_one_with_it(tmp_path):
+    sheet = occ.Rectangle(5, 5).Face().Move(occ.Vec(0, 0, 30))
+    path = join_roots(tmp_path / "roots.step", sheet, occ.Box((0, 0, 0), (10, 10, 10)))
+    fem = ep.fe_model(path, ep.STEEL, scale=1e-3, maxh=5e-3)
+    assert fem.total_mass == pytest.approx(7.8e-3, rel=1e-9)
+
+
+def test_solids_that_netgen_does_not_read(tmp_path):
+    path = tmp_path / "block.step"
+    occ.Box((0, 0, 0), (10, 10, 10)).WriteStep(str(path))
+    text = path.read_text().replace("'Unknown'", "'a text; #9 = MANIFOLD_SOLID_BREP(it''s none);'")
+    path.write_text(text)
+    assert step_files.solids_said(path) == 1
+    shell = re.search(r"MANIFOLD_SOLID_BREP\('',(#\d+)\)", text)[1]
+    path.write_text(text.replace("ENDSEC;\nEND-", f"#9999 = MANIFOLD_SOLID_BREP('lost',{shell});\nENDSEC;\nEND-"))
+    with pytest.raises(MeshError, match=r"defines 2 solids, of which Netgen reads 1\. Are the others damaged"):
+        ep.fe_model(path, ep.STEEL, scale=1e-3, maxh=5e-3)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_what_belongs_to_no_solid_is_left_out(tmp_path, caplog, order):
+    block, sketch = occ.Box((0, 0, 0), (10, 10, 10)), occ.Segment((0, 0, 20), (10, 0, 20))
+    sheet = occ.Rectangle(5, 5).Face().Move(occ.Vec(0, 0, 30))
+    block.WriteStep(str(tmp_path / "alone.step"))
+    occ.Compound([sketch, block, sheet]).WriteStep(str(tmp_path / "beside.step"))
+    with caplog.at_level(logging.INFO, "exudyn_partition"):
+        alone, beside = (
+            ep.fe_model(tmp_path / f"{name}.step", ep.STEEL, scale=1e-3, maxh=5e-3, order=order)
+            for name in ("alone", "beside")
+        )
+    np.testing.assert_array_equal(beside.points, alone.points)
+    assert beside.total_mass == pytest.approx(7.8e-3, rel=1e-9)
+    left_out = [line for line in caplog.messages if "left out" in line]
+    assert left_out == ["shape: left out 1 faces, 5 edges, 6 vertices that belong to no solid"]
+
+
+def test_parts_and_materials_are_known_before_meshing(monkeypatch):
+    def meshed(*_):
+        raise AssertionError("meshed")
+
+    monkeypatch.setattr(ngsolve_fem, "meshed", meshed)
+    boxes = [occ.Box((i, 0, 0), (i + 1, 1, 1)).mat(name) for i, name in enumerate(("rod", "pin", "rod"))]
+    for apart in (occ.Compound(boxes), occ.Glue([boxes[0], boxes[2]])):  # those of the first touch, but share no face
+        with pytest.raises(MeshError, match=r"expected one connected body, got [23] parts that share no face.*'rod'"):
+            ep.fe_model(apart, ep.STEEL, maxh=1.0)
+    with pytest.raises(MeshError, match=r"3 regions by solids: 0: 'rod', 1: 'pin', 2: 'rod'\."):
+        ep.fe_model(occ.Glue(boxes), ep.STEEL, maxh=1.0)
+    with pytest.raises(InputError, match="each region of shape, 'rod', 'pin', got 'rod', 'bolt'"):
+        ep.fe_model(occ.Glue(boxes), {"rod": ep.STEEL, "bolt": ep.STEEL}, maxh=1.0)
