@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
+from ..contact.side import Side
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step, user_function
 from ..exudyn_contacts.contact_elements import all_at_once, switched_off
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..support.arrays import Array
-from ..support.foreign import MainSystem, SimulationSettings
+from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, SimulationSettings, UserFunction
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
@@ -22,6 +25,9 @@ from .step_control import StepControl
 
 _RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
 _ROUNDINGS = 8  # of the places of a patch, that reach its forces
+_FAR = 1e-3  # of a facet's size: how far springs that hold bodies let them go in an iteration
+_SLOW = 0.1  # rad/s, of what swings on such springs where forces are balanced
+_BALANCED = 1e-6  # of forces that the springs do not know
 _SINGULAR = (
     "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
     "GenericJoint with fewer constrainedAxes; or give settings with linearSolver.solverType EigenDense and "
@@ -42,10 +48,16 @@ def residual(mbs: MainSystem) -> float:
             continue
         n = len(gaps.row_nodes)
         yielding = float(gaps.flexibility(np.arange(n)).sum())
-        extent = max(float(abs(side.surface.points).max()) for side in gaps.sides)
+        extent = max(_largest_place(side) for side in gaps.sides)
         if yielding > 0.0:
             goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * n**2 / yielding)
     return goal
+
+
+def _largest_place(side: Side) -> float:
+    """Largest coordinate of a patch's nodes and of its frame, to which those of a floating frame are added [m]."""
+    origin, _ = side.kinematics.frame(np.zeros(side.n))
+    return max(float(abs(place).max()) for place in (side.surface.points, origin))
 
 
 class Watch:
@@ -206,6 +218,79 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
         yield
     finally:
         mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+
+
+@contextlib.contextmanager
+def held(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
+    """Hold all bodies by springs in the Jacobian alone, so that what nothing else holds stays where it is.
+
+    Without them the system of such a body is singular. Springs without forces do not change the equilibrium. They are
+    as stiff as the residual is large, as by Levenberg and Marquardt: no iteration moves a body far. Forces count as
+    balanced where they leave `_BALANCED` of those that the step began with, for contact along directions that turn with
+    a body pushes it a little aside. Exudyn would take its tolerance from the largest residual on the way.
+    """
+    items, contacts = partition_items(mbs)
+    way = _FAR * min((contact.slave_facet_size for contact in contacts), default=1.0)
+    newton, start = settings.staticSolver.newton, _Start()
+    own_after_newton, own_tolerance = user_function(mbs.GetPostNewtonUserFunction()), newton.relativeTolerance
+    refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
+    goal = max(own_tolerance, _BALANCED)
+    former = {}
+
+    def after_newton(mbs: MainSystem, t: float) -> list[float]:
+        solver = mbs.sys["staticSolver"]
+        if solver.conv.residual > max(goal * start.residual, newton.absoluteTolerance):
+            return [refused, 0.5 * solver.it.currentStepSize]
+        return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
+
+    for item in items:
+        number = item["oGenericODE2"]
+        former[number] = user_function(mbs.GetObjectParameter(number, "jacobianUserFunction"))
+        mass = sp.diags(item.kinematics.mass, format="csr")
+        spring = _with_spring(mass, 1 / (way * item.body.total_mass), start, former[number])
+        mbs.SetObjectParameter(number, "jacobianUserFunction", spring)
+    mbs.SetPostNewtonUserFunction(after_newton)
+    newton.relativeTolerance = goal
+    try:
+        yield
+    finally:
+        newton.relativeTolerance = own_tolerance
+        mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+        for number, function in former.items():
+            mbs.SetObjectParameter(number, "jacobianUserFunction", function or 0)
+
+
+@dataclass
+class _Start:
+    """Residual at the start of the present load step [N]."""
+
+    residual: float = 0.0
+
+
+def _with_spring(
+    mass: sp.csr_matrix, by_residual: float, start: _Start, own_function: UserFunction | None
+) -> UserFunction:
+    """User function for a Jacobian, with a spring's stiffness beside what another one returns.
+
+    The spring is that of a mass, (n, n), which swings with the square of its frequency in proportion to the residual.
+    """
+    container = require("exudyn").MatrixContainer
+
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        solver = mbs.sys["staticSolver"]
+        residual = solver.conv.residual
+        if solver.it.newtonSteps == 1:
+            start.residual = residual
+        stiffness = (by_residual * residual + _SLOW**2) * fODE2
+        if own_function is None:
+            return container(stiffness * mass)
+        result = own_function(mbs, t, i, q, q_t, fODE2, fODE2_t)
+        result.AddSparseMatrix(mass, stiffness)
+        return result
+
+    return jacobian
 
 
 def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now: Array) -> float:

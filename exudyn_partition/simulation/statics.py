@@ -22,7 +22,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .hooks import begun, cause, kept_apart, residual, watched
+from .hooks import begun, cause, held, kept_apart, residual, watched
 from .joint_checks import check_start
 from .result import Result, called, samples
 from .review import noted, reviewed
@@ -148,26 +148,36 @@ def _run(
     status, message = "finished", "reached the full load"
     runs = runs_of(mbs)
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with (
-        one_blas_thread(),
-        bar as report,
-        runs.sensors_alone(),
-        begun(mbs, start, "static"),
-        watched(mbs, start, end, step, report) as watch,
-        kept_apart(mbs, settings),
-    ):
+    with one_blas_thread(), bar as report, runs.sensors_alone():
+
+        def attempt(springs: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
+            """Load steps, whether the user asked to stop, and the error of a run by Exudyn."""
+            with (
+                begun(mbs, start, "static"),
+                watched(mbs, start, end, step, report) as watch,
+                springs,
+                kept_apart(mbs, settings),
+            ):
+                try:
+                    mbs.SolveStatic(settings)
+                except Exception as error:  # Exudyn wraps errors of user functions in its own types
+                    return watch.steps, watch.interrupted, error
+            return watch.steps, watch.interrupted, None
+
         begin = time.perf_counter()
-        try:
-            mbs.SolveStatic(settings)
-        except Exception as error:  # Exudyn wraps errors of user functions in its own types
-            if watch.steps <= 1:
-                raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {_REMEDY}") from error
+        steps, interrupted, error = attempt(contextlib.nullcontext())
+        if error is not None and steps <= 1 and not interrupted and "terminated due to errors" in cause(error):
+            _log.info("no equilibrium in the first load step: again, held by springs without forces")
+            steps, interrupted, error = attempt(held(mbs, settings))
+        if error is not None and steps <= 1:
+            raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {_REMEDY}") from error
+        if error is not None:
             status, message = "unstable", f"the solver stopped: {cause(error)}. {_REMEDY}"
         time_s = time.perf_counter() - begin
-    result = replace(samples(mbs), step=step, steps=watch.steps, method="static", time_s=time_s)
+    result = replace(samples(mbs), step=step, steps=steps, method="static", time_s=time_s)
     if status == "finished" and end - mbs.systemData.GetTime() > 0.5 * step:
         user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g}"
-        status, message = "interrupted", "interrupted by the user" if watch.interrupted else user
+        status, message = "interrupted", "interrupted by the user" if interrupted else user
     elif status == "finished" and progress is not None:
         progress(1.0)
     if status == "finished" and update_initial:

@@ -11,7 +11,7 @@ import scipy.linalg
 from oracles import end, ground
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ContactPatchWarning, InputError, PartitionWarning, RunError
+from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, PartitionWarning, RunError
 
 FORCE, SPRING = 50.0, 1e5
 pytestmark = pytest.mark.filterwarnings("ignore:contact .floor. at t = .* of 123 rows is closed at the peak")
@@ -164,6 +164,21 @@ def test_a_block_shortens_as_a_bar(mbs, bricks, axes, frame):
     expected = 1000.0 * 0.03 / (ep.STEEL.E * 0.01 * 0.02)
     assert contact.force(result)[-1] == pytest.approx(1000, rel=1e-6)
     assert result.sensor(sensor)[-1, 2] == pytest.approx(-expected, rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore:no contact closed in any load step")
+@pytest.mark.parametrize(("frame", "gravity"), [("inertial", 0.0), ("inertial", 1e4), ("floating", 9.81)])
+def test_a_block_that_only_stands_carries_its_weight(mbs, bricks, frame, gravity):
+    """Nothing holds it against sliding and turning, and no force makes it slide or turn; without weight, it rests."""
+    body = ep.reduce(bricks, ep.Partition.ball(bricks, (0, 0, 0), 0.015), f_cut=30e3)
+    item = ep.CreatePartitionBody(mbs, body, name="block", frame=frame, gravity=[0, 0, -gravity])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match="body 'block': nothing holds it against some motion"):
+        result = ep.solve_static(mbs, load_steps=2)
+    np.testing.assert_allclose(contact.force(result)[1:], body.total_mass * gravity, rtol=1e-6)
+    moved = item.rigid_motion(item.coordinates(result))
+    assert abs(moved[-1, :2]).max() <= abs(moved[-1, 2])
 
 
 def test_frequencies_about_the_equilibrium_are_those_of_its_stiffness(mbs, bodies):
