@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import zipfile
 import zlib
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..support.archive import check_sizes, read_member
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_file, validate_number, validate_path, validate_text
 from ..support.files import replacing
@@ -142,7 +144,9 @@ class History:
         return {name: value for name, value in found.items() if value is not None}
 
     def save(self, path: str | Path) -> None:
-        """Write to an npz file at `path`, in single precision except for the times; no ending is added to the name.
+        """Write to an npz file at `path`; no ending is added to the name.
+
+        Times are written in double precision, all else in single precision where that holds it.
 
         Raises
         ------
@@ -156,11 +160,9 @@ class History:
         except (TypeError, ValueError) as error:
             raise InputError(f"info: expected text, numbers, lists and dicts, which JSON can hold: {error}") from error
         named = {f"velocity_{k}": v for k, v in self.velocity.items()} | self._of_friction()
-        arrays: dict[str, Any] = {k: v.astype(np.float32) for k, v in named.items()}
+        arrays: dict[str, Any] = {k: _single(v) for k, v in named.items()}
         with replacing(path) as file:
-            np.savez_compressed(
-                file, format=_FORMAT, t=self.t, force=self.force.astype(np.float32), info=info, **arrays
-            )
+            np.savez_compressed(file, format=_FORMAT, t=self.t, force=_single(self.force), info=info, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> History:
@@ -174,16 +176,27 @@ class History:
         path = validate_path("path", path)
         validate_file("path", path)
         try:
-            with np.load(path, allow_pickle=False) as data:
-                if isinstance(data, np.lib.npyio.NpzFile) and int(data.get("format", -1)) == _FORMAT:
-                    named = {k.removeprefix("velocity_"): data[k] for k in data if k.startswith("velocity_")}
+            with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+                check_sizes(archive, path.stat().st_size)
+                # By the full names of members: np.load takes "a.npy" for the member of "a".
+                names = [name.removesuffix(".npy") for name in archive.namelist()]
+                read = functools.partial(read_member, archive=archive, kind=zipfile.ZIP_DEFLATED)
+                if "format" in names and int(read("format")) == _FORMAT:
+                    named = {k.removeprefix("velocity_"): read(k) for k in names if k.startswith("velocity_")}
                     velocity = {name: array.astype(float) for name, array in named.items()}
-                    friction = {name: data[name].astype(float) for name in _OF_FRICTION if name in data}
-                    info = json.loads(str(data["info"]))
-                    return cls(data["t"], data["force"].astype(float), velocity, info, **friction)
+                    friction = {name: read(name).astype(float) for name in _OF_FRICTION if name in names}
+                    info = json.loads(str(read("info")))
+                    return cls(read("t"), read("force").astype(float), velocity, info, **friction)
         except _DAMAGE as error:
-            # NumPy's own message would advise to load pickled objects, which would run their code.
             raise InputError(
                 f"path: {path} is no history, or a damaged one. Restore it from a copy, or compute and save it again"
             ) from error
         raise InputError(f"path: {path} is no history of format {_FORMAT}; compute and save it again")
+
+
+def _single(values: Array) -> Array:
+    """Values in single precision, if that holds them to its round-off: no overflow, and no underflow of all."""
+    with np.errstate(over="ignore", under="ignore"):
+        single = values.astype(np.float32)
+    off = abs(single - values).max(initial=0.0)
+    return single if off <= np.finfo(np.float32).eps * abs(values).max(initial=0.0) else values

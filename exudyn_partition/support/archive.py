@@ -43,6 +43,7 @@ _ZIP_START = b"PK\x03\x04"
 PACK_FROM = 4096  # bytes of an array: below, planes save nothing worth it
 _LEVEL = 1  # of deflate: 6 takes twice the time and makes files 1 % smaller
 _MOST_DEFLATED = 1100  # times as much as a deflated member holds is the most that it can unpack to
+_MOST_UNPACKED, _FREE = 50, 1 << 27  # times a file's size, and bytes: what is larger than both is no file of ours
 # Errors that zipfile, NumPy and JSON raise for a damaged file.
 _DAMAGE = (
     OSError,
@@ -86,8 +87,15 @@ class Format:
     def _title(self) -> str:
         return f"exudyn_partition {self.name}"
 
-    def save(self, path: str | Path, value: object) -> None:
+    def save(self, path: str | Path, value: object, key: str = "") -> None:
         """Write `value`. Even if the process is killed, `path` holds the complete new file or the old one.
+
+        Parameters
+        ----------
+        path : str or Path
+        value : object
+        key : str
+            What the value belongs to, for those who ask for it when they `load`.
 
         Raises
         ------
@@ -104,6 +112,8 @@ class Format:
             "units": self.units,
             "content": _describe(value, "", arrays, self.packed),
         }
+        if key:
+            about["key"] = key
         with replacing(path) as file, zipfile.ZipFile(file, "w") as archive:
             _write_member("about", np.array(json.dumps(about)), archive)
             for name, array in arrays.items():
@@ -112,13 +122,19 @@ class Format:
                 else:
                     _write_member(name, array, archive)
 
-    def load(self, path: str | Path) -> Any:
+    def load(self, path: str | Path, key: str = "") -> Any:
         """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+        key : str
+            That which the file was saved with; by default, any will do.
 
         Raises
         ------
         InputError
-            If the file is missing, damaged, of another kind or of another version.
+            If the file is missing, damaged, of another kind or of another version, or has another key.
         """
         path = validate_path("path", path)
         try:
@@ -127,9 +143,8 @@ class Format:
                 if file.read(len(_ZIP_START)) != _ZIP_START:
                     raise InputError(f"path: {path} is not an npz file; expected a saved {self.name}")
                 with zipfile.ZipFile(file) as archive:
-                    if sum(info.compress_size for info in archive.infolist()) > path.stat().st_size:
-                        raise ValueError("its members claim to be larger than the file")
-                    content = self._content(path, archive)
+                    check_sizes(archive, path.stat().st_size)
+                    content = self._content(path, archive, key)
                     try:
                         return self._checked(_restore(content, archive, {c.__name__: c for c in self.classes}))
                     except InputError as error:  # of a class that refuses what it is given
@@ -160,10 +175,10 @@ class Format:
                 raise ValueError(f"expected a {kind.__name__} in it, got a {type(item).__name__}")
         return value
 
-    def _content(self, path: Path, archive: zipfile.ZipFile) -> JSON:
-        """Description of the value, if the file is of this kind and version."""
+    def _content(self, path: Path, archive: zipfile.ZipFile, key: str) -> JSON:
+        """Description of the value, if the file is of this kind and version, and has this key."""
         members = archive.namelist()
-        about = json.loads(str(_member("about", archive))) if "about.npy" in members else {}
+        about = json.loads(str(read_member("about", archive))) if "about.npy" in members else {}
         if not isinstance(about, dict) or about.get("format") != self._title:
             held = ", ".join(name.removesuffix(".npy") for name in members[:5])
             raise InputError(f"path: {path} is an npz file of another kind, with {held}; expected a saved {self.name}")
@@ -174,14 +189,19 @@ class Format:
                 f"path: {path} is of version {version}, from exudyn_partition {about['library']}; this one, "
                 f"{__version__}, reads version {self.version}: {remedy}compute and save the {self.name} anew"
             )
+        if key and about.get("key") != key:
+            raise InputError(f"path: {path} holds another {self.name} than its name says: it was copied or moved there")
         return about["content"]
 
 
 def digest(value: object) -> str:
-    """SHA-256 of a value: of its structure, field by field, and of every array's type, shape and numbers."""
+    """SHA-256 of a value: of its structure, field by field, and of every array's type, shape and numbers.
+
+    The order of a dict's keys and of an array's memory does not matter.
+    """
     arrays: dict[str, Array] = {}
-    sha = hashlib.sha256(json.dumps(_describe(value, "", arrays)).encode())
-    for array in arrays.values():
+    sha = hashlib.sha256(json.dumps(_describe(value, "", arrays), sort_keys=True).encode())
+    for _, array in sorted(arrays.items()):
         sha.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
     return sha.hexdigest()
 
@@ -196,6 +216,8 @@ def _describe(value: object, name: str, arrays: dict[str, Array], packed: bool =
         case None | bool() | int() | float() | str():
             return value
         case np.ndarray() if not value.dtype.hasobject:
+            while name in arrays:  # of a key with a dot, which reads as one within another
+                name += "'"
             arrays[name] = value
             said = {"array": name, "dtype": value.dtype.str, "shape": list(value.shape)}
             if packed and _is_packable(value):
@@ -226,9 +248,11 @@ def _restore(node: JSON, archive: zipfile.ZipFile, classes: dict[str, type]) -> 
 
     match node:
         case {"array": name, "dtype": dtype, "shape": shape, "planes": order}:
-            return _numbers(name, _member(name, archive, zipfile.ZIP_DEFLATED), np.dtype(dtype), tuple(shape), order)
+            return _numbers(
+                name, read_member(name, archive, zipfile.ZIP_DEFLATED), np.dtype(dtype), tuple(shape), order
+            )
         case {"array": name, "dtype": dtype, "shape": shape}:
-            array = _member(name, archive)
+            array = read_member(name, archive)
             if (array.dtype.str, list(array.shape)) != (dtype, shape):
                 raise ValueError(
                     f"{name}: expected {dtype} of shape {tuple(shape)}, got {array.dtype.str} of shape {array.shape}"
@@ -289,10 +313,27 @@ def _write_member(name: str, array: Array, archive: zipfile.ZipFile, kind: int =
     archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), kind, _LEVEL)
 
 
-def _member(name: str, archive: zipfile.ZipFile, kind: int = zipfile.ZIP_STORED) -> Array:
-    """One array of a file; its size is compared with that of the file before memory is allocated.
+def check_sizes(archive: zipfile.ZipFile, size: int) -> None:
+    """Refuse an archive in a file of `size` bytes, before anything is unpacked, whose members cannot be what it holds.
+
+    Arrays of numbers hardly compress: what would unpack to many times the file is no array that was saved.
+    """
+    members = archive.infolist()
+    if sum(info.compress_size for info in members) > size:
+        raise ValueError("its members claim to be larger than the file")
+    if (unpacked := sum(info.file_size for info in members)) > max(_FREE, _MOST_UNPACKED * size):
+        raise ValueError(f"its {size} bytes would unpack to {unpacked}")
+
+
+def read_member(name: str, archive: zipfile.ZipFile, kind: int = zipfile.ZIP_STORED) -> Array:
+    """Array of the member `name`; its size is compared with that of the file before memory is allocated.
 
     `read` checks the member's CRC before NumPy looks at it.
+
+    Raises
+    ------
+    ValueError
+        If it is another kind of member, or claims what it cannot hold; also other errors of zipfile and NumPy.
     """
     info = archive.getinfo(f"{name}.npy")
     if info.compress_type != kind:

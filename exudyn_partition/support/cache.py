@@ -28,6 +28,8 @@ _PACKAGE = Path(__file__).parents[1]
 def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callable[[], Made]) -> Made:
     """Return what `make` returned for the same inputs before, or call it and keep the result.
 
+    A file has the digest of its inputs as name and within: one that was copied to another name is not taken.
+
     Two processes may compute the same result at once: each writes a complete file, and the later one stays. If a file
     cannot be read or written, there is a warning, and the result is computed.
 
@@ -43,7 +45,7 @@ def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callabl
     Warns
     -----
     CacheWarning
-        If a file is damaged, or cannot be written.
+        If a file is damaged, is that of other inputs, or cannot be written.
     """
     if not isinstance(cache, bool | str | Path):
         raise InputError(f"cache: expected True, False or a folder, got {cache!r}")
@@ -60,14 +62,14 @@ def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callabl
         return make()
     if kept:
         try:
-            result: Made = file.load(path)
+            result: Made = file.load(path, key)
             _LOG.info("%s: read from the cache, %s", file.name, path)
             return result
         except InputError as error:
             _warn(f"{error}. It is computed anew")
     result = make()
     try:
-        file.save(path, result)
+        file.save(path, result, key)
         _LOG.info("%s: kept in the cache, %s", file.name, path)
     except (OSError, InputError) as error:
         _warn(f"the result is not kept: {error}. Name a folder that can be written, by cache= or by {VARIABLE}")

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
+import shutil
 import stat
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
+
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None  # type: ignore[assignment]
 
 from ..errors import InputError, OutputError
 from .checks import validate_path
 
 _KEPT_NAME = 40  # characters of the final name in the temporary one, which must not be longer than a name may be
+_TEMPORARY = re.compile(r"\..{0,40}\.[0-9a-f]{16}\.tmp", re.DOTALL)  # names that `_locked` makes
+_TRIES = 10  # to make a temporary file; another process may take a new one for left over
 
 
 @contextlib.contextmanager
@@ -22,7 +30,8 @@ def replacing(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a new file; it replaces the one at `path` when the block ends, and disappears if the block raises.
 
     Even if the process is killed, `path` holds the old file or the complete new one. A symbolic link stays, and the
-    file that it leads to is replaced. The new file has the mode of the old one.
+    file that it leads to is replaced. The new file has the mode of the old one. Temporary files that killed processes
+    have left in the folder are deleted.
 
     Parameters
     ----------
@@ -50,24 +59,100 @@ def replacing(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """
     path = writable(path)
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{target.name[:_KEPT_NAME]}.{secrets.token_hex(8)}.tmp")
+    _delete_left_over(target.parent)
     try:
-        # Not tempfile: only the owner may read its files, and that would not change with the final name.
-        with temporary.open(mode.replace("w", "x"), encoding=None if "b" in mode else "utf-8") as file:
-            if target.exists():
-                temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
+        with _new_file(target) as temporary:
+            with temporary.open(mode, encoding=None if "b" in mode else "utf-8") as file:
+                if target.exists():
+                    temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
     except OSError as error:
         kept = "The file that was there is unchanged" if target.exists() else "No file was left there"
         raise OutputError(
             f"path: {path} cannot be written: {error.strerror or error}. {kept}. Free the disk or choose another folder"
         ) from error
+
+
+@contextlib.contextmanager
+def _new_file(target: Path) -> Iterator[Path]:
+    """Yield an empty temporary file beside the target, locked; what is left of it is deleted when the block ends."""
+    with _locked(target.parent, target.name, lambda path: path.touch(exist_ok=False)) as path:
+        try:
+            yield path
+        finally:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder within a folder, locked; it is deleted when the block ends."""
+    with _locked(folder, "", lambda path: path.mkdir(mode=0o700)) as path:
+        try:
+            yield path
+        finally:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, name: str, make: Callable[[Path], None]) -> Iterator[Path]:
+    """Yield what `make` makes at a new temporary path in a folder, locked until the block ends: so it is in use.
+
+    Not made by tempfile: only the owner may read its files, and that would not change with the final name.
+    """
+    for _ in range(_TRIES):
+        path = folder / f".{name[:_KEPT_NAME]}.{secrets.token_hex(8)}.tmp"
+        make(path)
+        with contextlib.ExitStack() as stack:
+            if fcntl is not None:
+                try:
+                    _lock(stack.enter_context(_opened(path)), fcntl.LOCK_EX)
+                except FileNotFoundError:
+                    continue
+                if not path.exists():  # somebody took it for left over before it was locked
+                    continue
+            yield path
+            return
+    raise FileNotFoundError(2, "another process deletes its temporary files")
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    """Yield a descriptor of a file or folder, not of what a link leads to, and wait for no pipe."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        yield descriptor
     finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, kind: int) -> bool:
+    """Lock an open file or folder until it is closed, or the process ends; whether that was possible."""
+    try:
+        fcntl.flock(descriptor, kind)
+    except OSError:  # others have it, or the file system has no locks
+        return False
+    return True
+
+
+def _delete_left_over(folder: Path) -> None:
+    """Delete temporary files and folders in a folder that nobody has locked: their processes were killed."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for path in [Path(entry.path) for entry in entries if _TEMPORARY.fullmatch(entry.name)]:
+            with contextlib.suppress(OSError):
+                _delete_unlocked(path)
+
+
+def _delete_unlocked(path: Path) -> None:
+    if fcntl is None:  # on Windows, which deletes no file that somebody has open; one of a folder may not be open
+        path.unlink()
+        return
+    with _opened(path) as descriptor:
+        if _lock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB):
+            shutil.rmtree(path) if stat.S_ISDIR(os.fstat(descriptor).st_mode) else path.unlink()
 
 
 @contextlib.contextmanager
@@ -96,9 +181,10 @@ def filling(folder: str | Path, last: str) -> Iterator[Path]:
     folder = validate_path("folder", folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".", suffix=".tmp", dir=folder) as name:
-            yield Path(name)
-            for file in sorted(Path(name).iterdir(), key=lambda file: (file.name == last, file.name)):
+        _delete_left_over(folder)
+        with _new_folder(folder) as new:
+            yield new
+            for file in sorted(new.iterdir(), key=lambda file: (file.name == last, file.name)):
                 target = Path(os.path.realpath(folder / file.name))
                 if target.exists():
                     file.chmod(stat.S_IMODE(target.stat().st_mode))

@@ -1,5 +1,6 @@
 """Histories: finite ascending samples, in files that are whole."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
+from exudyn_partition.support import archive
 
 
 @pytest.fixture
@@ -50,6 +52,36 @@ def test_a_history_is_found_by_the_name_it_was_saved_under(history, tmp_path):
     history.save(tmp_path / "run")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     np.testing.assert_array_equal(ep.History.load(tmp_path / "run").t, history.t)
+
+
+def test_each_name_has_its_own_values(history, tmp_path):
+    """The file of "a" and "a.npy" gave the values of the one for those of the other."""
+    named = {name: np.full((101, 3), value) for value, name in enumerate(("a", "a.npy", "t", "force", "a/b", "ä "))}
+    loaded = ep.History.load(saved(replace(history, velocity=named), tmp_path))
+    assert loaded.velocity.keys() == named.keys()
+    for name, values in named.items():
+        np.testing.assert_array_equal(loaded.velocity[name], values)
+
+
+@pytest.mark.parametrize("scale", [1e39, 1e-39, 1e-300])
+def test_numbers_beyond_single_precision_survive(history, scale, tmp_path):
+    """A force of 1e39 N was saved and could not be loaded; a small one was zero."""
+    loaded = ep.History.load(saved(replace(history, force=scale * history.force), tmp_path))
+    np.testing.assert_allclose(loaded.force, scale * history.force, rtol=1e-6)
+
+
+def test_a_small_file_that_would_unpack_to_much_is_refused_before(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "_FREE", 1 << 20)
+    path, zeros = tmp_path / "bomb", np.zeros(1 << 18)
+    np.savez_compressed(path.open("wb"), format=1, t=zeros, force=zeros, info="{}")
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="is no history, or a damaged one") as caught:
+            ep.History.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 5e5
+    finally:
+        tracemalloc.stop()
+    assert "would unpack to 4194" in str(caught.value.__cause__)
 
 
 @pytest.mark.parametrize("content", [b"", b"text", b"\x93NUMPY\x01\x00", b"PK\x03\x04damaged"])

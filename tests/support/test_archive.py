@@ -3,6 +3,7 @@
 import io
 import multiprocessing
 import os
+import tracemalloc
 import zipfile
 from dataclasses import replace
 
@@ -91,6 +92,20 @@ def test_sizes_are_checked_before_memory_is_asked_for(tmp_path):
             altered_file.writestr(name, data)
     with pytest.raises(InputError, match="about: expected a member that is not compressed"):
         SAMPLES.load(path)
+
+
+def test_a_file_that_would_unpack_to_much_is_refused_before(tmp_path, monkeypatch):
+    """750 MB of zeros in a file of 0.7 MB were unpacked, and refused then."""
+    monkeypatch.setattr(archive, "_FREE", 1 << 20)
+    path = tmp_path / "sample.npz"
+    PACKED.save(path, replace(sample(), array=np.zeros(1 << 18)))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=r"is damaged .*: its \d+ bytes would unpack to 2100"):
+            PACKED.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 5e5
+    finally:
+        tracemalloc.stop()
 
 
 def assert_whole(value):
@@ -213,12 +228,13 @@ def test_what_packed_members_claim_is_checked_before_memory_is_asked_for(tmp_pat
     write("array.npy", members["array.npy"][0], zipfile.ZIP_DEFLATED)
     whole = bytearray(path.read_bytes())
     entry = whole.index(b"array.npy", directory(path)) - 46
-    for field, message in (
-        (24, r"array: .* bytes cannot hold the 4294967294 that it claims"),
-        (20, "its members claim to be larger than the file"),
+    for field, size, message in (
+        (24, 2**26, r"array: .* bytes cannot hold the 67108864 that it claims"),
+        (24, 2**32 - 2, r"its \d+ bytes would unpack to 4294"),
+        (20, 2**32 - 2, "its members claim to be larger than the file"),
     ):
         claimed = whole.copy()
-        claimed[entry + field : entry + field + 4] = (2**32 - 2).to_bytes(4, "little")
+        claimed[entry + field : entry + field + 4] = size.to_bytes(4, "little")
         path.write_bytes(claimed)
         with pytest.raises(InputError, match=message):
             PACKED.load(path)

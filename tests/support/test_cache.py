@@ -204,6 +204,33 @@ def test_a_damaged_file_is_computed_anew(block, top, computed, tmp_path, damage)
     assert len(computed) == 2
 
 
+def test_a_file_of_other_inputs_under_the_name_is_computed_anew(block, top, computed, tmp_path):
+    """Another body was returned without a word, whose file had been copied to the name."""
+    first = ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path)
+    (path,) = tmp_path.iterdir()
+    ep.reduce(block, top, f_cut=0.9 * F_CUT, cache=tmp_path / "others")
+    (other,) = (tmp_path / "others").iterdir()
+    saved = tmp_path / "saved"
+    replace(first, f_cut=0.9 * F_CUT).save(saved)
+    for count, wrong in enumerate((other, saved), 3):
+        path.write_bytes(wrong.read_bytes())
+        with pytest.warns(CacheWarning, match=r"holds another reduced body than its name says.*computed anew"):
+            again = ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path)
+        assert_same(replace(again, reduce_s=first.reduce_s), first)
+        assert len(computed) == count
+    assert_same(ep.reduce(block, top, f_cut=F_CUT, cache=tmp_path), again)
+
+
+def test_the_key_does_not_depend_on_orders_in_memory():
+    """Neither on that of a dict's keys nor on that of an array's numbers."""
+    numbers = np.arange(6.0).reshape(2, 3)
+    one, other = {"a": numbers, "b": {"c": 1}}, {"b": {"c": 1}, "a": np.asfortranarray(numbers)}
+    assert archive.digest(one) == archive.digest(other)
+    assert archive.digest(one) != archive.digest({"a": numbers.T, "b": {"c": 1}})
+    dotted = {"a.b": numbers, "a": {"b": numbers + 1}}  # both have the dotted name a.b
+    assert archive.digest(dotted) != archive.digest(dotted | {"a.b": numbers + 2})
+
+
 def test_a_folder_that_cannot_be_written_warns(block, top, computed, tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     with pytest.warns(CacheWarning, match=r"cannot be used: .*by cache= or by EXUDYN_PARTITION_CACHE"):

@@ -1,14 +1,18 @@
 """Files that are written whole or not at all, and never over what is no file."""
 
 import contextlib
+import functools
 import os
 import resource
 import stat
+import subprocess
+import sys
 
 import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, OutputError
+from exudyn_partition.support import files
 from exudyn_partition.support.files import replacing
 
 
@@ -149,3 +153,52 @@ def test_pages_fields_and_histories_leave_what_was_there(impact, tmp_path):
             call()
     assert [path.read_text() for path in good] == ["good"] * 5
     assert {*tmp_path.rglob("*")} == {*good, tmp_path / "fields", tmp_path / "new"}
+
+
+WRITER = """
+import os, sys
+from exudyn_partition.support.files import filling, replacing
+folder = sys.argv[1]
+with replacing(folder + "/file") as file, filling(folder, "last") as new:
+    file.write(b"half")
+    (new / "last").touch()
+    print("in it", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_what_killed_processes_left_is_deleted_and_what_others_write_is_not(tmp_path):
+    """Temporary files of killed processes stood in the folder for ever."""
+    (tmp_path / ".file.0123.tmp").touch()  # of somebody else
+    run = functools.partial(subprocess.Popen, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    writers = [run([sys.executable, "-c", WRITER, str(tmp_path)]) for _ in range(2)]
+    try:
+        assert [writer.stdout.readline() for writer in writers] == ["in it\n"] * 2
+        assert len(names(tmp_path)) == 5
+        writers[0].kill()
+        writers[0].wait()
+        with replacing(tmp_path / "other"):
+            pass
+        assert len(names(tmp_path)) == 4
+        writers[1].communicate("", timeout=30)
+    finally:
+        for writer in writers:
+            writer.kill()
+    assert names(tmp_path) == [".file.0123.tmp", "file", "last", "other"]
+    assert (tmp_path / "file").read_bytes() == b"half"
+
+
+def test_a_temporary_file_that_was_deleted_before_it_was_locked_is_made_again(tmp_path, monkeypatch):
+    lock, deleted = files._lock, []
+
+    def late(descriptor, kind):
+        if not deleted:
+            deleted.extend(tmp_path.glob(".file.*.tmp"))
+            deleted[0].unlink()
+        return lock(descriptor, kind)
+
+    monkeypatch.setattr(files, "_lock", late)
+    with replacing(tmp_path / "file", "w") as file:
+        file.write("whole")
+    assert (tmp_path / "file").read_text() == "whole"
+    assert len(deleted) == len(names(tmp_path)) == 1
