@@ -318,7 +318,7 @@ class SharedPatches(CoupledContacts):
     def _begin_jointly(self) -> None:
         self._between = FlexibilityBetween(self.laws, self._all_links)
         self._whole: Complementarity | None = None
-        self._stood: dict[int, tuple[Standing, Array, Array]] = {}
+        self._stood: dict[int, tuple[Standing, Array]] = {}
         self._blocks: dict[tuple[int, int], Array] = {}
         self._pressing: dict[int, tuple[Array, Array]] = {}
 
@@ -352,12 +352,12 @@ class SharedPatches(CoupledContacts):
     def _stale(self, laws: list[ComplianceContact], near: dict[int, Array]) -> bool:
         """Whether other rows are near, or they have moved; if so, find the blocks between them again."""
         moved = set()
-        for j, rows in near.items():
+        for j in near:
             standing, own, known = laws[j].standing(), laws[j].problem.F, self._stood.get(j)
-            if known and standing.nearly(known[0], SAME) and _equal(rows, known[1]) and known[2] is own:
+            if known and standing.nearly(known[0], SAME) and known[1] is own:  # of the same rows, then
                 continue
             moved.add(j)
-            self._stood[j] = standing, rows, own
+            self._stood[j] = standing, own
         gone = self._stood.keys() - near.keys()
         for j in gone:
             del self._stood[j]

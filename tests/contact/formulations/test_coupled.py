@@ -15,6 +15,7 @@ from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.contact.side import Side, Standing
 from exudyn_partition.errors import ComplementarityError
 from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.support.compiled import compiles
 
 
 class Runaway:
@@ -82,6 +83,51 @@ def test_a_contact_that_only_the_other_closes_is_closed():
     found = CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([0.1])])
     # a = 1 + 0.3 b and b = 0.3 a - 0.1
     np.testing.assert_allclose(np.concatenate(found), [0.97 / 0.91, 0.3 * 0.97 / 0.91 - 0.1], rtol=1e-9)
+
+
+def test_a_contact_that_opens_pushes_no_longer():
+    """The first law is asked while the second still pushes it, which then opens."""
+    laws, apart = [Spring(), Spring()], np.full((1, 1), 0.3)
+    together = CoupledContacts(laws, lambda: [(0, 0, 1, 0, apart), (1, 0, 0, 0, apart)]).for_run(laws)
+    np.testing.assert_allclose(together.forces([np.array([-1.0]), np.array([-0.1])]), [[1.0], [0.0]], rtol=1e-12)
+
+
+class Roaming(Spring):
+    """The same with one row, at a node that its coordinates name."""
+
+    node_areas, row_nodes = np.ones(2), np.zeros(1, dtype=int)
+
+    def at(self, q):
+        self.row_nodes = q[:1].astype(int)
+        return q[1:]
+
+
+class Listener(Runaway):
+    """A law with friction that presses nothing, and knows what the other one has pushed it."""
+
+    friction, pushes, forces = True, False, np.zeros((1, 3))
+    row_nodes = np.zeros(1, dtype=int)
+
+    def side_rows(self, side):
+        return np.eye(3)
+
+    def answer(self, h, pushed=None):
+        self.pushed = pushed
+
+    def generalised(self):
+        return self.lam
+
+
+def test_rows_that_a_neighbour_has_again_have_pushed_nothing_in_the_last_step():
+    """Friction counts what a frictionless contact has changed since the last step, on the rows that it had then."""
+    laws, found = [Listener(), Roaming()], []
+    links = [(0, 0, 1, 0, np.ones((3, 1))), (1, 0, 0, 0, np.ones((1, 3)))]
+    together = CoupledContacts(laws, lambda: links).for_run(laws)
+    for n, (node, depth) in enumerate([(0, 1), (0, 4), (1, 3), (0, 5)]):
+        laws[0].since = float(n)
+        together.forces([np.zeros(1), np.array([node, -depth], dtype=float)])
+        found.append(laws[0].pushed[0])
+    np.testing.assert_allclose(found, [[1, 1, 1], [4, 3, 3], [3, 3, 3], [5, 5, 5]])
 
 
 MU = 0.3
@@ -157,3 +203,28 @@ def test_stiffness_of_coupled_contacts_against_finite_differences(block_on_feet,
         way *= 1e-10 / abs(H @ way).max()
         change = (forces(way) - forces(-way)) / 2
         np.testing.assert_allclose(-stiffness @ (H @ way), change, rtol=0, atol=2e-4 * abs(change).max())
+
+
+@pytest.mark.skipif(not compiles(), reason="numba does not load here")
+def test_compiled_loops_tell_what_the_laws_do(block_on_feet):
+    """Forces, energies and gaps, also of a contact that is open; laws keep what they took when loops go on."""
+    body, (laws, together) = block_on_feet, of_feet(block_on_feet, None)
+    frozen = together.frozen([np.arange(body.n_dofs)] * 3, None)
+    for tilt in (0.0, 2e-4, -3e-4):
+        q = body.rigid @ [0, 0, -5e-7, 0, tilt, 0]
+        own, alone = of_feet(body, None)
+        forces = alone.forces([q] * 3)
+        assert frozen.evaluate(q)
+        assert frozen.force.any()
+        np.testing.assert_allclose(frozen.force, sum(forces), rtol=0, atol=1e-9 * abs(frozen.force).max())
+        for law, told, stored in zip(own, frozen.told, frozen.stored, strict=True):
+            gap = 0.0 if law.index.size else law.least_gap
+            expected = [law.lam.sum(), law.index.size, *law.resultant(), gap]
+            np.testing.assert_allclose(told, expected, rtol=1e-8, atol=1e-15)
+            assert stored == pytest.approx(law.stored(), rel=1e-8, abs=1e-20)
+    assert not all(law.index.size for law in own)
+    assert together.take(frozen, [q] * 3)
+    frozen.evaluate(2 * q)
+    for law, same in zip(laws, own, strict=True):
+        np.testing.assert_allclose(law.lam, same.lam, rtol=0, atol=1e-9 * same.lam.max())
+        assert law.least_gap == pytest.approx(same.least_gap, rel=1e-9)
