@@ -68,9 +68,12 @@ class Impact:
         def press(gap: Array) -> tuple[float, int]:
             return -0.5 * float(problem.solve(gap) @ gap), len(problem.index)
 
-        rigid = self.H[self.gap.argmin(), self.omega == 0.0]
+        def mobility(rows: Array) -> float:
+            rigid = self.H[rows][:, self.omega == 0.0].mean(axis=0)
+            return float(rigid @ rigid)
+
         of_impact = resolving_step(
-            self.gap, self.H @ self.velocity, float(rigid @ rigid), press, size=self.size, limit=lambda: limit
+            self.gap, self.H @ self.velocity, mobility, press, size=self.size, limit=lambda: limit
         )
         return min(1 / (STEPS_A_PERIOD * f_cut), SAFETY * limit, of_impact / finer)
 

@@ -115,7 +115,10 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     H = dense(law.gaps.jacobian(np.arange(len(gap))))
     rate = H @ (q_t + time * q_tt)
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)
-    mobility = _mobility(contact, H[touching.argmin()])
+
+    def mobility(rows: Array) -> float:
+        weights = rows * law.gaps.area if (rows @ law.gaps.area) else rows  # single nodes may have no area
+        return _mobility(contact, weights @ H / weights.sum())
 
     return resolving_step(touching, rate, mobility, law.press, size=law.gaps.size, limit=limit)
 
