@@ -16,12 +16,13 @@ from ..fe.model import FEModel
 from ..fe.shapes import linear_shares
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone_stress import ZoneStress
-from ..reduction.recovery import nodal_stress, von_mises
+from ..reduction.recovery import nodal_stresses, von_mises
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_items, validate_result
 
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
+_NUMBERS_AT_ONCE = 20_000_000  # in one array of displacements at some samples
 _OF_STRESS = {"stress", "von_mises"}
 _FACETS = {3: "triangle", 6: "triangle6", 10: "VTK_LAGRANGE_TRIANGLE", 4: "quad"}
 CELLS = {4: "tetra", 10: "tetra10", 20: "VTK_LAGRANGE_TETRAHEDRON", 8: "hexahedron"}  # names in meshio
@@ -48,18 +49,18 @@ def validate_contacts(contacts: Iterable[PartitionContact]) -> list[PartitionCon
 
 
 class Acting(NamedTuple):
-    """What contacts do to a body at a sample.
+    """What contacts do to a body at m samples.
 
     Attributes
     ----------
-    forces : (n, 3) array
+    forces : (m, n, 3) array
         Forces on all nodes in the body's axes [N], with the pseudo-forces of plastic strain.
-    strains : dict of int to (g, 6) array
+    strains : dict of int to list of m (g, 6) arrays
         Plastic strain of its zones, by the numbers of their patches.
     """
 
     forces: Array
-    strains: dict[int, Array]
+    strains: dict[int, list[Array]]
 
 
 class BodyFields:
@@ -125,64 +126,94 @@ class BodyFields:
     def frames(
         self, result: Result, contacts: Iterable[PartitionContact], loads: Iterable[Load]
     ) -> Iterator[dict[str, Array]]:
-        """Yield fields, (n,) or (n, k), at each time of `result`, with those of `contacts`, answers to `loads`."""
+        """Yield fields, (n,) or (n, k), at each time of `result`, with those of `contacts`, answers to `loads`.
+
+        Some samples are computed at once, which is quicker than one by one.
+        """
+        contacts = list(contacts)
         pressures = _pressures(self.item, contacts, result) if "contact_pressure" in self.names else []
         tangential = _tangential_fields(self.item, contacts, result, {*self.names})
-        for i, (q, q_t) in enumerate(zip(self.item.coordinates(result), self.item.coordinates_t(result), strict=True)):
-            data = self.fields(q, q_t, self.acting(loads, i, result.t[i], q))
-            if pressures:
-                field = np.zeros(len(self.body.points))
-                for facets, nodes, values in pressures:
-                    field[nodes] += values[i].toarray()[0]  # contacts may share a patch
-                    if facets.shape[1] > 4:  # pressures are linear between corners
-                        field[facets[:, 3:]] = field[facets[:, :3]] @ linear_shares(facets.shape[1])[3:].T
-                data["contact_pressure"] = field[self.nodes]
-            for name, nodes, values in tangential:
-                field = np.zeros((len(self.body.points), *values.shape[2:]))
-                field[nodes] = values[i]
-                data[name] = data.get(name, 0.0) + field[self.nodes]
-            yield data
+        count = max(1, _NUMBERS_AT_ONCE // (3 * len(self.body.points)))
+        for samples in np.split(np.arange(len(result.t)), range(count, len(result.t), count)):
+            some = self.at_samples(result, loads, samples)
+            for now, i in enumerate(samples):
+                data = {name: values[now] for name, values in some.items()}
+                if pressures:
+                    field = np.zeros(len(self.body.points))
+                    for facets, nodes, values in pressures:
+                        field[nodes] += values[i].toarray()[0]  # contacts may share a patch
+                        if facets.shape[1] > 4:  # pressures are linear between corners
+                            field[facets[:, 3:]] = field[facets[:, :3]] @ linear_shares(facets.shape[1])[3:].T
+                    data["contact_pressure"] = field[self.nodes]
+                for name, nodes, values in tangential:
+                    field = np.zeros((len(self.body.points), *values.shape[2:]))
+                    field[nodes] = values[i]
+                    data[name] = data.get(name, 0.0) + field[self.nodes]
+                yield data
 
-    def acting(self, loads: Iterable[Load], i: int, t: float, q: Array) -> Acting:
-        """What contacts, `loads`, do to the body at sample i, at time t and coordinates q, (n_dofs,)."""
-        forces, strains = np.zeros((len(self.body.points), 3)), {}
-        for contact, on_sides, _ in loads:
-            for (item, patch), on_side in zip(contact.sides, on_sides, strict=True):
-                if item is self.item:
-                    forces[self.body.partition.patches[patch].nodes] += on_side[i]
-        forces = self.kinematics.in_frame(q, forces)
-        for contact, _, histories in loads:
-            for (item, patch), history in zip(contact.sides, histories, strict=True):
-                if item is self.item and history is not None:
-                    strains[patch] = history.strain(int(history.numbers(np.array([t]))[0]))
-                    forces[history.zone.nodes] += history.zone.pseudo_forces(strains[patch]).reshape(-1, 3)
+    def at_samples(self, result: Result, loads: Iterable[Load], samples: Array) -> dict[str, Array]:
+        """Fields at m samples of `result`, (m,) int: (m, n) or (m, n, k), with the static answer to `loads`."""
+        q, q_t = self.item.coordinates(result)[samples], self.item.coordinates_t(result)[samples]
+        return self.fields(q, q_t, self._acting(loads, result.t, samples, q))
+
+    def _acting(self, loads: Iterable[Load], t: Array, samples: Array, q: Array) -> Acting | None:
+        """What contacts, `loads`, do to the body at some samples of the times t, (m,) int, at coordinates q, (m, n)."""
+        own = [
+            (patch, on_side, history)
+            for contact, on_sides, histories in loads
+            for (item, patch), on_side, history in zip(contact.sides, on_sides, histories, strict=True)
+            if item is self.item
+        ]
+        if not own:
+            return None
+        forces = np.zeros((len(samples), len(self.body.points), 3))
+        strains: dict[int, list[Array]] = {}
+        axes = self.kinematics.frame(q)[1]
+        for patch, on_side, history in own:
+            nodes = self.body.partition.patches[patch].nodes
+            forces[:, nodes] += on_side[samples] @ axes  # from the axes of space to the body's
+            if history is not None:
+                strains[patch] = [history.strain(int(number)) for number in history.numbers(t[samples])]
+                for force, strain in zip(forces, strains[patch], strict=True):
+                    force[history.zone.nodes] += history.zone.pseudo_forces(strain).reshape(-1, 3)
         return Acting(forces, strains)
 
     def fields(self, q: Array, q_t: Array, acting: Acting | None = None) -> dict[str, Array]:
-        """Fields at coordinates q and velocities q_t, (n_dofs,), with the static answer to what contacts do."""
-        kinematics, axes, answer = self.kinematics, self.kinematics.frame(q)[1], None
+        """Fields at coordinates q and velocities q_t, (m, n_dofs), with the static answer to what contacts do."""
+        kinematics, axes = self.kinematics, self.kinematics.frame(q)[1]
         displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
-        moved = acting is not None and acting.forces.any()
-        if self.fem is not None and self.body.basis.flexibility is not None and acting is not None and moved:
-            self._static = self._static or StaticAnswer(self.fem, self.body)
-            answer = self._static(acting.forces, None if self._stressed else self.nodes)
-            shown = answer[self.nodes] if self._stressed else answer
+        answer = None if acting is None else self._answer(acting)
+        if answer is not None:
+            shown = answer[:, self.nodes] if self._stressed else answer
             deformation = deformation + shown
-            displacement = displacement + shown @ axes.T
-        data = {"displacement": displacement, "deformation": deformation @ axes.T}
+            displacement = displacement + shown @ axes.swapaxes(1, 2)
+        data = {"displacement": displacement, "deformation": deformation @ axes.swapaxes(1, 2)}
         if "velocity" in self.names:
             data["velocity"] = kinematics.velocities(q, q_t)
         if self.fem is not None and self._stressed:
-            within = self.body.displacement(kinematics.elastic(q))
-            whole = within if answer is None else within + answer
-            stress = nodal_stress(self.fem, whole)
+            whole = np.array([self.body.displacement(one) for one in kinematics.elastic(q)])
+            if answer is not None:
+                whole += answer
+            stress = nodal_stresses(self.fem, whole, self.nodes)
             if acting is not None:
                 self._zones = self._zones or zone_stresses(self.body, self.fem)
-                for patch, strain in acting.strains.items():
-                    stress += self._zones[patch].at_nodes(whole, strain)
-            stress = stress[self.nodes]
+                for patch, strains in acting.strains.items():
+                    zone = self._zones[patch]
+                    for value, within, strain in zip(stress, whole, strains, strict=True):
+                        value += zone.at_nodes(within, strain)[self.nodes]
             data |= {"stress": stress, "von_mises": von_mises(stress)}
         return {name: data[name] for name in self.names if name in data}
+
+    def _answer(self, acting: Acting) -> Array | None:
+        """Static answer to what contacts do, (m, k, 3) [m]: at all nodes if stress is wanted, else at those shown."""
+        moved = np.flatnonzero(acting.forces.any(axis=(1, 2)))
+        if self.fem is None or self.body.basis.flexibility is None or not len(moved):
+            return None
+        self._static = self._static or StaticAnswer(self.fem, self.body)
+        nodes = np.arange(len(self.body.points)) if self._stressed else self.nodes
+        answer = np.zeros((len(acting.forces), len(nodes), 3))
+        answer[moved] = self._static(acting.forces[moved], None if self._stressed else nodes)
+        return answer
 
 
 def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:

@@ -54,12 +54,10 @@ def fields_at(
 ) -> Callable[[BodyFields], dict[str, Array]]:
     """Return a function of a piece that returns its fields at the sample whose number `now` returns."""
     loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
-    histories = {id(piece): (piece.item.coordinates(result), piece.item.coordinates_t(result)) for piece in pieces}
 
     def fields(piece: BodyFields) -> dict[str, Array]:
-        i = now()
-        q, q_t = histories[id(piece)]
-        return piece.fields(q[i], q_t[i], piece.acting(loads, i, result.t[i], q[i]))
+        found = piece.at_samples(result, loads, np.array([now()]))
+        return {name: values[0] for name, values in found.items()}
 
     return fields
 

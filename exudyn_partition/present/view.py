@@ -118,7 +118,7 @@ def CreatePartitionView(
             np.concatenate([np.asarray(get(configuration))[s] for s in slices])
             for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t)
         )
-        return piece.fields(q, q_t)
+        return {name: values[0] for name, values in piece.fields(q[None], q_t[None]).items()}
 
     for piece in pieces:
         if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it

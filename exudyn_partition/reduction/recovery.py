@@ -63,6 +63,7 @@ _VOIGT[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 1.0
 _OVERSHOOT = 0.05
 _NEWTON_STEPS = 20
 _CONVERGED = 1e-9  # local coordinates
+_NUMBERS_AT_ONCE = 8_000_000  # in one array, while strains at nodes are found
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,25 +235,8 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     ------
     InputError, MeshError
     """
-    _validate_tetrahedra(fem)
-    return _nodal_mean(fem, displacement)
-
-
-def _nodal_mean(fem: FEModel, displacement: Array, stiffness: Array | None = None) -> Array:
-    """Strain at nodes; or stress, if the elements' matrices of Hooke's law are given, (ne, 6, 6) [Pa]."""
-    u = validate_array("displacement", displacement, (fem.n_nodes, 3))[fem.cells]
-    x = fem.points[fem.cells]
-    cells = np.arange(len(x))
-    total, weight = np.zeros((fem.n_nodes, 6)), np.zeros((fem.n_nodes, 1))
-    for local, nodes in zip(TET_NODES[fem.cells.shape[1]], fem.cells.T, strict=True):
-        gradient = _gradients(x, np.broadcast_to(local, (len(x), 3)))
-        strain = np.einsum("vab,mab->mv", _VOIGT, np.einsum("mka,mkb->mab", u, gradient))
-        if stiffness is not None:
-            strain = np.einsum("mwv,mv->mw", stiffness, strain)
-        gather = sp.csr_matrix((fem.cell_mass, (nodes, cells)), shape=(fem.n_nodes, len(x)))
-        total += gather @ strain
-        weight += gather.sum(axis=1)
-    return total / weight
+    displacement = _validate_field(fem, displacement)
+    return _nodal_means(fem, displacement[None], np.arange(fem.n_nodes))[0]
 
 
 def nodal_stress(fem: FEModel, displacement: Array) -> Array:
@@ -273,8 +257,37 @@ def nodal_stress(fem: FEModel, displacement: Array) -> Array:
     ------
     InputError, MeshError
     """
-    _validate_tetrahedra(fem)
-    return _nodal_mean(fem, displacement, _elasticity(fem, np.arange(len(fem.cells))))
+    displacement = _validate_field(fem, displacement)
+    return nodal_stresses(fem, displacement[None], np.arange(fem.n_nodes))[0]
+
+
+def nodal_stresses(fem: FEModel, displacements: Array, nodes: Array) -> Array:
+    """`nodal_stress` of m displacement fields, (m, n, 3) [m], at some nodes, (k,) int: (m, k, 6) [Pa]."""
+    return _nodal_means(fem, displacements, nodes, _elasticity(fem, np.arange(len(fem.cells))))
+
+
+def _nodal_means(fem: FEModel, displacements: Array, nodes: Array, stiffness: Array | None = None) -> Array:
+    """Strain at nodes, (m, k, 6); or stress, if the elements' matrices of Hooke's law are given, (ne, 6, 6) [Pa]."""
+    fields, place = len(displacements), np.full(fem.n_nodes, -1)
+    place[nodes] = np.arange(len(nodes))
+    corners = np.array(TET_NODES[fem.cells.shape[1]])
+    total, weight = np.zeros((len(nodes), 6 * fields)), np.zeros((len(nodes), 1))
+    around = np.flatnonzero((place[fem.cells] >= 0).any(axis=1))
+    size = max(1, _NUMBERS_AT_ONCE // (18 * fields * len(corners)))
+    for cells in np.split(around, range(size, len(around), size)):
+        element, corner = np.nonzero(place[fem.cells[cells]] >= 0)
+        cell = cells[element]
+        gradient = _gradients(fem.points[fem.cells[cell]], corners[corner])
+        u = displacements[:, fem.cells[cell]].transpose(1, 2, 0, 3).reshape(len(cell), len(corners), -1)
+        slopes = (gradient.swapaxes(1, 2) @ u).reshape(len(cell), 3, fields, 3)
+        strain = np.einsum("vab,mbfa->mvf", _VOIGT, slopes)
+        if stiffness is not None:
+            strain = stiffness[cell] @ strain
+        here, number = np.unique(place[fem.cells[cell, corner]], return_inverse=True)
+        gather = sp.csr_matrix((fem.cell_mass[cell], (number, np.arange(len(cell)))), shape=(len(here), len(cell)))
+        total[here] += gather @ strain.reshape(len(cell), -1)
+        weight[here] += gather.sum(axis=1)
+    return (total / weight).reshape(len(nodes), 6, fields).transpose(2, 0, 1)
 
 
 def von_mises(stress: Array) -> Array:
@@ -338,6 +351,12 @@ def _validate_tetrahedra(fem: FEModel) -> None:
     validate_type("fem", fem, FEModel, "fe_model()")
     if fem.cells.shape[1] not in TET_NODES:
         raise MeshError(f"cells: recovery expects tetrahedra with 4, 10 or 20 nodes, got {fem.cells.shape[1]} nodes")
+
+
+def _validate_field(fem: FEModel, displacement: Array) -> Array:
+    """Return nodal displacements of tetrahedra, (n, 3), checked."""
+    _validate_tetrahedra(fem)
+    return validate_array("displacement", displacement, (fem.n_nodes, 3))
 
 
 def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]".format) -> tuple[Array, Array]:

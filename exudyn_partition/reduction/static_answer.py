@@ -11,7 +11,7 @@ from ..algebra.blas_threads import one_blas_thread
 from ..algebra.krylov import mass_normalised
 from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import InputError
-from ..fe.model import FEModel
+from ..fe.model import FEModel, node_dofs
 from ..plasticity.dilatation import with_free_zones
 from ..support.arrays import Array
 from ..support.checks import validate_type
@@ -99,21 +99,24 @@ class StaticAnswer:
             raise InputError("fem: expected the FE model or the static answer of this body, got one of another body")
 
     def __call__(self, forces: Array, nodes: Array | None = None) -> Array:
-        """Displacements of `nodes`, (k,), or of all, (k, 3) [m], by forces on all nodes in the body's axes, (n, 3) [N].
+        """Displacements of `nodes`, (k,), or of all, (..., k, 3) [m], by forces on all nodes, (..., n, 3) [N].
+
+        Both are in the body's axes. Several loads, (m, n, 3), are solved at once.
 
         Raises
         ------
         InputError
             If the body was saved without its inside, and there are forces or nodes in it.
         """
-        omega, loaded = self._body.basis.omega, np.flatnonzero(forces.any(axis=1))
+        loads = forces.reshape(-1, *forces.shape[-2:])
+        omega, loaded = self._body.basis.omega, np.flatnonzero(loads.any(axis=(0, 2)))
         elastic = omega > 0
-        amplitude = np.zeros(len(elastic))
-        by_shapes = forces[loaded].ravel() @ self._body.shape_rows(loaded)
-        amplitude[elastic] = by_shapes[elastic] / omega[elastic] ** 2
-        kept = (self._body.shape_rows(nodes) @ amplitude).reshape(-1, 3)
+        amplitude = np.zeros((len(elastic), len(loads)))
+        by_shapes = self._body.shape_rows(loaded).T @ loads[:, loaded].reshape(len(loads), -1).T
+        amplitude[elastic] = by_shapes[elastic] / omega[elastic, None] ** 2
+        kept = self._body.shape_rows(nodes) @ amplitude
         with one_blas_thread():
             expand = self._model.expand
-            answer = expand @ self._flexibility((expand.T @ forces.ravel())[:, None])[:, 0]
-        whole: Array = answer.reshape(-1, 3)
-        return (whole if nodes is None else whole[nodes]) - kept
+            answer = expand @ self._flexibility(expand.T @ loads.reshape(len(loads), -1).T)
+        whole = answer if nodes is None else answer[node_dofs(nodes)]
+        return np.ascontiguousarray((whole - kept).T).reshape(*forces.shape[:-2], -1, 3)
