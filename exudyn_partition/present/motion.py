@@ -1,0 +1,246 @@
+"""Motion of bodies' surfaces over a run, frame by frame, for films and scenes: rigid motion, deformation, and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..errors import InputError
+from ..exudyn_contacts.run_result import RunResult as Result
+from ..fe.facets import FLAT_TRIANGLES
+from ..support.arrays import Array
+from ..support.checks import validate_choice, validate_integer
+from ..support.progress import Progress
+from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
+
+Colour = Literal["speed", "deformation", "von_mises", "contact_pressure"]
+COLOUR_NAMES: tuple[Colour, ...] = get_args(Colour)
+# What colours are called, their unit, and how many of it an SI unit has.
+LABELS: dict[Colour, tuple[str, str, float]] = {
+    "speed": ("speed", "m/s", 1.0),
+    "deformation": ("deformation", "mm", 1e3),
+    "von_mises": ("von Mises stress", "MPa", 1e-6),
+    "contact_pressure": ("contact pressure", "MPa", 1e-6),
+}
+_SOURCES = {"speed": "velocity", "deformation": "deformation"}  # fields whose magnitude is the colour
+_MOST_FRAMES = 2000
+_VISIBLE = 0.03  # largest deformation in pictures, relative to the size of the bodies
+_ROUNDING = 1e-11  # a deformation below this, relative to that size, is none
+_SHARE, _MARGIN = 0.995, 1.3  # the colours end at 1.3 times what 99.5 % of the area stay below
+_LOOKED_AT = 25  # frames from which the end of the colours is chosen
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """Motion of the surface of a body at m frames.
+
+    Its n nodes are at x = place + turn (points + deformation).
+
+    Parameters
+    ----------
+    name : str
+    points : (n, 3) array
+        Undeformed, from the centre of mass, in the body's axes [m].
+    triangles : (k, 3) int array
+        Outward, as rows of `points`.
+    place : (m, 3) array
+        Of the centre of mass of rigid motion [m].
+    turn : (m, 3, 3) array
+        Its rotation; of an inertial frame, that of small rotations, 1 + theta x.
+    turns : bool
+        Whether `turn` is a rotation of any size.
+    deformation : (m, n, 3) array
+        In the body's axes [m].
+    colours : dict of str to (m, n) array
+        Some of `COLOUR_NAMES`, in SI units.
+    """
+
+    name: str
+    points: Array
+    triangles: Array
+    place: Array
+    turn: Array
+    turns: bool
+    deformation: Array
+    colours: dict[Colour, Array]
+
+    def at(self, frame: int, scale: float = 1.0) -> Array:
+        """Places of the nodes at a frame, their deformation scaled, (n, 3) [m]."""
+        local = self.points + scale * self.deformation[frame]
+        places: Array = self.place[frame] + local @ self.turn[frame].T
+        return places
+
+    @cached_property
+    def areas(self) -> Array:
+        """Share of each node in the area of the triangles, (n,) [m2]."""
+        a, b, c = self.points[self.triangles].swapaxes(0, 1)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+        return np.bincount(self.triangles.ravel(), np.repeat(area, 3), minlength=len(self.points))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of a run's bodies at m frames.
+
+    Parameters
+    ----------
+    t : (m,) array
+        [s]
+    bodies : list of BodyMotion
+    forces : dict of str to (n,) array
+        Normal force of each contact [N] at the times `force_t` of all samples of the run.
+    force_t : (n,) array
+        [s]
+    spots : list of (3,) arrays
+        Where each contact presses at its peak [m], of contacts that press.
+    peak : float
+        Time of the largest force [s].
+    """
+
+    t: Array
+    bodies: list[BodyMotion]
+    forces: dict[str, Array]
+    force_t: Array
+    spots: list[Array]
+    peak: float
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box that holds all bodies at all frames, (3,) each [m]."""
+        frames = range(0, len(self.t), max(1, len(self.t) // _LOOKED_AT))
+        every = np.vstack([body.at(frame) for body in self.bodies for frame in {*frames, len(self.t) - 1}])
+        return every.min(axis=0), every.max(axis=0)
+
+    @property
+    def size(self) -> float:
+        """Diagonal of that box [m]."""
+        low, high = self.bounds
+        return float(np.linalg.norm(high - low))
+
+    @property
+    def visible_scale(self) -> float:
+        """Power of ten by which the deformation is scaled to be seen."""
+        size = max(float(np.ptp(body.points, axis=0).max()) for body in self.bodies)
+        largest = max(float(abs(body.deformation).max()) for body in self.bodies)
+        if largest <= _ROUNDING * size:
+            return 1.0
+        return float(10.0 ** max(0, np.floor(np.log10(_VISIBLE * size / largest))))
+
+    def end_of(self, colour: Colour) -> float:
+        """Value at the upper end of the colours: what most of the area stays below, so that a small dent does not rule.
+
+        Fine meshes have most of the nodes, so each node counts with its area.
+        """
+        step = max(1, len(self.t) // _LOOKED_AT)
+        values = np.concatenate([body.colours[colour][::step].ravel() for body in self.bodies])
+        weights = np.concatenate([np.tile(body.areas, len(body.colours[colour][::step])) for body in self.bodies])
+        largest = max(float(body.colours[colour].max()) for body in self.bodies)
+        acting = values > 1e-3 * largest  # a pressure is zero nearly everywhere
+        if not acting.any():
+            return 1.0
+        values, weights = values[acting], weights[acting]
+        order = np.argsort(values)
+        summed = np.cumsum(weights[order])
+        most = float(values[order][min(len(order) - 1, int(np.searchsorted(summed, _SHARE * summed[-1])))])
+        return min(largest, _MARGIN * most)
+
+
+def motion_of(
+    result: Result,
+    bodies: Sequence[Shown] | None = None,
+    *,
+    colours: Sequence[Colour] | None = None,
+    frames: int | Sequence[float] | Array = 100,
+    progress: Progress | None = None,
+) -> Motion:
+    """Motion of a run's bodies, by default all, at some frames.
+
+    Parameters
+    ----------
+    result : Result
+    bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
+        Bodies with their FE models also show the static answer to the contacts' forces, and can have stresses.
+    colours : sequence of str, optional
+        Some of `COLOUR_NAMES`. Default: all that bodies and contacts have.
+    frames : int or (m,) array
+        How many, or their times [s], see `Result.at`.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong type or is out of range, or stress is asked of a body without its FE model.
+    """
+    if isinstance(frames, int | np.integer):
+        validate_integer("frames", frames, 2, _MOST_FRAMES)
+    run = result.at(frames)
+    chosen = shown_bodies(result.bodies, bodies)
+    wanted = _colours(result, chosen, colours)
+    names = ["displacement", "deformation", *(_SOURCES.get(colour, colour) for colour in wanted)]
+    pieces = [BodyFields(entry, list(dict.fromkeys(names)), surface=True) for entry in chosen]
+    loads = contact_loads(result.contacts, run) if any(piece.fem is not None for piece in pieces) else []
+    moved = []
+    for i, piece in enumerate(pieces):
+        fields: dict[str, list[Array]] = {}
+        for data in piece.frames(run, result.contacts, loads):
+            for name, values in data.items():
+                fields.setdefault(name, []).append(values)
+            if progress is not None:
+                progress((i + len(fields["displacement"]) / len(run.t)) / len(pieces))
+        found = {name: np.array(values) for name, values in fields.items()}
+        moved.append(_body(piece, piece.item.name or f"body {i}", run, wanted, found))
+    force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
+    total = np.sum([*force.values()], axis=0) if force else np.zeros(len(result.t))
+    return Motion(run.t, moved, force, result.t, _spots(result), float(result.t[int(np.argmax(total))]))
+
+
+def _colours(result: Result, chosen: Sequence[Shown], colours: Sequence[Colour] | None) -> list[Colour]:
+    """Colours to compute: those asked for, or all that there are."""
+    stressed = all(isinstance(entry, tuple) for entry in chosen)
+    pressed = bool(result.contacts)
+    if colours is None:
+        return ["speed", "deformation", *["von_mises"] * stressed, *["contact_pressure"] * pressed]  # type: ignore[list-item]
+    if isinstance(colours, str) or not isinstance(colours, Sequence):
+        raise InputError(f"colours: expected a list of some of {', '.join(COLOUR_NAMES)}, got {colours!r}")
+    found: list[Colour] = [validate_choice("colours", colour, COLOUR_NAMES) for colour in colours]
+    if not found:
+        raise InputError(f"colours: expected some of {', '.join(COLOUR_NAMES)}, got none")
+    return found
+
+
+def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], found: dict[str, Array]) -> BodyMotion:
+    """Motion of one body from its fields in the axes of space, (m, n, ...)."""
+    kinematics, q = piece.kinematics, piece.item.coordinates(run)
+    origin, axes = kinematics.frame(q)
+    rigid = piece.points + found["displacement"] - found["deformation"]
+    deformation = found["deformation"] @ axes
+    if kinematics.linear:  # small rotations are within the frame
+        motion = kinematics.rigid_motion(q)
+        place, turn = origin + motion[:, :3], np.eye(3) + np.cross(np.eye(3), motion[:, None, 3:])
+    else:
+        place, turn = origin, axes
+    points = (rigid[0] - place[0]) @ np.linalg.inv(turn[0]).T
+    colours: dict[Colour, Array] = {}
+    for colour in wanted:
+        values = found.get(_SOURCES.get(colour, colour), np.zeros(rigid.shape[:2]))
+        colours[colour] = np.linalg.norm(values, axis=2) if values.ndim == 3 else values
+    triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
+    return BodyMotion(name, points, triangles, place, turn, not kinematics.linear, deformation, colours)
+
+
+def _spots(result: Result) -> list[Array]:
+    """Where each contact that presses does so at its peak, (3,) [m]: the middle of its forces."""
+    spots = []
+    for contact in result.contacts:
+        force = contact.force(result)
+        if force.any():
+            peak = result.at([float(result.t[int(force.argmax())])])
+            item, patch = contact.sides[0]
+            nodes = item.body.partition.patches[patch].nodes
+            weight = np.linalg.norm(contact.nodal_forces(peak)[0][0], axis=1)
+            place = item.kinematics.at(nodes).place(item.coordinates(peak)[0])
+            spots.append(weight @ place / weight.sum())
+    return spots
