@@ -1,4 +1,4 @@
-"""Motion of bodies' surfaces over a run, frame by frame, for films and scenes: rigid motion, deformation, and colours."""
+"""Motion of bodies' surfaces over a run, frame by frame: rigid motion, deformation, and colours."""
 
 from __future__ import annotations
 
@@ -216,13 +216,13 @@ def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], f
     kinematics, q = piece.kinematics, piece.item.coordinates(run)
     origin, axes = kinematics.frame(q)
     rigid = piece.points + found["displacement"] - found["deformation"]
-    deformation = found["deformation"] @ axes
     if kinematics.linear:  # small rotations are within the frame
         motion = kinematics.rigid_motion(q)
         place, turn = origin + motion[:, :3], np.eye(3) + np.cross(np.eye(3), motion[:, None, 3:])
     else:
         place, turn = origin, axes
-    points = (rigid[0] - place[0]) @ np.linalg.inv(turn[0]).T
+    back = np.linalg.inv(turn).swapaxes(1, 2)
+    points, deformation = (rigid[0] - place[0]) @ back[0], found["deformation"] @ back
     colours: dict[Colour, Array] = {}
     for colour in wanted:
         values = found.get(_SOURCES.get(colour, colour), np.zeros(rigid.shape[:2]))

@@ -96,10 +96,10 @@ def plotter(
     title, *said = title_of(field, scale)
     for piece, place, value in zip(pieces, places, values, strict=True):
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
-        surface = _surface(place, triangles)
-        surface.point_data[field] = value
+        mesh = surface(place, triangles)
+        mesh.point_data[field] = value
         scene.add_mesh(
-            surface,
+            mesh,
             scalars=field,
             cmap=COLOURS,
             clim=ends,
@@ -109,7 +109,7 @@ def plotter(
             scalar_bar_args={"title": title, **_BAR},
         )
     for rigid in rigid_surfaces(result.contacts, np.vstack(places)):
-        scene.add_mesh(_surface(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
+        scene.add_mesh(surface(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
     scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
     scene.set_background("white")
     scene.add_axes(color="black")
@@ -172,7 +172,7 @@ def turntable(
     return path
 
 
-def _surface(points: object, triangles: object) -> PolyData:
+def surface(points: object, triangles: object) -> PolyData:
     """PyVista's surface of triangles, (m, 3) int, between points, (n, 3) [m]."""
     corners = np.asarray(triangles)
     faces = np.column_stack([np.full(len(corners), 3), corners])

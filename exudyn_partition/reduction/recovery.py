@@ -236,7 +236,8 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     InputError, MeshError
     """
     displacement = _validate_field(fem, displacement)
-    return _nodal_means(fem, displacement[None], np.arange(fem.n_nodes))[0]
+    strain: Array = _nodal_means(fem, displacement[None], np.arange(fem.n_nodes))[0]
+    return strain
 
 
 def nodal_stress(fem: FEModel, displacement: Array) -> Array:
@@ -258,7 +259,8 @@ def nodal_stress(fem: FEModel, displacement: Array) -> Array:
     InputError, MeshError
     """
     displacement = _validate_field(fem, displacement)
-    return nodal_stresses(fem, displacement[None], np.arange(fem.n_nodes))[0]
+    stress: Array = nodal_stresses(fem, displacement[None], np.arange(fem.n_nodes))[0]
+    return stress
 
 
 def nodal_stresses(fem: FEModel, displacements: Array, nodes: Array) -> Array:

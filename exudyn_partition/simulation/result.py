@@ -18,11 +18,17 @@ from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.run_record import Solver
+from ..present.body_fields import Shown
+from ..present.film import film
+from ..present.motion import Colour
 from ..present.report_page import write_report
+from ..present.scene import Scene, scene_of
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_integer, validate_type
+from ..support.files import writable
 from ..support.foreign import MainSystem, SensorIndex
+from ..support.progress import Progress
 from .stored_run import FILE, StoredRun, check_items, described
 from .work import Work
 
@@ -257,6 +263,119 @@ class Result:
             If the folder does not exist, or the run kept nothing.
         """
         return write_report(path, self, title=title)
+
+    def film(
+        self,
+        path: str | Path,
+        bodies: Sequence[Shown] | None = None,
+        *,
+        colour: Colour = "speed",
+        end: float | None = None,
+        frames: int | Sequence[float] | Array = 100,
+        period: float = 0.04,
+        scale: float | None = None,
+        view: str = "all",
+        direction: Sequence[float] = (1.0, -1.6, 0.8),
+        size: tuple[int, int] = (1280, 720),
+        progress: Progress | None = None,
+    ) -> Path:
+        """Write a film of the moving and deforming bodies, with the contact force beneath; it needs no screen.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its ending chooses the kind: `.mp4`, `.gif`, or `.png` for a numbered picture of each frame.
+        bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
+            Default: all. With its FE model a body also shows the static answer to the contacts' forces.
+        colour : {"speed", "deformation", "von_mises", "contact_pressure"}
+            "von_mises" needs the FE models.
+        end : float, optional
+            Value at the upper end of the colours [m/s, m, Pa]. Default: what 99.5 % of the area stay below, and more.
+        frames : int or (m,) array
+            How many, or their times [s], see `at`.
+        period : float
+            Time between frames in the film [s].
+        scale : float, optional
+            Factor on the deformation. Default: the power of ten that makes it visible.
+        view : str
+            What is looked at: "all", "contact", or the name of a body.
+        direction : (3,)
+            Where the viewer is, seen from there.
+        size : (int, int)
+            Width and height in pixels.
+        progress : callable, optional
+            Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
+
+        Returns
+        -------
+        Path
+            Of the film, or of its first picture.
+
+        Raises
+        ------
+        InputError
+            If an argument has a wrong type or is out of range, or no file can stand at the path.
+        MissingPackageError
+            If PyVista or imageio-ffmpeg is not installed: `pip install "exudyn-partition[pictures]"`.
+        """
+        return film(
+            path, self, bodies, colour=colour, end=end, frames=frames, period=period, scale=scale, view=view,
+            direction=direction, size=size, progress=progress,
+        )  # fmt: skip
+
+    def scene(
+        self,
+        path: str | Path | None = None,
+        bodies: Sequence[Shown] | None = None,
+        *,
+        colours: Sequence[Colour] | None = None,
+        frames: int | Sequence[float] | Array = 100,
+        scale: float | None = None,
+        title: str = "",
+        height: int = 560,
+        progress: Progress | None = None,
+    ) -> Scene:
+        """Make a page on which the bodies move, to play and turn in any browser; in a notebook, `result.scene()`.
+
+        The page needs no other file and no network. It has the bodies with their deformation, rigid surfaces that are
+        fixed in space, and the forces.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Of the page. Default: it is not written.
+        bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
+            Default: all. With its FE model a body also shows the static answer to the contacts' forces, and stresses.
+        colours : sequence of str, optional
+            Some of "speed", "deformation", "von_mises", "contact_pressure", to choose from on the page. Default: all
+            that there are.
+        frames : int or (m,) array
+            How many, or their times [s], see `at`.
+        scale : float, optional
+            Factor on the deformation at the start, which the page can change. Default: the power of ten that makes it
+            visible.
+        title : str
+            Default: the file's name.
+        height : int
+            In a cell of a notebook [pixels].
+        progress : callable, optional
+            Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            If an argument has a wrong type or is out of range, or no file can stand at the path.
+        """
+        target = None if path is None else writable(path)
+        title = title or ("" if target is None else target.stem)
+        made = scene_of(
+            self, bodies, colours=colours, frames=frames, scale=scale, title=title, height=height, progress=progress
+        )
+        return made if target is None else made.save(target)
 
     def history(self, contact: PartitionContact, points: Mapping[str, tuple[Any, ...]] | None = None) -> History:
         """Forces of a contact and velocities of named points, to compare, plot and save.

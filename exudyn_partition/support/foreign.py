@@ -42,5 +42,6 @@ Axes = _Unknown  # matplotlib.axes.Axes
 Figure = _Unknown  # matplotlib.figure.Figure
 Plotter = _Unknown  # pyvista.Plotter
 PolyData = _Unknown  # pyvista.PolyData
+Actor = _Unknown  # pyvista.Actor
 ProgressBar = _Unknown  # rich.progress.Progress
 JSON = _Unknown  # a value in the types of JSON, from a file

@@ -1,0 +1,221 @@
+"""Films of a run, drawn by PyVista off screen: bodies with their motion and deformation, the force beneath.
+
+They need no screen: `pip install "exudyn-partition[pictures]"` brings PyVista, and ffmpeg for MP4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..exudyn_contacts.run_result import RunResult as Result
+from ..support.arrays import Array
+from ..support.checks import validate_array, validate_choice, validate_positive, validate_result
+from ..support.files import filling, writable
+from ..support.foreign import Actor, Plotter, PolyData
+from ..support.optional import require
+from ..support.progress import Progress, shown
+from .body_fields import Shown
+from .graphics import rigid_surfaces, validate_pixels, validate_scale
+from .motion import LABELS, BodyMotion, Colour, Motion, motion_of
+from .plot_input import plain
+from .pyvista_view import surface
+from .scene import colour_map
+
+_ENDINGS = {".mp4": "a film (H.264)", ".gif": "a moving picture", ".png": "a numbered picture for each frame"}
+_SIZE = (1280, 720)
+_STRIP = 0.2  # height of the curve of forces, by that of the picture
+_INCH = 100  # pixels
+_QUALITY = 20  # constant rate factor of H.264: small numbers are better and larger
+_GREY = "#9a9aa0"
+_LIGHT = {"ambient": 0.45, "diffuse": 0.65, "specular": 0.15}
+_BAR = {"color": "black", "n_labels": 2, "fmt": "%.3g", "position_x": 0.66, "position_y": 0.86, "width": 0.31,
+        "height": 0.13}  # fmt: skip
+_LETTERS = 45  # of these a picture is high
+_NEAR = 0.25  # size of what is seen of a contact, by that of all bodies
+
+
+def film(
+    path: str | Path,
+    result: Result,
+    bodies: Sequence[Shown] | None = None,
+    *,
+    colour: Colour = "speed",
+    end: float | None = None,
+    frames: int | Sequence[float] | Array = 100,
+    period: float = 0.04,
+    scale: float | None = None,
+    view: str = "all",
+    direction: Sequence[float] = (1.0, -1.6, 0.8),
+    size: tuple[int, int] = _SIZE,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a film of a run; see `Result.film`."""
+    path = writable(path)
+    validate_result(result)
+    ending = validate_choice("path", path.suffix.lower(), _ENDINGS)
+    pixels = [2 * (side // 2) for side in validate_pixels(size)]  # H.264 takes even numbers
+    validate_positive("period", period, "s")
+    if scale is not None:
+        validate_scale(scale)
+    if end is not None:
+        validate_positive("end", end)
+    towards = validate_array("direction", direction, (3,))
+    if not towards.any():
+        raise InputError("direction: expected where the viewer is, seen from the bodies, got zeros")
+    if ending == ".mp4":
+        require("imageio_ffmpeg")
+    require("pyvista")
+    with shown(progress, "film") as report:
+        motion = motion_of(result, bodies, colours=[colour], frames=frames, progress=lambda share: report(share / 2))
+        focus, extent = _focus(motion, view)
+        with filling(path.parent, last=path.name) as new:
+            pictures = _pictures(
+                result, motion, colour, end, scale, (focus, extent, towards), pixels,
+                lambda share: report(0.5 + share / 2),
+            )  # fmt: skip
+            _WRITERS[ending](new / path.name, pictures, pixels, period)
+    return path if ending != ".png" else path.with_name(f"{path.stem}_0000.png")
+
+
+def _focus(motion: Motion, view: str) -> tuple[Array, float]:
+    """Point to look at and size of what is seen [m], of "all", "contact" or a body's name."""
+    low, high = motion.bounds
+    names = {body.name: body for body in motion.bodies}
+    validate_choice("view", view, ["all", *["contact"] * bool(motion.spots), *names])
+    if view == "all":
+        return (low + high) / 2, motion.size
+    if view == "contact":
+        return motion.spots[0], _NEAR * motion.size
+    body: BodyMotion = names[view]
+    every = np.vstack([body.at(frame) for frame in (0, len(motion.t) // 2, len(motion.t) - 1)])
+    return (every.min(axis=0) + every.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(every, axis=0)))
+
+
+def _pictures(
+    result: Result,
+    motion: Motion,
+    colour: Colour,
+    end: float | None,
+    scale: float | None,
+    camera: tuple[Array, float, Array],
+    pixels: list[int],
+    progress: Progress,
+) -> Iterator[Array]:
+    """Yield the frames, (height, width, 3) uint8."""
+    pyvista = require("pyvista")
+    width, height = pixels
+    below = 2 * int(_STRIP * height / 2) if motion.forces else 0
+    strip = _strip(motion, width, below) if below else None
+    scene = pyvista.Plotter(off_screen=True, window_size=[width, height - below])
+    scale = motion.visible_scale if scale is None else float(scale)
+    label, unit, many = LABELS[colour]
+    top = many * (motion.end_of(colour) if end is None else end)
+    scene.set_background("white")
+    meshes = [_drawn(scene, body, colour, many, scale, top) for body in motion.bodies]
+    letter = max(8, height // _LETTERS)
+    scene.add_scalar_bar(
+        f"{label} [{unit}]", mapper=meshes[0][1].mapper, title_font_size=letter, label_font_size=letter, **_BAR
+    )
+    for rigid in rigid_surfaces(result.contacts, np.vstack([body.at(0) for body in motion.bodies])):
+        scene.add_mesh(surface(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
+    scene.enable_anti_aliasing("msaa")
+    focus, extent, towards = camera
+    scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
+    scene.camera.view_angle = 2 * np.degrees(np.arctan(0.27))
+    scene.reset_camera_clipping_range()
+    text = scene.add_text("t", position="upper_left", font_size=max(5, letter // 2 + 3), color="black")
+    said = "" if scale == 1 else f"\ndeformed x {scale:g}: bodies may seem to overlap"
+    try:
+        for frame, t in enumerate(motion.t):
+            for body, (mesh, _) in zip(motion.bodies, meshes, strict=True):
+                mesh.points = body.at(frame, scale)
+                mesh.point_data[colour] = many * body.colours[colour][frame]
+            text.set_text("upper_left", f"t = {1e3 * t:.4g} ms{said}")
+            scene.render()  # a screenshot alone would show the frame before
+            picture = np.asarray(scene.screenshot(return_img=True))[..., :3]
+            yield picture if strip is None else np.vstack([picture, strip.at(float(t))])
+            progress((frame + 1) / len(motion.t))
+    finally:
+        scene.close()
+
+
+def _drawn(
+    scene: Plotter, body: BodyMotion, colour: Colour, many: float, scale: float, top: float
+) -> tuple[PolyData, Actor]:
+    """Surface of a body in the scene, and what draws it."""
+    mesh = surface(body.at(0, scale), body.triangles)
+    mesh.point_data[colour] = many * body.colours[colour][0]
+    actor = scene.add_mesh(
+        mesh, scalars=colour, cmap=colour_map(), clim=[0, top], show_scalar_bar=False, smooth_shading=True,
+        split_sharp_edges=False, **_LIGHT,
+    )  # fmt: skip
+    return mesh, actor
+
+
+class _Strip(NamedTuple):
+    """Picture of the forces over time, and the columns of its first and last time [s]."""
+
+    picture: Array
+    columns: tuple[float, float]
+    times: tuple[float, float]
+
+    def at(self, t: float) -> Array:
+        """The picture with a mark at a time [s]."""
+        column = round(float(np.interp(t, self.times, self.columns)))
+        picture = self.picture.copy()
+        picture[:, max(0, column - 1) : column + 1] = (200, 60, 40)
+        return picture
+
+
+def _strip(motion: Motion, width: int, height: int) -> _Strip:
+    """Draw the curve of the forces."""
+    figure = require("matplotlib.figure").Figure(figsize=(width / _INCH, height / _INCH), dpi=_INCH)
+    canvas = require("matplotlib.backends.backend_agg").FigureCanvasAgg(figure)
+    left, below = 66 / width, 40 / height  # room for numbers and names of the axes
+    axes = figure.add_axes((left, below, 1 - left - 20 / width, max(0.2, 1 - below - 8 / height)))
+    for name, force in motion.forces.items():
+        axes.plot(1e3 * motion.force_t, force, linewidth=1.4, label=plain(name))
+    axes.set_xlim(1e3 * motion.force_t[0], 1e3 * motion.force_t[-1])
+    axes.set_xlabel("t [ms]", fontsize=9, labelpad=1)
+    axes.set_ylabel("force [N]", fontsize=9)
+    axes.tick_params(labelsize=8)
+    if len(motion.forces) > 1:
+        axes.legend(fontsize=7, loc="upper right")
+    canvas.draw()
+    picture = np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    times = float(motion.force_t[0]), float(motion.force_t[-1])
+    first, last = (float(axes.transData.transform((1e3 * t, 0.0))[0]) for t in times)
+    return _Strip(picture, (first, last), times)
+
+
+def _write_mp4(path: Path, pictures: Iterator[Array], pixels: list[int], period: float) -> None:
+    writer = require("imageio_ffmpeg").write_frames(
+        str(path), tuple(pixels), fps=1 / period, codec="libx264", quality=None, macro_block_size=2,
+        output_params=["-crf", str(_QUALITY), "-movflags", "+faststart"],
+    )  # fmt: skip
+    writer.send(None)
+    try:
+        for picture in pictures:
+            writer.send(np.ascontiguousarray(picture))
+    finally:
+        writer.close()
+
+
+def _write_gif(path: Path, pictures: Iterator[Array], pixels: list[int], period: float) -> None:
+    image = require("PIL.Image")  # which matplotlib needs too
+    first, *others = [image.fromarray(picture) for picture in pictures]
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=1e3 * period, loop=0)
+
+
+def _write_pngs(path: Path, pictures: Iterator[Array], pixels: list[int], period: float) -> None:
+    image = require("PIL.Image")
+    for number, picture in enumerate(pictures):
+        image.fromarray(picture).save(path.with_name(f"{path.stem}_{number:04d}.png"))
+
+
+_WRITERS = {".mp4": _write_mp4, ".gif": _write_gif, ".png": _write_pngs}

@@ -1,0 +1,70 @@
+"""Films: frames show the motion of the run, with the force beneath and its mark at the right time."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, MissingPackageError
+
+pytest.importorskip("pyvista")
+
+
+@pytest.fixture(scope="module")
+def run(bodies):
+    """The ball hits a rigid plane and flies away."""
+    import exudyn as exu
+
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(
+        mbs, bodies[0], name="ball", initialVelocity=[0, 0, -1.0], referencePosition=[0, 0, 1e-6]
+    )
+    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    mbs.Assemble()
+    return ep.solve_dynamic(mbs, end_time=150e-6, step=0.5e-6)
+
+
+def test_frames_show_the_motion_and_the_force(run, tmp_path):
+    size = (300, 200)
+    first = run.film(tmp_path / "run.png", frames=4, size=size, scale=1.0, colour="deformation")
+    assert first == tmp_path / "run_0000.png"
+    pictures = [np.asarray(Image.open(tmp_path / f"run_{i:04d}.png"), dtype=int) for i in range(4)]
+    assert all(picture.shape == (200, 300, 3) for picture in pictures)
+    marks = []
+    for picture in pictures:
+        strip = picture[-38:]
+        red = (abs(strip - (200, 60, 40)).sum(axis=2) == 0).all(axis=0)
+        marks.append(np.flatnonzero(red).mean())
+    # The mark moves with time, at equal distances.
+    np.testing.assert_allclose(np.diff(marks), np.diff(marks)[0], atol=1.0)
+    assert marks[0] > 50
+    assert marks[-1] < 295
+    assert abs(pictures[1][:150] - pictures[0][:150]).max() > 50
+
+
+def test_kinds_of_films(run, tmp_path):
+    path = run.film(tmp_path / "run.gif", frames=3, size=(120, 80), period=0.1, view="contact")
+    with Image.open(path) as film:
+        assert (film.n_frames, film.size, film.info["duration"]) == (3, (120, 80), 100)
+    imageio = pytest.importorskip("imageio_ffmpeg")
+    path = run.film(tmp_path / "run.mp4", frames=5, size=(160, 120), period=0.05, view="ball")
+    reader = imageio.read_frames(str(path))
+    facts = next(reader)
+    assert facts["size"] == (160, 120)
+    assert facts["fps"] == pytest.approx(20)
+    assert len([*reader]) == 5
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_what_is_refused(run, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"path: expected .*mp4.*got '.avi'"):
+        run.film(tmp_path / "run.avi")
+    with pytest.raises(InputError, match="view: expected"):
+        run.film(tmp_path / "run.gif", view="plate")
+    with pytest.raises(InputError, match="direction"):
+        run.film(tmp_path / "run.gif", direction=(0, 0, 0))
+    with pytest.raises(InputError, match="needs its FE model"):
+        run.film(tmp_path / "run.gif", colour="von_mises")
+    monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
+    with pytest.raises(MissingPackageError, match="pip install"):
+        run.film(tmp_path / "run.gif")

@@ -1,0 +1,189 @@
+"""The page that plays: what it holds, and what a browser makes of it."""
+
+import base64
+import gzip
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import TOP
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError
+from exudyn_partition.present.motion import motion_of
+from exudyn_partition.present.scene import few_shapes, split_at_edges
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+SOFTWARE = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+
+
+@pytest.fixture(scope="module")
+def run(bodies):
+    """A ball that spins hits a block; a second contact with a rigid plane is never closed."""
+    import exudyn as exu
+
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(
+        mbs,
+        bodies[0],
+        name="ball </script>",
+        frame="floating",
+        referencePosition=TOP,
+        initialVelocity=[0, 0, -1.0],
+        initialAngularVelocity=[900.0, 0, 0],
+    )
+    block = ep.CreatePartitionBody(mbs, bodies[1], name="block", frame="inertial")
+    ep.CreatePartitionContact(mbs, ball, block, name="ball on block")
+    mbs.Assemble()
+    return ep.solve_dynamic(mbs, end_time=60e-6, step=0.5e-6)
+
+
+def read(page):
+    """Facts and arrays of a page, decoded without a browser."""
+    facts = json.loads(re.search(r'<script id="facts"[^>]*>(.*?)</script>', page, re.DOTALL).group(1))
+    data = re.search(r'<script id="data"[^>]*>(.*?)</script>', page, re.DOTALL).group(1)
+    block = gzip.decompress(base64.b64decode(data))
+    kinds = {"f4": np.float32, "i2": np.int16, "u4": np.uint32, "u1": np.uint8}
+    return facts, lambda entry: np.frombuffer(block, kinds[entry[0]], entry[2], entry[1])
+
+
+def test_the_page_holds_the_motion(run, tmp_path):
+    scene = run.scene(tmp_path / "run.html", frames=9)
+    assert scene.path.read_text() == scene.page
+    facts, array = read(scene.page)
+    assert facts["title"] == "run"
+    motion = motion_of(run, frames=9)
+    middle = np.mean(motion.bounds, axis=0)
+    for given, body in zip(facts["bodies"], motion.bodies, strict=True):
+        points, amplitudes = array(given["points"]).reshape(-1, 3), array(given["amplitudes"]).reshape(9, -1)
+        shapes = array(given["shapes"]).reshape(amplitudes.shape[1], -1)
+        largest = abs(body.deformation).max()
+        for frame in range(9):
+            local = points + (amplitudes[frame] @ shapes).reshape(-1, 3)
+            place = array(given["place"]).reshape(9, 3)[frame] + local @ array(given["turn"]).reshape(9, 3, 3)[frame].T
+            away = abs(place + middle - body.at(frame)).max()
+            assert away < 0.01 * largest + 1e-6 * motion.size  # half a per cent, and single precision
+        for colour, values in zip(given["colours"], body.colours.values(), strict=True):
+            most = max(other.colours["speed"].max() for other in motion.bodies)
+            if values is body.colours["speed"]:
+                read_back = most * (array(colour).reshape(9, -1) / 255.0) ** 2
+                np.testing.assert_allclose(read_back, values, atol=2 * most / 255)
+
+
+def test_text_from_the_user_cannot_end_the_script(run):
+    page = run.scene(frames=2, title="</script><b>").page
+    assert "</script><b>" not in page
+    assert page.count("</script>") == 3
+    assert page.isascii()  # within a notebook's frame other letters would be read wrongly
+
+
+def test_a_notebook_shows_the_page(run):
+    shown = run.scene(frames=2, height=300)._repr_html_()
+    assert shown.startswith("<iframe")
+    assert "height:300px" in shown
+    assert "<script" not in shown  # all of the page is escaped
+
+
+def test_few_shapes_reach_the_tolerance():
+    random = np.random.default_rng(3)
+    frames = np.einsum("mr,rnk->mnk", random.normal(size=(20, 3)), random.normal(size=(3, 40, 3)))
+    shapes, amplitudes = few_shapes(frames, 1e-9)
+    assert len(shapes) == 3
+    np.testing.assert_allclose(np.einsum("mr,rnk->mnk", amplitudes, shapes), frames, atol=1e-9 * abs(frames).max())
+    shapes, amplitudes = few_shapes(np.zeros((4, 5, 3)))
+    assert not (amplitudes @ shapes.reshape(len(shapes), -1)).any()
+
+
+def test_vertices_are_split_at_sharp_edges_alone():
+    corners = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    split, nodes = split_at_edges(corners, triangles)
+    assert len(nodes) == 24  # four for each face of the cube
+    np.testing.assert_array_equal(nodes[split], triangles)
+
+
+def test_what_is_refused(run, tmp_path):
+    with pytest.raises(InputError, match="no folder"):
+        run.scene(tmp_path / "no" / "run.html")
+    with pytest.raises(InputError, match="scale"):
+        run.scene(scale=0.0)
+    with pytest.raises(InputError, match="height"):
+        run.scene(height=1)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium without a screen."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium, see CONTRIBUTING.md")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield browser
+        browser.close()
+
+
+def opened(browser, path: Path, width=900, height=700):
+    """Page from disk without a network, and a list that gets its errors and requests."""
+    context = browser.new_context(viewport={"width": width, "height": height}, offline=True)
+    page, faults = context.new_page(), []
+    page.on("console", lambda m: faults.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    local = ("file:", "data:", "blob:", "about:")
+    page.on("request", lambda r: None if r.url.startswith(local) else faults.append(r.url))
+    page.goto(path.as_uri())
+    page.wait_for_function("window.ready === true", timeout=60_000)
+    return page, faults
+
+
+def test_a_browser_plays_the_page(browser, run, tmp_path):
+    page, faults = opened(browser, run.scene(tmp_path / "run.html", frames=21, scale=1.0).path)
+    motion = motion_of(run, frames=21)
+    middle = np.mean(motion.bounds, axis=0)
+    for frame in (0, 7, 20):  # vertices are where the bodies are
+        page.evaluate(f"scene.set(scene.times[{frame}])")
+        for number, body in enumerate(motion.bodies):
+            drawn = np.array(page.evaluate(f"Array.from(scene.bodies[{number}].places)")).reshape(-1, 3)
+            nodes = np.array(page.evaluate(f"Array.from(scene.bodies[{number}].nodes)"))
+            expected = (body.at(frame) - middle)[nodes]
+            assert abs(drawn - expected).max() < 0.01 * abs(body.deformation).max() + 1e-6 * motion.size
+            pixel = np.array(page.evaluate(f"scene.project({number}, 0)"))[:2]
+            np.testing.assert_allclose(pixel, projected(page, expected[0]), atol=1.0)
+    before = page.locator("canvas").screenshot()
+    page.evaluate("scene.set(scene.times[0])")
+    page.click("#play")
+    page.wait_for_function("scene.state.time > scene.times[1]", timeout=30_000)
+    page.click("#play")
+    assert page.locator("canvas").screenshot() != before
+    still = page.locator("canvas").screenshot()
+    page.select_option("#colour", "1")
+    page.wait_for_timeout(200)
+    assert page.locator("canvas").screenshot() != still  # colours change
+    page.mouse.move(450, 250)
+    assert "m" in page.locator("#value").text_content() or page.locator("#value").is_hidden()
+    assert faults == []
+
+
+def projected(page, place):
+    """Pixel of a place by a camera that is written here again: perspective from above, at 0.42 rad."""
+    width, height = page.evaluate(
+        "[document.querySelector('canvas').clientWidth, document.querySelector('canvas').clientHeight]"
+    )
+    size = page.evaluate("JSON.parse(document.getElementById('facts').textContent).size")
+    azimuth, elevation, distance = -1.05, 0.42, 1.9 * size
+    back = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    seen = np.array([right @ place, np.cross(back, right) @ place, distance - back @ place])
+    zoom = min(1.0, width / height / 0.7) / np.tan(0.26) * height / 2
+    return np.array([width / 2 + zoom * seen[0] / seen[2], height / 2 - zoom * seen[1] / seen[2]])
+
+
+def test_a_phone_needs_no_scrolling(browser, run, tmp_path):
+    page, faults = opened(browser, run.scene(tmp_path / "run.html", frames=5).path, width=390, height=780)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    assert page.evaluate("document.querySelector('#panel').getBoundingClientRect().bottom") <= 780
+    assert faults == []
