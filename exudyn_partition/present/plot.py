@@ -24,6 +24,7 @@ from ..support.checks import validate_choice, validate_integer, validate_positiv
 from ..support.foreign import Axes, Figure
 from ..support.optional import require
 from .body_fields import validate_contacts
+from .body_plot import bodies, selection
 from .patch_plot import pressure, stick
 from .plot_input import (
     axes_of,
@@ -39,7 +40,19 @@ from .plot_input import (
     validate_bodies,
 )
 
-__all__ = ["energy", "force", "modes", "overview", "pareto", "pressure", "spectrum", "stick", "velocity"]
+__all__ = [
+    "bodies",
+    "energy",
+    "force",
+    "modes",
+    "overview",
+    "pareto",
+    "pressure",
+    "selection",
+    "spectrum",
+    "stick",
+    "velocity",
+]
 
 _REFERENCE_STYLE = {"color": "0.6", "linewidth": 3.0}
 _RUN_STYLE = {"color": "C3", "linewidth": 1.0}
