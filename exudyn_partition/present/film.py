@@ -23,12 +23,12 @@ from .body_fields import Shown
 from .graphics import rigid_surfaces, validate_pixels, validate_scale
 from .motion import LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
-from .pyvista_view import surface
 from .scene import colour_map
 
 _ENDINGS = {".mp4": "a film (H.264)", ".gif": "a moving picture", ".png": "a numbered picture for each frame"}
 _SIZE = (1280, 720)
 _STRIP = 0.2  # height of the curve of forces, by that of the picture
+_LEAST = 240, 240  # pixels of a picture that has room for a curve
 _INCH = 100  # pixels
 _QUALITY = 20  # constant rate factor of H.264: small numbers are better and larger
 _GREY = "#9a9aa0"
@@ -109,7 +109,7 @@ def _pictures(
     """Yield the frames, (height, width, 3) uint8."""
     pyvista = require("pyvista")
     width, height = pixels
-    below = 2 * int(_STRIP * height / 2) if motion.forces else 0
+    below = 2 * int(_STRIP * height / 2) if motion.forces and width >= _LEAST[0] and height >= _LEAST[1] else 0
     strip = _strip(motion, width, below) if below else None
     scene = pyvista.Plotter(off_screen=True, window_size=[width, height - below])
     scale = motion.visible_scale if scale is None else float(scale)
@@ -122,7 +122,7 @@ def _pictures(
         f"{label} [{unit}]", mapper=meshes[0][1].mapper, title_font_size=letter, label_font_size=letter, **_BAR
     )
     for rigid in rigid_surfaces(result.contacts, np.vstack([body.at(0) for body in motion.bodies])):
-        scene.add_mesh(surface(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
+        scene.add_mesh(polydata(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
     scene.enable_anti_aliasing("msaa")
     focus, extent, towards = camera
     scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
@@ -148,7 +148,7 @@ def _drawn(
     scene: Plotter, body: BodyMotion, colour: Colour, many: float, scale: float, top: float
 ) -> tuple[PolyData, Actor]:
     """Surface of a body in the scene, and what draws it."""
-    mesh = surface(body.at(0, scale), body.triangles)
+    mesh = polydata(body.at(0, scale), body.triangles)
     mesh.point_data[colour] = many * body.colours[colour][0]
     actor = scene.add_mesh(
         mesh, scalars=colour, cmap=colour_map(), clim=[0, top], show_scalar_bar=False, smooth_shading=True,
@@ -219,3 +219,10 @@ def _write_pngs(path: Path, pictures: Iterator[Array], pixels: list[int], period
 
 
 _WRITERS = {".mp4": _write_mp4, ".gif": _write_gif, ".png": _write_pngs}
+
+
+def polydata(points: object, triangles: object) -> PolyData:
+    """PyVista's surface of triangles, (m, 3) int, between points, (n, 3) [m]."""
+    corners = np.asarray(triangles)
+    faces = np.column_stack([np.full(len(corners), 3), corners])
+    return require("pyvista").PolyData(np.asarray(points, dtype=float), faces.ravel())

@@ -16,9 +16,10 @@ from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
 from ..support.checks import validate_array, validate_integer, validate_number, validate_positive, validate_result
 from ..support.files import replacing, writable
-from ..support.foreign import Plotter, PolyData
+from ..support.foreign import Plotter
 from ..support.optional import require
 from .body_fields import Shown
+from .film import polydata
 from .graphics import (
     COLOURS,
     WINDOW,
@@ -96,7 +97,7 @@ def plotter(
     title, *said = title_of(field, scale)
     for piece, place, value in zip(pieces, places, values, strict=True):
         triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
-        mesh = surface(place, triangles)
+        mesh = polydata(place, triangles)
         mesh.point_data[field] = value
         scene.add_mesh(
             mesh,
@@ -109,7 +110,7 @@ def plotter(
             scalar_bar_args={"title": title, **_BAR},
         )
     for rigid in rigid_surfaces(result.contacts, np.vstack(places)):
-        scene.add_mesh(surface(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
+        scene.add_mesh(polydata(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
     scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
     scene.set_background("white")
     scene.add_axes(color="black")
@@ -170,10 +171,3 @@ def turntable(
             file, format="GIF", save_all=True, append_images=pictures[1:], duration=1e3 * period / count, loop=0
         )
     return path
-
-
-def surface(points: object, triangles: object) -> PolyData:
-    """PyVista's surface of triangles, (m, 3) int, between points, (n, 3) [m]."""
-    corners = np.asarray(triangles)
-    faces = np.column_stack([np.full(len(corners), 3), corners])
-    return require("pyvista").PolyData(np.asarray(points, dtype=float), faces.ravel())

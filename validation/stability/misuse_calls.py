@@ -206,6 +206,9 @@ _size = Kind(
     {**v.NOTHING, "one": (1,), "negative": (-1, 5), "halves": (1.5, 2.5), "huge": (10**6, 10**6), "nan": (v.nan, 1)},
     (32, 24),
 )
+_frames = v.times.but(one=1, beyond_all=10**6)(2)
+_scale = v.positive.or_none.but(**{"1e300": 1e300})
+_direction = v.vector.but(zero=(0, 0, 0))((1.0, -1.0, 1.0))
 _SCENE = {
     "result": v.own_result,
     "time": v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
@@ -605,6 +608,31 @@ CALLS = {
     "Result.kept": call(of=_result, contact=v.contact.but(**_foreign_contact)),
     "Result.at": call(of=_result, times=v.times(2)),
     "Result.report": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "run.html")), title=v.text("")),
+    "Result.film": call(
+        of=_result,
+        path=v.path_out.but(film=Made(lambda s: s.folder / "run.avi"))(Made(lambda s: s.folder / "run.gif")),
+        bodies=_bodies,
+        colour=v.choice("speed"),
+        end=v.positive.or_none,
+        frames=_frames,
+        period=v.positive(0.04),
+        scale=_scale,
+        view=v.choice("all"),
+        direction=_direction,
+        size=_size((80, 60)),
+        progress=v.function,
+    ),
+    "Result.scene": call(
+        of=_result,
+        path=v.path_out.or_none(None),
+        bodies=_bodies,
+        colours=Kind({"text": "speed", "number": 1, "empty": [], "unknown": ["x"], "dict": {1: 2}}, None),
+        frames=_frames,
+        scale=_scale,
+        title=v.text(""),
+        height=v.count.but(one=1)(300),
+        progress=v.function,
+    ),
     "Result.history": call(of=_result, contact=v.contact.but(**_foreign_contact), points=_body_points),
     "Result.save": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "npz"))),
     "Result.load": call(
@@ -761,6 +789,19 @@ CALLS = {
         result=v.own_result(Made(lambda s: s.sticking[1])),
         time=v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
         contact=_plain_contact,
+    ),
+    "plot.selection": call(
+        fem=v.fem.but(other=Made(lambda s: s.other_fem)), partition=v.part, axes=_axes, direction=_direction
+    ),
+    "plot.bodies": call(
+        result=v.own_result,
+        time=v.number.or_none.but(beyond=1.0, negative=-1.0)(STEP),
+        bodies=_bodies,
+        axes=_axes,
+        colour=v.choice("speed"),
+        end=v.positive.or_none,
+        scale=_scale,
+        direction=_direction,
     ),
     "plot.modes": call(axes=_axes, body=v.item_or_body),
     "plot.pareto": call(axes=_axes, runs=_runs, quantity=v.choice("force")),
