@@ -148,7 +148,8 @@ def _scene(
     if not 1 / _FASTEST <= speed <= _FASTEST:
         raise InputError(f"speed: expected {1 / _FASTEST:g} to {_FASTEST:g} m/s, got {speed!r}")
     low, high = _TOLERANCES
-    if not low <= validate_number("tolerance", tolerance) <= high:
+    tolerance = validate_number("tolerance", tolerance)
+    if not low <= tolerance <= high:
         raise InputError(
             f"tolerance: expected {low:g} to {high:g}, got {tolerance!r}. Below, rounding of meshes and rows decides; "
             "above, meshes are too coarse for an estimate"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
@@ -86,9 +85,7 @@ def friction_of(friction: float | Coulomb | None) -> Coulomb | None:
     """
     if friction is None or isinstance(friction, Coulomb):
         return friction if friction is None or friction.static > 0 else None
-    if isinstance(friction, bool) or not isinstance(friction, Real):
-        raise InputError(f"friction: expected a coefficient or Coulomb(...), got {type(friction).__name__}")
-    coefficient = _coefficient("friction", float(friction))
+    coefficient = _coefficient("friction", validate_number("friction", friction, "a coefficient or Coulomb(...)"))
     return Coulomb(coefficient) if coefficient > 0 else None
 
 

@@ -74,7 +74,7 @@ class RigidSphere:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", validate_vector("center", self.center))
-        validate_positive("radius", self.radius, "m")
+        object.__setattr__(self, "radius", validate_positive("radius", self.radius, "m"))
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
@@ -109,8 +109,8 @@ class RigidCylinder:
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", validate_vector("point", self.point))
         object.__setattr__(self, "axis", _unit("axis", self.axis))
-        validate_positive("radius", self.radius, "m")
-        validate_flag("hollow", self.hollow)
+        object.__setattr__(self, "radius", validate_positive("radius", self.radius, "m"))
+        object.__setattr__(self, "hollow", validate_flag("hollow", self.hollow))
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3); those of a bore point to its axis."""

@@ -110,6 +110,7 @@ class BodyResults(dict[str, ItemIndex]):
         ModelLimitWarning
             If `fem` is not given, and the missing part is estimated as more than 2 % of the history.
         """
+        point = validate_vector("point", point)
         nodes, weights = self._around(point)
         kept: Array = weights @ self.kinematics.at(nodes).displacements(self.coordinates(result))
         if fem is not None:
@@ -122,6 +123,7 @@ class BodyResults(dict[str, ItemIndex]):
 
         The part that `fem` adds is the rate of change of the static answer from sample to sample.
         """
+        point = validate_vector("point", point)
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         nodes, weights = self._around(point)
         kept: Array = weights @ self.kinematics.at(nodes).velocities(q, q_t)
@@ -248,7 +250,7 @@ class BodyResults(dict[str, ItemIndex]):
             raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
         return q
 
-    def _around(self, point: Vector) -> tuple[Array, Array]:
+    def _around(self, point: Array) -> tuple[Array, Array]:
         """Nodes around a point, (k,), and weights, (k,); of a body without its inside, only nodes on its surface."""
         self.body.check_nodes(np.array([self.body.nearest_node(point)]))
         known = self.body.basis.shape_nodes

@@ -217,10 +217,13 @@ def _one_of(**names: object) -> tuple[str, Any]:
 
 def _damping(damping: Ratios | None, of_mass: float, of_stiffness: float) -> Ratios | None:
     """Return the damping that is given in one of two ways."""
+    expected = "a finite number, zero or above"
+    of_mass = validate_number("massProportionalDamping", of_mass, expected)
+    of_stiffness = validate_number("stiffnessProportionalDamping", of_stiffness, expected)
     given = {"massProportionalDamping": of_mass, "stiffnessProportionalDamping": of_stiffness}
     for name, value in given.items():
-        if validate_number(name, value, "a finite number, zero or above") < 0:
-            raise InputError(f"{name}: expected a finite number, zero or above, got {value!r}")
+        if value < 0:
+            raise InputError(f"{name}: expected {expected}, got {value!r}")
     named = [name for name, value in given.items() if value]
     if not named:
         return damping

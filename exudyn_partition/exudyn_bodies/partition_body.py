@@ -165,8 +165,8 @@ class PartitionBody(BodyResults):
         InputError
             If the body is not in this model, or its basis keeps nodes and its frame is inertial.
         """
-        node = self.body.nearest_node(validate_vector("point", point))
-        return self._point_marker(mbs, point, np.array([node]), np.ones(1))
+        point = validate_vector("point", point)
+        return self._point_marker(mbs, point, np.array([self.body.nearest_node(point)]), np.ones(1))
 
     def CreatePointMarker(self, mbs: MainSystem, point: Vector) -> MarkerIndex:
         """Position marker of any point on or in the body, (3,) in the body's own coordinates [m].
@@ -184,9 +184,10 @@ class PartitionBody(BodyResults):
             If the point is outside the body, the body is not in this model, or its basis keeps nodes and its frame is
             inertial.
         """
+        point = validate_vector("point", point)
         return self._point_marker(mbs, point, *interpolation(self.body.points, point))
 
-    def _point_marker(self, mbs: MainSystem, point: Vector, nodes: Array, weights: Array) -> MarkerIndex:
+    def _point_marker(self, mbs: MainSystem, point: Array, nodes: Array, weights: Array) -> MarkerIndex:
         self.body.check_nodes(nodes)
         marker = add_point_marker(mbs, self._super_element(mbs), nodes, weights)
         if not any(i.kind == "rigid" and np.isin(nodes, i.nodes).all() for i in self.body.partition.interfaces):

@@ -127,7 +127,9 @@ def CreateDistributedLoad(
     unit = kinematics.generalised(start, pattern.forces @ at_start.T)  # of a frame that does not turn
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
-        present = size if loadUserFunction is None else float(loadUserFunction(mbs, t, size))
+        present = size
+        if loadUserFunction is not None:
+            present = validate_number("loadUserFunction", loadUserFunction(mbs, t, size))
         if kinematics.linear:
             return present * unit
         now = np.asarray(q)

@@ -110,7 +110,8 @@ class PartitionContact(ContactResults):
         InputError
             If the result is none, of another model, or static; if `merge` is negative.
         """
-        if validate_number("merge", merge, "a time in s, zero or above") < 0:
+        merge = validate_number("merge", merge, "a time in s, zero or above")
+        if merge < 0:
             raise InputError(f"merge: expected a time in s, zero or above, got {merge!r}")
         force, t = self.force(result), result.t
         if result.method == "static":

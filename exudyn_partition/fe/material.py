@@ -66,13 +66,13 @@ class Material:
         self._check_hardening()
 
     def _check_hardening(self) -> None:
+        back = validate_number("kinematic_hardening", self.kinematic_hardening)
         if self.hardening is None:
-            if self.kinematic_hardening != 0:
+            if back != 0:
                 raise InputError("kinematic_hardening: needs hardening= too, 0 for none that is isotropic")
             return
         if self.yield_stress is None:
             raise InputError("hardening: begins at the yield stress; give yield_stress= too")
-        back = validate_number("kinematic_hardening", self.kinematic_hardening)
         curve: float | tuple[tuple[float, float], ...]
         if isinstance(self.hardening, Sequence | np.ndarray):
             points = validate_array("hardening", self.hardening, (None, 2))

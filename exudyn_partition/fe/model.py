@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ..errors import LockingError, MeshError, UnitsWarning
 from ..support.arrays import Array, Vector
-from ..support.checks import check_indices, read_only, validate_array
+from ..support.checks import check_indices, read_only, validate_array, validate_whole
 from .facets import check_neighbours, facet_corners, part_sizes
 from .material import Material, Regions
 from .places import nearest_node
@@ -90,11 +90,10 @@ class FEModel:
     def __post_init__(self) -> None:
         points = validate_array("points", self.points, (None, 3))
         object.__setattr__(self, "points", points)
-        cells = np.array(self.cells)
-        if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
-            raise MeshError(
-                f"cells: expected integers, (ne, 4), (ne, 10), (ne, 20) or (ne, 8), got {cells.dtype} {cells.shape}"
-            )
+        expected = "integers, (ne, 4), (ne, 10), (ne, 20) or (ne, 8)"
+        cells = validate_whole("cells", self.cells, expected).copy()
+        if cells.ndim != 2:
+            raise MeshError(f"cells: expected {expected}, got shape {cells.shape}")
         if cells.size and not (0 <= cells.min() and cells.max() < len(points)):
             raise MeshError(
                 f"cells: expected node numbers from 0 to {len(points) - 1}, got {cells.min()} to {cells.max()}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import EmptyRegionError, InputError
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_choice, validate_vector
+from ..support.checks import validate_array, validate_choice, validate_vector, validate_whole
 from .facets import area_vectors, facet_corners
 from .model import FEModel
 
@@ -106,7 +106,7 @@ def chosen_facets(fem: FEModel, faces: Faces) -> Array:
     except ValueError as error:
         raise wrong from error
     if given.shape == (2, 3) and given.dtype.kind in "iuf":
-        lower, upper = validate_array("faces", given, (2, 3))
+        lower, upper = validate_array("faces", faces, (2, 3))
         if (lower > upper).any():
             raise InputError(f"faces: expected lower and upper corner of a box, got {show(lower)} and {show(upper)}")
         centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
@@ -117,10 +117,12 @@ def chosen_facets(fem: FEModel, faces: Faces) -> Array:
                 f"{show(fem.points.min(axis=0))} to {show(fem.points.max(axis=0))} m. Move or enlarge the box"
             )
         return number
-    if given.shape == (n,) and given.dtype.kind == "b":
+    if given.shape == (n,) and given.dtype.kind == "b" and not np.ma.is_masked(faces):
         given = np.flatnonzero(given)
     elif given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
         raise wrong
+    else:
+        given = validate_whole("faces", faces, "numbers of facets")
     if not given.size:
         raise EmptyRegionError("faces: no facet is chosen; expected at least one")
     if given.min() < 0 or given.max() >= n:

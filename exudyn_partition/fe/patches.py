@@ -19,6 +19,7 @@ from ..support.checks import (
     validate_text,
     validate_type,
     validate_vector,
+    validate_whole,
 )
 from .faces import middle
 from .facets import nodal_area
@@ -259,15 +260,10 @@ def interface_of(
     validate_choice("kind", kind, KINDS)
     if isinstance(nodes, str):
         nodes = fem.facets[named_facets(fem, "nodes", nodes)]
-    nodes = np.asarray(nodes)
-    if nodes.size and nodes.dtype.kind not in "iu":
-        raise InputError(
-            f"nodes: expected whole numbers of nodes or the name of a boundary, got {type(nodes.flat[0]).__name__}"
-        )
-    nodes = np.unique(nodes)
+    nodes = np.unique(validate_whole("nodes", nodes, "whole numbers of nodes or the name of a boundary"))
     if not nodes.size:
         raise EmptyRegionError(f"nodes: interface {name!r} has none; expected at least three that span a plane")
-    if not np.issubdtype(nodes.dtype, np.integer) or nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
+    if nodes[0] < 0 or nodes[-1] >= fem.n_nodes:
         raise InputError(f"nodes: expected numbers of nodes, 0 to {fem.n_nodes - 1}, got {nodes[0]} to {nodes[-1]}")
     spanned = fem.facets[np.isin(fem.facets, nodes).all(axis=1)]
     if np.isin(nodes, spanned).all():
@@ -304,9 +300,9 @@ def _checked_place(fem: FEModel, name: str, mean: Array, position: Vector) -> Ar
 
 def _node_numbers(name: str, value: Sequence[int] | Array | None, fem: FEModel) -> Array:
     """Return numbers of nodes of an FE model."""
-    nodes = np.asarray(value)
-    if nodes.ndim != 1 or (nodes.size and nodes.dtype.kind not in "iu"):
-        raise InputError(f"{name}: expected numbers of nodes, (k,), got {type(value).__name__}")
+    nodes = validate_whole(name, value, "numbers of nodes, (k,)")
+    if nodes.ndim != 1:
+        raise InputError(f"{name}: expected numbers of nodes, (k,), got shape {nodes.shape}")
     if not nodes.size:
         raise EmptyRegionError(f"{name}: has no nodes; expected some along edges of the mesh")
     if nodes.min() < 0 or nodes.max() >= fem.n_nodes:

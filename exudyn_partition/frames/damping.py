@@ -47,6 +47,7 @@ class Rayleigh:
             value = validate_number(name, getattr(self, name), "a finite number, zero or above")
             if value < 0:
                 raise InputError(f"{name}: expected a finite number, zero or above, got {value}")
+            object.__setattr__(self, name, value)
 
 
 Ratios = float | Sequence[float] | Callable[[Array], Array] | Rayleigh
@@ -145,7 +146,7 @@ def _rates(body: ReducedBody, damping: Ratios) -> Array:
         return damping.alpha + damping.beta * omega**2
     if callable(damping):
         ratios = validate_array("damping", damping(omega / (2 * np.pi)), (len(omega),))
-    elif np.ndim(damping):
+    elif getattr(damping, "ndim", 0) or (isinstance(damping, Sequence) and not isinstance(damping, str)):
         ratios = validate_array("damping", damping, (len(omega),))
     else:
         ratios = np.full(len(omega), validate_number("damping", damping, "a ratio, zero or above"))

@@ -46,8 +46,8 @@ class Refine:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", validate_vector("center", self.center))
-        validate_positive("radius", self.radius, "m")
-        validate_positive("h", self.h, "m")
+        for name in ("radius", "h"):
+            object.__setattr__(self, name, validate_positive(name, getattr(self, name), "m"))
 
     @property
     def n_points(self) -> float:

@@ -19,7 +19,7 @@ from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
 from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
-from ..support.checks import validate_path, validate_positive
+from ..support.checks import validate_integer, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import others_busy
 from ..support.optional import require
@@ -118,7 +118,7 @@ def fe_model(
     Threads take turns, because NGSolve and Netgen allow one at a time.
     """
     ngsolve = require("ngsolve")
-    if isinstance(order, bool) or order not in (None, 1, 2, 3):
+    if order is not None and validate_integer("order", order) not in (1, 2, 3):
         raise InputError(f"order: expected 1, 2 or 3, got {order!r}")
     given = GivenMaterial(material, modulus)
     scale = validate_positive("scale", scale)
@@ -182,7 +182,7 @@ def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
 
 def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
     """Refuse options that have no effect on a mesh."""
-    named = {"maxh": maxh is not None, "grading": grading != GRADING}
+    named = {"maxh": maxh is not None, "grading": validate_number("grading", grading) != GRADING}
     named["refine"] = bool(regions_of(refine))
     given = [name for name, is_given in named.items() if is_given]
     if given:

@@ -82,9 +82,10 @@ def title_of(field: ViewField, scale: float) -> list[str]:
 
 def validate_scale(scale: float) -> float:
     """Check the factor on the drawn deformation."""
-    if validate_positive("scale", scale) > _LARGEST_SCALE:
+    scale = validate_positive("scale", scale)
+    if scale > _LARGEST_SCALE:
         raise InputError(f"scale: expected at most {_LARGEST_SCALE:g} times the deformation, got {scale:g}")
-    return float(scale)
+    return scale
 
 
 def validate_pixels(size: tuple[int, int]) -> list[int]:

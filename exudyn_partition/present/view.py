@@ -220,9 +220,9 @@ def show(
     """
     validate_result(result)
     frames, now = result.at(times), 0
-    validate_positive("period", period, "s")
+    period = validate_positive("period", period, "s")
     if cycles is not None:
-        validate_integer("cycles", cycles, 1)
+        cycles = validate_integer("cycles", cycles, 1)
     SC, mbs = _scene(frames, lambda: now, bodies, field, scale, limits)
     # Without X11, Exudyn would end the whole process.
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):

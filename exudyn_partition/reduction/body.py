@@ -28,6 +28,7 @@ from ..support.checks import (
     validate_positive,
     validate_type,
     validate_vector,
+    validate_whole,
 )
 from ..surfaces.surface import Surface
 from .basis import ReducedBasis
@@ -111,8 +112,8 @@ class ReducedBody:
         n_fields = n_shapes if len(nodal) else n_shapes - 6
         check_floats("inertia", self.inertia.cross, (3, n_fields, n_fields))
         for name, unit in (("total_mass", "kg"), ("f_cut", "Hz")):
-            validate_positive(name, getattr(self, name), unit)
-        validate_number("reduce_s", self.reduce_s)
+            object.__setattr__(self, name, validate_positive(name, getattr(self, name), unit))
+        object.__setattr__(self, "reduce_s", validate_number("reduce_s", self.reduce_s))
         check_floats("centre_of_mass", self.centre_of_mass, (3,))
         read_only(self.points, self.facets, self.centre_of_mass)
 
@@ -199,8 +200,8 @@ class ReducedBody:
         InputError
             If they are no numbers of nodes, or the body has no shapes there.
         """
-        nodes = np.asarray(nodes)
-        if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or not ((nodes >= 0) & (nodes < len(self.points))).all():
+        nodes = validate_whole("nodes", nodes, f"numbers of nodes, 0 to {len(self.points) - 1}, an array of shape (k,)")
+        if nodes.ndim != 1 or not ((nodes >= 0) & (nodes < len(self.points))).all():
             raise InputError(f"nodes: expected numbers of nodes, 0 to {len(self.points) - 1}, an array of shape (k,)")
         dofs = node_dofs(nodes)
         shapes = self.shape_rows(nodes)

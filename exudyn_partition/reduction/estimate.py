@@ -106,10 +106,11 @@ class Estimate:
     def __post_init__(self) -> None:
         known = [name for name in ("mesh_force", "mesh_velocity", "step") if getattr(self, name) is not None]
         for name in ("force", "velocity", "tolerance", *known):
-            if validate_number(name, getattr(self, name)) < 0:
+            object.__setattr__(self, name, validate_number(name, getattr(self, name)))
+            if getattr(self, name) < 0:
                 raise InputError(f"{name}: expected an error that is not negative, got {getattr(self, name)}")
         for name in ("f_cut", "f_top", "speed", "duration"):
-            validate_positive(name, getattr(self, name))
+            object.__setattr__(self, name, validate_positive(name, getattr(self, name)))
         for name in ("against", "limit"):
             validate_text(name, getattr(self, name))
 

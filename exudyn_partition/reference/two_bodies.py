@@ -100,7 +100,8 @@ def simulate(
         If Ctrl-C ended the run.
     """
     slave, master = bodies = _two(bodies)
-    if not 0 <= validate_number("alpha", alpha) <= 1 / 3:
+    alpha = validate_number("alpha", alpha)
+    if not 0 <= alpha <= 1 / 3:
         raise InputError(f"alpha: expected 0 to 1/3, got {alpha!r}")
     steps, coulomb = _count(end_time, step), friction_of(friction)
     points = _validate_points(points)

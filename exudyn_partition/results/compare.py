@@ -46,12 +46,14 @@ class Comparison:
     def __post_init__(self) -> None:
         if not isinstance(self.error, Mapping):
             raise InputError(f"error: expected a dict of names and numbers, got {type(self.error).__name__}")
-        for name, value in self.error.items():
-            if validate_number(f"error[{name!r}]", value) < 0:
+        error = {name: validate_number(f"error[{name!r}]", value) for name, value in self.error.items()}
+        for name, value in error.items():
+            if value < 0:
                 raise InputError(f"error[{name!r}]: expected at least zero, got {value!r}")
+        object.__setattr__(self, "error", error)
         for name, value in (("time_s", self.time_s), ("reference_time_s", self.reference_time_s)):
             object.__setattr__(self, name, _run_time(name, value))
-        validate_number("end_time", self.end_time, "a time in s")
+        object.__setattr__(self, "end_time", validate_number("end_time", self.end_time, "a time in s"))
 
     @property
     def speedup(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Number
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +98,8 @@ class Result:
         InputError
             If the run has no such sensor, or Exudyn read it too seldom.
         """
-        if isinstance(number, str | bytes | float | bool | np.ndarray) or not hasattr(number, "__int__"):
-            raise InputError(f"number: expected that of a sensor, as mbs.AddSensor returns it, got {number!r}")
+        if isinstance(number, Number | np.generic | np.ndarray) or not hasattr(number, "__int__"):  # no index of Exudyn
+            number = validate_integer("number", number)
         if int(number) in self.seldom:
             raise InputError(
                 f"number: Exudyn read sensor {int(number)} less often than this result has times, which are those of "

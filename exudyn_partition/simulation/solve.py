@@ -179,7 +179,8 @@ def _run(
     exu = require("exudyn")
     validate_choice("method", method, INTEGRATORS)
     validate_flag("adaptive", adaptive)
-    if not 0 <= validate_number("spectral_radius", spectral_radius) <= 1:
+    spectral_radius = validate_number("spectral_radius", spectral_radius)
+    if not 0 <= spectral_radius <= 1:
         raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
     end_time = validate_positive("end_time", end_time, "s")
     open_joints = check_start(mbs, settings, progress)

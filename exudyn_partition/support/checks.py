@@ -20,16 +20,28 @@ Item = TypeVar("Item")
 Choice = TypeVar("Choice", bound=str)
 
 _LONGEST_SHOWN = 120  # characters of a wrong value in a message
+_PLAIN = frozenset({float, int, np.float64, np.float32, np.int64, np.int32})
+_NOT_NUMBERS = (TypeError, ValueError, OverflowError, RuntimeError)  # of float, NumPy, and arrays of other packages
+_KINDS = {  # of NumPy's arrays
+    "b": "truth values are no numbers",
+    "S": "text is no number",
+    "U": "text is no number",
+    "c": "complex numbers have an imaginary part; take .real or abs() of them",
+    "m": "durations are no numbers; divide them by numpy.timedelta64(1, 's')",
+    "M": "dates are no numbers; subtract the first one, and divide by numpy.timedelta64(1, 's')",
+    "V": "an array with named fields is no array of numbers; take its columns",
+}
 
 
 def validate_array(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
-    """Return `value` as a read-only float array of `shape` (None: any length); finite numbers only, no text."""
+    """Return `value` as a read-only float array of `shape` (None: any length); finite plain numbers only."""
     try:
-        if np.asarray(value).dtype.kind in "SUc":  # NumPy reads numbers from text, and drops imaginary parts
-            raise TypeError
+        _refuse_other_than_numbers(value)
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name}: expected numbers of shape {_show(shape)}, got {_called(value)}") from error
+    except _NOT_NUMBERS as error:
+        raise InputError(
+            f"{name}: expected numbers of shape {_show(shape)}, got {_called(value)}{_why(error)}"
+        ) from error
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise InputError(f"{name}: expected shape {_show(shape)}, got {array.shape}")
     if not np.isfinite(array).all():
@@ -37,6 +49,18 @@ def validate_array(name: str, value: object, shape: tuple[int | None, ...]) -> A
         raise InputError(f"{name}: expected finite numbers, got {array[tuple(bad)]} at index {tuple(map(int, bad))}")
     array.flags.writeable = False
     return array
+
+
+def validate_whole(name: str, value: object, expected: str = "whole numbers") -> Array:
+    """Return `value` as an array of whole numbers of any shape, as it is; an empty one of any type will do."""
+    try:
+        _refuse_other_than_numbers(value)
+        array = np.asarray(value)
+    except _NOT_NUMBERS as error:
+        raise InputError(f"{name}: expected {expected}, got {_called(value)}{_why(error)}") from error
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name}: expected {expected}, got {array.dtype} of shape {array.shape}")
+    return array if array.size else array.astype(np.int64)
 
 
 def check_floats(name: str, value: object, shape: tuple[int | None, ...]) -> None:
@@ -63,7 +87,7 @@ def check_tuple(name: str, value: object, kind: type) -> None:
 def _array(name: str, value: object, shape: tuple[int | None, ...], kinds: str) -> Array:
     """Return `value` if it is an array of one of NumPy's kinds and of `shape`."""
     kind = "whole numbers" if "i" in kinds else "floats"
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds or _loses(value):
         got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else _called(value)
         raise InputError(f"{name}: expected an array of {kind} of shape {_show(shape)}, got {got}")
     if value.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, value.shape, strict=True)):
@@ -77,12 +101,14 @@ def validate_vector(name: str, value: object) -> Array:
 
 
 def validate_number(name: str, value: object, expected: str = "a finite number") -> float:
-    """Return `value` as a finite float; text and truth values are refused."""
+    """Return `value` as a finite float; an array without axes is one number, and all but plain numbers is refused."""
     try:
-        # What has no float raises a TypeError.
-        number = float("nan") if isinstance(value, str | bytes | bool | np.bool_) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name}: expected {expected}, got {_called(value)}") from error
+        _refuse_other_than_numbers(value)
+        if np.ndim(value):  # type: ignore[arg-type]
+            raise TypeError
+        number = float(value)  # type: ignore[arg-type]  # what has no float raises a TypeError
+    except _NOT_NUMBERS as error:
+        raise InputError(f"{name}: expected {expected}, got {_called(value)}{_why(error)}") from error
     if not np.isfinite(number):
         raise InputError(f"{name}: expected {expected}, got {_called(value)}")
     return number
@@ -100,7 +126,7 @@ def validate_positive(name: str, value: object, unit: str = "") -> float:
 def validate_integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
     """Return `value` as an int from `least` to `most`; integers of NumPy will do, 2.0 and True will not."""
     bounds = f" of at least {least}" * (least is not None) + f" of at most {most}" * (most is not None)
-    if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
+    if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__") or _loses(value):
         raise InputError(f"{name}: expected a whole number{bounds}, got {_called(value)}")
     try:
         number = operator.index(value)
@@ -191,6 +217,64 @@ def read_only(*arrays: Array) -> None:
     """Make arrays read-only, as the fields of frozen dataclasses are."""
     for array in arrays:
         array.flags.writeable = False
+
+
+class _OtherKindError(TypeError):
+    """What a value is that is no plain number."""
+
+
+def _refuse_other_than_numbers(value: object) -> None:
+    """Raise a TypeError if `value`, or anything in it, is no plain real number.
+
+    NumPy and `float` read numbers from text, bytes, times and truth values. They drop imaginary parts, masks and units
+    without a word.
+    """
+    if type(value) in _PLAIN:
+        return
+    if isinstance(value, list | tuple):
+        for item in value:
+            if type(item) not in _PLAIN:  # most are, and calls cost
+                _refuse_other_than_numbers(item)
+        return
+    if lost := _loses(value):
+        raise _OtherKindError(lost)
+    if isinstance(value, bytes | bytearray | memoryview):
+        raise _OtherKindError("bytes are no numbers")
+    array = np.asarray(value)
+    if array.dtype.kind == "O":
+        for item in array.flat:
+            if type(item) in _PLAIN:
+                continue
+            if item is value or not isinstance(item, np.ndarray | np.generic):
+                _refuse_without_float(item)
+            else:
+                _refuse_other_than_numbers(item)
+    elif array.dtype.kind not in "iuf":
+        raise _OtherKindError(_KINDS.get(array.dtype.kind, f"{array.dtype} is no kind of number"))
+
+
+def _refuse_without_float(value: object) -> None:
+    """Raise a TypeError unless `value`, which NumPy does not know, is a number: a fraction, a decimal, ..."""
+    if lost := _loses(value):
+        raise _OtherKindError(lost)
+    if isinstance(value, bool | str) or not hasattr(type(value), "__float__"):
+        raise TypeError
+
+
+def _loses(value: object) -> str:
+    """What a value has beside its numbers, and would lose; empty if nothing."""
+    for name in ("unit", "units"):
+        unit = getattr(value, name, None)
+        if unit is not None and not callable(unit):
+            return f"it has a unit, {_shown(unit)!r}; give its plain number in the unit that is asked for"
+    if np.ma.is_masked(value):
+        return "entries are masked; fill them, or leave them out"
+    return ""
+
+
+def _why(error: BaseException) -> str:
+    """Reason why a value is refused, where there is more to say than its type."""
+    return f": {error}" if isinstance(error, _OtherKindError) else ""
 
 
 def _called(value: object) -> str:

@@ -45,14 +45,16 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     ...     report(0.5)
     """
     validate_text("title", title)
-    if validate_number("after", after, "a time in s") < 0:
+    after = validate_number("after", after, "a time in s")
+    if after < 0:
         raise InputError(f"after: expected a time of at least zero, got {after!r}")
     bar = terminal_bar()
     task, begin, told = bar.add_task(_plain(title), total=1.0), time.perf_counter(), 0
 
     def report(share: float) -> None:
         nonlocal told
-        seconds, part = time.perf_counter() - begin, int(_PARTS * validate_number("share", share))
+        share = validate_number("share", share)
+        seconds, part = time.perf_counter() - begin, int(_PARTS * share)
         if not bar.live.is_started and seconds >= after:
             bar.start()
         bar.update(task, completed=share)

@@ -1,6 +1,7 @@
 """Strain and stress of bodies that have yielded."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -87,3 +88,23 @@ def test_a_result_without_plastic_strain_has_no_stress(pressed):
     read = replace(result, runs=())  # as from a file
     with pytest.raises(InputError, match="are not in files"):
         item.stress(read, POINTS, fem)
+
+
+def test_points_are_used_as_they_were_checked(bodies, mbs, recwarn):
+    """The warning near a contact once took what the user gave: numbers of other kinds ended in NumPy's own error."""
+    item = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -1])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(point=bodies[0].points.min(axis=0)), rows="node-to-segment")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-6)
+    node = bodies[0].points[bodies[0].partition.patches[0].nodes[0]]
+    for motion in (item.velocity, item.displacement):
+        expected = motion(result, node)
+        np.testing.assert_array_equal(motion(result, [Fraction(x) for x in node.tolist()]), expected)
+
+
+def test_numbers_are_kept_as_they_were_checked():
+    """What is kept is a plain number, whatever kind it came as."""
+    one = np.array(1.0)
+    kept = [ep.RigidSphere((0, 0, 0), one).radius, ep.RigidCylinder((0, 0, 0), (0, 0, 1), one).radius]
+    kept += [ep.Refine((0, 0, 0), one, 0.1 * one).radius, ep.Rayleigh(one, Fraction(1)).beta]
+    assert {type(number) for number in kept} == {float}

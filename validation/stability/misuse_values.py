@@ -164,16 +164,42 @@ class Kind:
         return Kind({k: v for k, v in self.wrong.items() if k != "None"}, None)
 
 
+class WithUnit(np.ndarray):
+    """An array with a unit, as packages for quantities have it."""
+
+    unit = "mm"
+
+    @classmethod
+    def of(cls, value):
+        """The value in millimetres."""
+        return np.asarray(value).view(cls)
+
+
 nan, inf = float("nan"), float("inf")
 NOTHING = {"None": None, "text": "x", "dict": {}, "object": object()}
 NUMBERS = {**NOTHING, "list": [1, 2], "complex": 1j, "nan": nan, "inf": inf, "text of a number": "1.0", "True": True}
+# What float() and NumPy read as numbers, and what loses its meaning on the way.
+NUMBERS |= {
+    "complex of NumPy": np.complex128(1 + 1j),
+    "text without axes": np.array("1.0"),
+    "True without axes": np.array(True),
+    "duration": np.timedelta64(1, "s"),
+    "masked": np.ma.array(1.0, mask=True),
+    "memory": memoryview(b"1"),
+    "bytes": bytearray(b"1"),
+    "of a unit": WithUnit.of(1.0),
+    "one in an array": np.ones(1),
+}
 
 number = Kind(NUMBERS, 1.0)
 positive = number.but(**{"negative": -1.0, "zero": 0.0})
 limit = positive.but("inf")  # math.inf is a wall, a plane, ...
 share = number.but(**{"negative": -0.1, "two": 2.0})
 friction = number.but("None", **{"negative": -0.1, "per cent": 30.0})(0.3)
-count = Kind({**NOTHING, "half": 1.5, "negative": -1, "zero": 0, "nan": nan, "list": [1]}, 1)
+count = Kind({**NOTHING, "half": 1.5, "negative": -1, "zero": 0, "nan": nan, "list": [1], "True": True}, 1)
+count = count.but(
+    **{"duration": np.timedelta64(1, "s"), "masked": np.ma.array(1, mask=True), "of a unit": WithUnit.of(1)}
+)
 _VECTORS = {
     **NOTHING,
     "number": 1.0,
@@ -186,10 +212,26 @@ _VECTORS = {
     "Nones": (None, 0, 0),
     "ragged": [0, [0], 0],
     "huge": (10**400, 0, 0),
+    "durations": np.array([0, 0, 1], "m8[s]"),
+    "dates": np.array([0, 0, 1], "M8[s]"),
+    "masked": np.ma.array([0.0, 0.0, 1.0], mask=[0, 0, 1]),
+    "truth values": np.array([False, False, True]),
+    "a truth value": [0.0, 0.0, True],
+    "complex": np.array([0, 0, 1 + 1j]),
+    "with fields": np.array([(0, 0, 1)], dtype="f8,f8,f8"),
+    "bytes": bytearray(b"001"),
+    "of a unit": WithUnit.of([0.0, 0.0, 1.0]),
+    "some of a unit": [0.0, 0.0, WithUnit.of(1.0)],
 }
 vector = Kind(_VECTORS, (0.0, 0.0, 0.0))
 direction = vector.but(zero=(0, 0, 0))((0.0, 0.0, 1.0))
 points = Kind({**NOTHING, "flat": (0, 0, 0), "pairs": [[0, 0]], "nan": [(nan, 0, 0)], "far away": [(1, 1, 1)]})
+points = points.but(**{
+    "durations": np.array([[0, 0, 1]], "m8[s]"),
+    "masked": np.ma.array([[0.0, 0.0, 1.0]], mask=True),
+    "truth values": np.array([[False, False, True]]),
+    "of a unit": WithUnit.of([[0.0, 0.0, 1.0]]),
+})  # fmt: skip
 text = Kind({"None": None, "number": 1, "bytes": b"x", "list": [], "NUL": "a\0b"}, "name")
 choice = Kind({**NOTHING, "empty": "", "number": 1, "list": ["x"], "array": np.arange(3)})
 flag = Kind({"None": None, "text": "yes", "number": 2, "list": [], "half": 0.5}, False)
@@ -197,6 +239,13 @@ patch = Kind({"unknown": "none", "negative": -1, "beyond": 99, "half": 0.5, "Tru
 function = Kind({"text": "x", "number": 1, "list": []}, None)
 times = Kind({**NOTHING, "nan": [nan], "beyond": [1.0], "negative": [-1.0], "no frames": 0, "half": 0.5, "-1": -1})
 samples = Kind({**NOTHING, "number": 1.0, "nested": [[0.0, 1.0]], "nan": [0, nan, 1], "texts": ["a", "b", "c"]})
+samples = samples.but(**{
+    "durations": np.arange(101).astype("m8[us]"),
+    "dates": np.arange(101).astype("M8[us]"),
+    "masked": np.ma.array(np.arange(101.0), mask=np.arange(101) == 50),
+    "truth values": np.arange(101) > 50,
+    "of a unit": WithUnit.of(np.arange(101.0)),
+})  # fmt: skip
 path_out = Kind(
     {
         "None": None,
