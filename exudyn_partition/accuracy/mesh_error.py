@@ -287,7 +287,7 @@ def _check(name: str, pair: object, others: str = "") -> None:
     fem, body = pair
     validate_type(f"{name}[0]", fem, FEModel, "fe_model()")
     validate_type(f"{name}[1]", body, ReducedBody, "reduce() or load_body()")
-    body.partition.check_mesh(fem, name)
+    body.check_fem(fem, name)
     body.check_inside("the error of the mesh")
     if body.basis.flexibility is None or len(body.basis.nodal):
         raise InputError(

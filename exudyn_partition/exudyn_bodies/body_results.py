@@ -16,10 +16,18 @@ from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_result, validate_type, validate_vector
+from ..support.checks import validate_result, validate_vector
 from ..support.foreign import ItemIndex, MainSystem, NodeIndex
 from .model import Samples
-from .static_part import Static, static_motion, static_part, stress_parts, warn_near_contact, warn_within_zones
+from .static_part import (
+    Static,
+    check_static,
+    static_motion,
+    static_part,
+    stress_parts,
+    warn_near_contact,
+    warn_within_zones,
+)
 from .user_functions import RIGID
 
 Kinematics = InertialKinematics | FloatingKinematics
@@ -122,11 +130,18 @@ class BodyResults(dict[str, ItemIndex]):
         """Velocity of a point on or in the body, (n, 3) [m/s]; see `displacement`.
 
         The part that `fem` adds is the rate of change of the static answer from sample to sample.
+
+        Raises
+        ------
+        InputError
+            If the point is not on or in the body, or the FE model is of another one.
         """
         point = validate_vector("point", point)
         q, q_t = self.coordinates(result), self.coordinates_t(result)
         nodes, weights = self._around(point)
         kept: Array = weights @ self.kinematics.at(nodes).velocities(q, q_t)
+        if fem is not None:
+            check_static(self.body, fem)
         if len(result.t) < 2:
             return kept
         rate = partial(np.gradient, axis=0)
@@ -178,8 +193,7 @@ class BodyResults(dict[str, ItemIndex]):
             If the elements are no tetrahedra.
         """
         validate_result(result)
-        validate_type("fem", fem, FEModel, "fe_model()")
-        self.body.partition.check_mesh(fem, "fem: expected the body's own mesh")
+        self.body.check_fem(fem)
         rows, taken = stress_parts(self, result, points, fem)
         kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
         whole = kept + static_part(self, result, rows, fem)

@@ -20,7 +20,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.recovery import locate, stress_rows
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_type
+from ..support.checks import validate_array
 from .model import BodyItem, Samples
 
 Static = FEModel | StaticAnswer
@@ -37,6 +37,14 @@ class RecoveredBody(BodyItem, Protocol):
 
     def coordinates(self, result: Samples) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`."""
+
+
+def check_static(body: ReducedBody, fem: Static) -> None:
+    """Raise `InputError` unless `fem` is the FE model of a body, or the static answer of one."""
+    if isinstance(fem, StaticAnswer):
+        fem.check(body)
+    else:
+        body.check_fem(fem)
 
 
 def static_motion(item: RecoveredBody, result: Samples, nodes: Array, weights: Array, fem: Static) -> Array:
@@ -93,14 +101,12 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
 
     It is that to contact forces, and to the pseudo-forces of plastic strain.
     """
-    if not isinstance(fem, StaticAnswer):
-        validate_type("fem", fem, FEModel, "fe_model()")
+    check_static(item.body, fem)
     total = np.zeros((len(result.t), rows.shape[0]))
     own = [c for c in result.contacts if c.compliant and any(other is item for other, _ in c.sides)]
     if item.body.basis.flexibility is None or not own:
         return total
     answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, item.body)
-    answer.check(item.body)
     # The flexibility is symmetric: the rows act as loads, and their answers are taken at the loaded nodes.
     patches, histories = item.body.partition.patches, [*zone_histories(item, result)]
     loaded = np.unique(np.concatenate([item.body.partition.patch_nodes, *(h.zone.nodes for _, h in histories)]))

@@ -41,6 +41,7 @@ _TETRAHEDRON, _CUBE = 2**-0.5 / 6, 1.0
 _WAVE_SPEEDS = ((10.0, 2e4), (1e6, 2e7))
 # A material with less than this is not given in SI units: foam rubber has E = 1e5 Pa, aerogel rho = 50 kg/m3.
 _SOFTEST_SI, _LIGHTEST_SI = 1e5, 50.0
+_ROUND_OFF = 1e-8  # of sums over matrices that were assembled twice, maybe on another machine
 _LINEAR_NU = 0.49  # Poisson's ratio up to which linear elements are usable
 _LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
 _LARGEST_PLAUSIBLE_MASS = 2e3  # kg; a steel part of 0.05 kg in inches, taken for metres, has 3000 kg
@@ -238,6 +239,18 @@ class FEModel:
         return mesh_fingerprint(self.points, self.facets)
 
     @cached_property
+    def matrix_fingerprint(self) -> Array:
+        """(4,) array: quadratic forms that distinguish mass and stiffness from all others; see `same_matrices`."""
+        found = []
+        for matrix in (self.mass, self.stiffness):
+            # Nodes far apart in space have numbers beside each other: no motion of a body is like these.
+            for motion in (np.sin(1.0 + np.arange(self.n_dofs)), np.cos(1.7 * np.arange(self.n_dofs))):
+                found.append(float(motion @ (matrix @ motion)))
+        fingerprint = np.array(found)
+        read_only(fingerprint)
+        return fingerprint
+
+    @cached_property
     def lumped_mass(self) -> Array:
         """(n,) array: nodal masses [kg] by HRZ lumping, positive for all orders (paper, section 2.1)."""
         share = self.cell_mass[:, None] * _HRZ_SHARE[self.cells.shape[1]]
@@ -350,6 +363,12 @@ def same_mesh(one: Array, other: Array, *, same_place: bool = True) -> bool:
     """Whether two fingerprints are of the same mesh; they may differ by round-off."""
     n = 9 if same_place else 6
     return bool(np.allclose(one[:n], other[:n], rtol=1e-9, atol=1e-9 * np.sqrt(one[0])))
+
+
+def same_matrices(one: Array, other: Array) -> tuple[bool, bool]:
+    """Whether two `FEModel.matrix_fingerprint` are of the same mass, and of the same stiffness, but for round-off."""
+    same = abs(one - other) <= _ROUND_OFF * abs(other)
+    return bool(same[:2].all()), bool(same[2:].all())
 
 
 def node_dofs(nodes: Array) -> Array:

@@ -108,11 +108,8 @@ class BodyFields:
             raise InputError(
                 f"bodies: {what} of {self.item.name or 'a body'!r} needs its FE model, give pairs (body, fem)"
             )
-        if self.fem is not None and not self.body.partition.is_of(self.fem):
-            raise InputError(
-                f"bodies: expected the FE model of {self.item.name or 'a body'!r} with {self.body.fe_dofs} dofs, of "
-                f"the same mesh, got {self.fem!r}"
-            )
+        if self.fem is not None:
+            self.body.check_fem(self.fem, f"bodies, {self.item.name or 'a body'!r}")
         self._stressed = self.fem is not None and bool(_OF_STRESS & {*names})
         if self._stressed or not surface:
             self.body.check_inside(f"{'stress' if surface else 'the inside'} of {self.item.name or 'a body'!r}")

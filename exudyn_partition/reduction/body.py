@@ -11,10 +11,11 @@ import scipy.sparse as sp
 
 from ..errors import InputError
 from ..fe.material import Material
-from ..fe.model import node_dofs, rigid_modes
+from ..fe.model import FEModel, node_dofs, rigid_modes, same_matrices
 from ..fe.partition import Partition, interface_named, number_of_patch
 from ..fe.patches import PARTS, check_facets
 from ..fe.places import nearest_node
+from ..plasticity.dilatation import with_free_zones
 from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.archive import Format
 from ..support.arrays import Array, Vector
@@ -35,6 +36,9 @@ from .basis import ReducedBasis
 from .estimate import Estimate
 from .inertia import InertiaIntegrals
 from .loads import patch_slice
+
+_SAME_PLACE = 1e-8  # by the body's size or mass: round-off of meshes that were made twice
+_SAME_ENERGY = 1e-4  # of shapes, which are eigenmodes but for the tolerance of their search
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +70,8 @@ class ReducedBody:
         Estimated errors, if the body was reduced to a tolerance.
     material : Material or None
         Of several the one with the largest volume; None if the body is from a file of before it was stored.
+    matrices : (4,) array or None
+        `FEModel.matrix_fingerprint` of the FE model, by which `check_fem` knows it; None as for `material`.
     """
 
     basis: ReducedBasis
@@ -81,6 +87,7 @@ class ReducedBody:
     inertia: InertiaIntegrals
     estimate: Estimate | None = None
     material: Material | None = field(default=None, metadata={"added": True})
+    matrices: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_type("basis", self.basis, ReducedBasis, "BASES")
@@ -116,6 +123,9 @@ class ReducedBody:
         object.__setattr__(self, "reduce_s", validate_number("reduce_s", self.reduce_s))
         check_floats("centre_of_mass", self.centre_of_mass, (3,))
         read_only(self.points, self.facets, self.centre_of_mass)
+        if self.matrices is not None:
+            check_floats("matrices", self.matrices, (4,))
+            read_only(self.matrices)
 
     @property
     def n_dofs(self) -> int:
@@ -166,6 +176,66 @@ class ReducedBody:
                 f"body: {what} needs the shapes inside the body, which was saved without them (inside=False). Load it "
                 "from a file that was saved whole, save(path), or reduce it anew"
             )
+
+    def check_fem(self, fem: FEModel, name: str = "fem") -> FEModel:
+        """Return the FE model as the body was reduced from it, with free plastic zones, if `fem` is that model.
+
+        Mesh, place, mass, stiffness and the law of plastic flow are compared, but for round-off. A body from a file of
+        before these were stored is compared by its mass, and by the energy of its shapes.
+
+        Parameters
+        ----------
+        fem : FEModel
+        name : str
+            Name of the argument, for messages.
+
+        Raises
+        ------
+        InputError
+            If it is no FE model, or another one.
+        """
+        validate_type(name, fem, FEModel, "fe_model()")
+        self.partition.check_mesh(fem, f"{name}: expected the body's own mesh")
+        size = np.ptp(self.points, axis=0).max()
+        away = abs(self.points - fem.points).max()
+        if away > _SAME_PLACE * size:
+            raise InputError(
+                f"{name}: expected the body's own FE model, got one with the same mesh, moved or stretched by up to "
+                f"{away:.3g} m; reduce that one, or give the one that the body was reduced from"
+            )
+        own = with_free_zones(fem, self.partition)
+        mass, stiffness = self._same_matrices(own)
+        differs = [what for what, same in (("mass", mass), ("stiffness", stiffness)) if not same]
+        if not differs and self._flows_otherwise(fem.material):
+            differs = ["plastic flow"]
+        if differs:
+            made_with = "" if self.material is None else f" The body was made with {_constants(self.material)}."
+            raise InputError(
+                f"{name}: expected the FE model that the body was reduced from, got one of the same mesh with another "
+                f"{' and '.join(differs)}: {fem.total_mass:.6g} kg, the body has {self.total_mass:.6g} kg.{made_with} "
+                f"This one has {_constants(fem.material)}; give the body's own, or reduce this one"
+            )
+        return own
+
+    def _same_matrices(self, fem: FEModel) -> tuple[bool, bool]:
+        """Whether an FE model of the body's mesh has its mass, and its stiffness."""
+        if self.matrices is not None:
+            return same_matrices(fem.matrix_fingerprint, self.matrices)
+        away = np.linalg.norm(fem.centre_of_mass - self.centre_of_mass)
+        mass = abs(fem.total_mass - self.total_mass) <= _SAME_PLACE * self.total_mass
+        mass = mass and bool(away <= _SAME_PLACE * np.ptp(self.points, axis=0).max())
+        if not self.has_inside or not self.basis.omega.any():
+            return mass, self.material is None or _elastic(self.material) == _elastic(fem.material)
+        q = np.zeros(self.n_dofs)
+        q[: self.n_shapes] = np.where(self.basis.omega > 0, np.cos(np.arange(self.n_shapes)), 0.0)
+        motion = self.displacement(q).ravel()
+        stored, expected = motion @ (fem.stiffness @ motion), q @ (self.stiffness @ q)
+        return mass, bool(abs(stored - expected) <= _SAME_ENERGY * expected)
+
+    def _flows_otherwise(self, material: Material) -> bool:
+        """Whether a plastic zone takes its flow from the body's material, and `material` is another one."""
+        asked = any(patch.plastic is not None and patch.material is None for patch in self.partition.patches)
+        return asked and self.material is not None and _flow(material) != _flow(self.material)
 
     def without_inside(self) -> ReducedBody:
         """Return the body with its shapes only at nodes of surface, interfaces, plastic zones and nodal columns.
@@ -366,6 +436,21 @@ class ReducedBody:
             f"ReducedBody({self.basis.name!r}, {self.n_dofs} of {self.fe_dofs} dofs, f_cut {self.f_cut:.6g} Hz, "
             f"{len(self.partition.patch_nodes)} patch nodes{'' if self.has_inside else ', without its inside'})"
         )
+
+
+def _elastic(material: Material) -> tuple[float, ...]:
+    """Young's modulus, Poisson's ratio and density, without round-off."""
+    return tuple(float(f"{number:.9g}") for number in (material.E, material.nu, material.rho))
+
+
+def _flow(material: Material) -> tuple[object, ...]:
+    """What plastic flow depends on."""
+    return material.yield_stress, material.hardening, material.kinematic_hardening
+
+
+def _constants(material: Material) -> str:
+    E, nu, rho = _elastic(material)
+    return f"E={E:.6g}, nu={nu:.6g}, rho={rho:.6g}"
 
 
 FILE = Format(

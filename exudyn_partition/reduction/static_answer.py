@@ -12,7 +12,6 @@ from ..algebra.krylov import mass_normalised
 from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
-from ..plasticity.dilatation import with_free_zones
 from ..support.arrays import Array
 from ..support.checks import validate_type
 from .body import ReducedBody
@@ -46,7 +45,7 @@ def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None =
     Raises
     ------
     InputError
-        If an argument is no such thing, the basis has no residual flexibility, or the body is of another mesh.
+        If an argument is no such thing, the basis has no residual flexibility, or the body is of another FE model.
 
     References
     ----------
@@ -70,20 +69,19 @@ class StaticAnswer:
     Raises
     ------
     InputError
-        If the basis has no residual flexibility, or the body is of another mesh.
+        If the basis has no residual flexibility, or the body is of another FE model.
     """
 
     def __init__(self, fem: FEModel, body: ReducedBody) -> None:
-        validate_type("fem", fem, FEModel, "fe_model()")
         validate_type("body", body, ReducedBody, "reduce() or load_body()")
+        own = body.check_fem(fem)
         if body.basis.flexibility is None:
             raise InputError(
                 f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
             )
-        body.partition.check_mesh(fem, "fem: expected the body's own mesh")
         self._body = body
         with one_blas_thread():
-            self._model = tie(with_free_zones(fem, body.partition), body.partition)
+            self._model = tie(own, body.partition)
             rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
             self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
 

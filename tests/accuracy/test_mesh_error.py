@@ -224,7 +224,7 @@ def test_what_is_refused(coarse):
         ep.mesh_error(coarse[0], ep.RigidPlane(), speed=SPEED, duration=END, patches=(0, 0))
     with pytest.raises(InputError, match=r"slave: expected \(FEModel, ReducedBody\)"):
         ep.mesh_error(fem, coarse[1], speed=SPEED, duration=END)
-    with pytest.raises(InputError, match="master: is of a mesh with"):
+    with pytest.raises(InputError, match="master: expected the body's own mesh: is of a mesh with"):
         ep.mesh_error(coarse[0], (fem, coarse[1][1]), speed=SPEED, duration=END)
     nodal = ep.reduce(fem, body.partition, f_cut=340e3, basis="free")
     with pytest.raises(InputError, match="'free', whose contact has no residual flexibility"):

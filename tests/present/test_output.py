@@ -183,7 +183,7 @@ def test_what_is_asked_for_must_be_there(run, ball, block, tmp_path):
         ({"surface": False}, "bodies: the inside of 'a body' needs its FE model"),
         (
             {"bodies": [(striker, block)]},
-            r"expected the FE model of 'a body' with \d+ dofs, of the same mesh, got FEModel",
+            r"bodies, 'a body': expected the body's own mesh: is of a mesh with \d+ nodes",
         ),
         ({"bodies": [striker.body]}, "expected what CreatePartitionBody returns, .* got ReducedBody"),
         ({"times": [0.0, 1.0]}, "times: expected times of the run, 0 to 2e-05 s, got 1"),

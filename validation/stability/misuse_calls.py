@@ -92,7 +92,9 @@ _ready = v.mbs(Made(lambda s: s.assembled()))
 _axes = Kind({"text": "x", "number": 1, "a result": Made(_result), "list": []}, None)
 _rows = Kind({**v.NOTHING, "array": np.zeros(3), "of another mesh": sp.csr_matrix((1, 3))})
 _rows = _rows(Made(lambda s: sp.csr_matrix((1, s.fem.n_dofs))))
-_fem = v.fem.or_none.but(**{"another mesh": Made(lambda s: s.other_fem)})
+_not_own = {"another mesh": Made(lambda s: s.other_fem), "another material": Made(lambda s: s.softer)}
+_not_own |= {"another density": Made(lambda s: s.heavier), "elsewhere": Made(lambda s: s.moved)}
+_fem, _own_fem = v.fem.or_none.but(**_not_own), v.fem.but(**_not_own)
 _t, _x = np.linspace(0, 1, 101), np.sin(np.linspace(0, np.pi, 101)) ** 2
 _signal_t = v.samples.but(descending=_t[::-1], uneven=_t**2, two=[0.0, 1.0])(_t)
 _signal_x = v.samples.but(**{"another length": _x[:50], "infinite": np.full(101, np.inf)})(_x)
@@ -109,6 +111,7 @@ _named_points = Kind(
         "index -1": {"P": (-1, (0, 0, 0))},
         "nan": {"P": (0, (v.nan, 0, 0))},
         "no name": {1: (0, (0, 0, 0))},
+        "of another material": Made(lambda s: {"P": (s.item, (0, 0, 5e-3), s.softer)}),
     },
     None,
 )
@@ -138,6 +141,7 @@ _reduced_pair = Kind(
         "swapped": Made(lambda s: (s.body, s.fem)),
         "three": Made(lambda s: (s.fem, s.body, 1)),
         "of two meshes": Made(lambda s: (s.fem, s.other_body)),
+        "of two materials": Made(lambda s: (s.softer, s.body)),
     }
 )
 _shape_pair = Kind(
@@ -184,6 +188,7 @@ _bodies = Kind(
         "Nones": [None],
         "triple": Made(lambda s: [(s.item, s.fem, 1)]),
         "other fem": Made(lambda s: [(s.item, s.part)]),
+        "fem of another material": Made(lambda s: [(s.item, s.softer)]),
         "foreign": Made(lambda s: [s.foreign[0]]),
     },
     None,
@@ -404,6 +409,7 @@ CALLS = {
     "ReducedBody.rows": call(of=_body, nodes=_numbers(np.arange(3))),
     "ReducedBody.reduced_rows": call(of=_body, rows=_rows),
     "ReducedBody.displacement": call(of=_body, q=_q.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
+    "ReducedBody.check_fem": call(of=_body, fem=_own_fem, name=Kind({}, "fem"), swaps=False),
     "ReducedBody.nearest_node": call(of=_body, point=v.vector),
     "ReducedBody.surface": call(of=_body, position=v.vector, patch=v.patch(0), swaps=False),
     "ReducedBody.flexibility": call(of=_body, patch=v.patch(0), other=v.patch(None), swaps=False),
@@ -517,7 +523,7 @@ CALLS = {
     },
     "PartitionBody.angular_momentum": call(of=_item, result=v.result, point=v.vector),
     "PartitionBody.recover": call(of=_item, result=v.result, rows=_rows, fem=_fem),
-    "PartitionBody.stress": call(of=_item, result=v.result, **_fems),
+    "PartitionBody.stress": call(of=_item, result=v.result, **{**_fems, "fem": _own_fem}),
     "PartitionBody.rigid_motion": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
     "PartitionBody.deformation": call(of=_item, q=_q(Made(lambda s: np.zeros((1, s.body.n_dofs))))),
     "PartitionContact.impacts": call(**_of_result, merge=v.number.but(negative=-1.0)(0.0)),
@@ -717,10 +723,8 @@ CALLS = {
         for name in ("nodal_strain", "nodal_stress")
     },
     "recovery.von_mises": call(stress=_q.but(**{"five": np.zeros(5)})(np.zeros((2, 6)))),
-    "recovery.static_correction": call(
-        fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}), body=v.body, patch=v.patch
-    ),
-    "recovery.StaticAnswer": call(fem=v.fem.but(**{"another mesh": Made(lambda s: s.other_fem)}), body=v.body),
+    "recovery.static_correction": call(fem=_own_fem, body=v.body, patch=v.patch),
+    "recovery.StaticAnswer": call(fem=_own_fem, body=v.body),
     "recovery.StaticAnswer.check": call(
         of=lambda s: ep.recovery.StaticAnswer(s.fem, s.body), body=v.body.but(another=Made(lambda s: s.other_body))
     ),

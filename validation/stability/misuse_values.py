@@ -70,6 +70,21 @@ class Scene:
         np.save(self.folder / "pickled.npy", np.array([{}], dtype=object), allow_pickle=True)
 
     @cached_property
+    def softer(self):
+        """FE model of the upper block of a softer material, on the same mesh."""
+        return ep.fe_model(self.shape, replace(ep.STEEL, E=200e9), maxh=8e-3)
+
+    @cached_property
+    def heavier(self):
+        """FE model of the upper block of a denser material, on the same mesh."""
+        return ep.fe_model(self.shape, replace(ep.STEEL, rho=7900.0), maxh=8e-3)
+
+    @property
+    def moved(self):
+        """FE model of the upper block at another place."""
+        return replace(self.fem, points=self.fem.points + 1e-3)
+
+    @cached_property
     def foreign(self):
         """Body and contact of another model."""
         _, item, _, contact = self.model()
