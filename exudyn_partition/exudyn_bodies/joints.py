@@ -21,6 +21,7 @@ from ..errors import InputError
 from ..support.arrays import Array
 from ..support.foreign import Exudyn, ItemEntry, MainSystem, ObjectIndex
 from ..support.optional import require
+from .model import registered
 
 _HOLONOMIC = (
     "ConnectorCoordinate", "ConnectorCoordinateVector", "ConnectorDistance", "JointGeneric", "JointPrismatic2D",
@@ -55,6 +56,8 @@ class Joints:
         Present rows, and the accelerations M^-1 C' that unit multipliers cause.
     scale : (n,) array
         Square roots of the masses of the rows, 1 / sqrt(diagonal of C M^-1 C'); zero for inactive rows.
+    reach : float
+        Size of the numbers that rows are differences of: the farthest place of a body [m], or 1 rad if that is more.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Joints:
         self._constant: dict[int, Array] = {}
         self._were_active: list[bool] | None = None
         self.C = np.full((self.n, len(self.dofs)), np.nan)
+        self.reach = _reach(mbs)
         self._rest: Array | None = None
         self._offsets: list[bytes] = []
         none, nothing = np.zeros((0, 0)), np.zeros(0)  # so that the loop is compiled before a run begins
@@ -233,6 +237,16 @@ class Joints:
                         rate[rows] += side / step * self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
             data.SetTime(t)
         return rate
+
+
+def _reach(mbs: MainSystem) -> float:
+    """Farthest place of the bodies at the start [m], or 1 rad."""
+    places = [np.ones(1)]
+    for item in registered(mbs).bodies.values():
+        places.append(abs(item.kinematics.position) + abs(item.body.points).max(axis=0))
+    for number in range(mbs.systemData.NumberOfNodes()):
+        places.append(np.abs(mbs.GetNode(number).get("referenceCoordinates", [])))
+    return float(np.concatenate(places).max())
 
 
 def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:

@@ -82,7 +82,7 @@ def add_super_element(
     if "nModal" in nodes:
         modal, integral = nodes["nModal"], kinematics.mass_integral
     else:
-        modal, rows, integral = _add_idle_node(mbs), np.zeros((len(rows), 1)), np.zeros((3, 1))
+        modal, rows, integral = _add_idle_node(mbs, body.f_cut), np.zeros((len(rows), 1)), np.zeros((3, 1))
     triangles = body.facets[:, FLAT_TRIANGLES[body.facets.shape[1]]].reshape(-1, 3)
     nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
     number = mbs.AddObject(
@@ -107,14 +107,17 @@ def add_super_element(
 def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[NodeIndex, list[int]]:
     """Add a node at the centre of mass, and six constraints that hold it; return it with the constrained markers.
 
-    Explicit solvers need a mass at the node.
+    Explicit solvers need a mass at the node; it is the body's, so that joints are as well conditioned in any units.
     """
-    items = require("exudyn.itemInterface")
-    origin = kinematics.frame(np.zeros(kinematics.body.n_dofs))[0]
+    items, body = require("exudyn.itemInterface"), kinematics.body
+    origin = kinematics.frame(np.zeros(body.n_dofs))[0]
     node = mbs.AddNode(items.NodeRigidBodyRxyz(name=name and f"{name}:frame", referenceCoordinates=[*origin, 0, 0, 0]))
     mbs.AddObject(
         items.ObjectRigidBody(
-            nodeNumber=node, mass=1.0, inertia=[1.0] * 3 + [0.0] * 3, visualization=items.VObjectRigidBody(show=False)
+            nodeNumber=node,
+            mass=body.total_mass,
+            inertia=[body.total_mass * np.ptp(body.points, axis=0).max() ** 2] * 3 + [0.0] * 3,
+            visualization=items.VObjectRigidBody(show=False),
         )
     )
     ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
@@ -126,20 +129,23 @@ def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[
     return node, held
 
 
-def _add_idle_node(mbs: MainSystem) -> NodeIndex:
-    """Add a node with one coordinate that stays at rest, for a floating body without elastic coordinates."""
+def _add_idle_node(mbs: MainSystem, frequency: float) -> NodeIndex:
+    """Add a node with one coordinate that stays at rest, for a floating body without elastic coordinates.
+
+    At the frequency [Hz] of the body's highest modes it changes no step, and is no motion that nothing holds.
+    """
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     node = mbs.AddNode(
         items.NodeGenericODE2(
             referenceCoordinates=[0.0], initialCoordinates=[0.0], initialCoordinates_t=[0.0], numberOfODE2Coordinates=1
         )
     )
-    one = exu.MatrixContainer(np.eye(1))
+    mass, stiffness = (exu.MatrixContainer(value * np.eye(1)) for value in (1.0, (2 * np.pi * frequency) ** 2))
     mbs.AddObject(
         items.ObjectGenericODE2(
             nodeNumbers=[node],
-            massMatrix=one,
-            stiffnessMatrix=one,
+            massMatrix=mass,
+            stiffnessMatrix=stiffness,
             visualization=items.VObjectGenericODE2(show=False),
         )
     )

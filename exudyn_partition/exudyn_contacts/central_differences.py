@@ -23,7 +23,7 @@ State = tuple[Array, Array, Array]  # coordinates, velocities and accelerations
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # last change of the joints' accelerations, relative
-_OPEN, _ROUND_OFF = 1e-2, 1e-12  # of the way of a step, and m or rad: what joints may be open after the iteration
+_OPEN, _ROUND_OFF = 1e-2, 1e-12  # of a row's way in a step, and of places or rad: what joints may be open by
 _OVER = 1e-6  # of a step: a run that has less time left is at its end
 
 
@@ -191,17 +191,30 @@ class MultiplierStep:
                 break
             last, held = change, joints.C @ acceleration
         if not joints.linear:
-            self._check_closed(joints, g, step * abs(mid).max())
+            self._check_closed(joints, g, start, step * mid, step**2 * acceleration)
         return forward.accelerations(lam) if lam.any() else forward.open(), reaction, by_joints
 
     @staticmethod
-    def _check_closed(joints: Joints, g: Array, way: float) -> None:
-        """Refuse joints that an iteration leaves open, by g, (n,), in a step in which they go a way [m or rad]."""
-        open_by = abs(g[joints.scale > 0]).max(initial=0.0)
-        if not open_by <= _OPEN * way + _ROUND_OFF:  # nor if it is not finite
+    def _check_closed(joints: Joints, g: Array, start: Array, way: Array, held: Array) -> None:
+        """Refuse joints that an iteration leaves open: g, (n,), are their gaps before its last change.
+
+        Parameters
+        ----------
+        g : (n,) array
+            [m or rad].
+        start, way, held : (k,) arrays
+            Coordinates, their change in the step without multipliers, and what multipliers add to it.
+        """
+        used, round_off = joints.scale > 0, _ROUND_OFF * joints.reach
+        if (abs(g) <= round_off)[used].all():
+            return
+        allowed = _OPEN * (abs(joints.C) @ abs(way)) + round_off
+        if not (abs(g) <= allowed)[used].all():
+            g = joints.residual(start, way + held)
+        if not (abs(g) <= allowed)[used].all():  # nor if it is not finite
             raise RunError(
-                f"joints: Newton's iteration leaves them open by {open_by:.3g} m or rad. Check that they fit together "
-                "at the start, take a shorter step, or method='implicit'"
+                f"joints: Newton's iteration leaves them open by {abs(g[used]).max():.3g} m or rad. Check that they "
+                "fit together at the start, take a shorter step, or method='implicit'"
             )
 
 

@@ -13,6 +13,7 @@ from ..contact.formulations.formulation import Method
 from ..contact.side import Side
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step, user_function
+from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_elements import all_at_once, switched_off
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -23,7 +24,8 @@ from ..support.optional import require
 from ..support.progress import Progress
 from .step_control import StepControl
 
-_RESIDUAL = 1e-8  # N, to which Newton's method solves where it cannot reach Exudyn's relative tolerance
+_RESIDUAL = 3e-18  # of the forces that move bodies by their size in a period of f_cut: 1e-8 N for a part of centimetres
+_OVER = 1e-6  # of a step: a run that has less time left is at its end
 _ROUNDINGS = 8  # of the places of a patch, that reach its forces
 _FAR = 1e-3  # of a facet's size: how far springs that hold bodies let them go in an iteration
 _SLOW = 0.1  # rad/s, of what swings on such springs where forces are balanced
@@ -36,13 +38,16 @@ _SINGULAR = (
 
 
 def residual(mbs: MainSystem) -> float:
-    """Residual to which Newton's method solves where it cannot reach Exudyn's relative tolerance [N].
+    """Residual to which Newton's method solves where it cannot reach Exudyn's relative tolerance.
+
+    Residuals are generalised forces: of modes, forces by the square root of a mass.
 
     Gaps are differences of places in space and have their rounding. A stiff patch turns it into forces, below which no
     iteration can get: n^2 / (1' F 1) is the stiffness of n rows to equal forces.
     """
-    goal = _RESIDUAL
-    for contact in partition_items(mbs)[1]:
+    bodies, contacts = partition_items(mbs)
+    goal = max((_RESIDUAL * _by_size(item) for item in bodies), default=0.0)
+    for contact in contacts:
         gaps = contact.law.gaps
         if not contact.law.compliant or any(side.flexibility is None for side in gaps.sides):
             continue
@@ -50,8 +55,20 @@ def residual(mbs: MainSystem) -> float:
         yielding = float(gaps.flexibility(np.arange(n)).sum())
         extent = max(_largest_place(side) for side in gaps.sides)
         if yielding > 0.0:
-            goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * n**2 / yielding)
-    return goal
+            of_unit = max(_norm_of_weight(item) / item.body.total_mass for item, _ in contact.sides)
+            goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * n**2 / yielding * of_unit)
+    return goal or require("exudyn").SimulationSettings().timeIntegration.newton.absoluteTolerance
+
+
+def _by_size(item: PartitionBody) -> float:
+    """Norm of the generalised forces that accelerate a body by its size times the square of 2 pi f_cut."""
+    size = np.ptp(item.body.points, axis=0).max()
+    return float(_norm_of_weight(item) * size * (2 * np.pi * item.body.f_cut) ** 2)
+
+
+def _norm_of_weight(item: PartitionBody) -> float:
+    """Norm of the generalised forces that accelerate a body by one."""
+    return float(np.linalg.norm(item.kinematics.weight(np.array([0.0, 0.0, 1.0]))))
 
 
 def _largest_place(side: Side) -> float:
@@ -132,7 +149,7 @@ def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, pr
             next_report = t + (end_time - start_time) / 100
             progress(min((t - start_time) / (end_time - start_time), 1.0))
         start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
-        if start > end_time - 1e-6 * step:
+        if start > end_time - _OVER * step:
             return False
         run = runs.now(mbs)
         if not run.idle:
@@ -154,9 +171,12 @@ def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, pr
 
 
 @contextlib.contextmanager
-def controlled(mbs: MainSystem, control: StepControl | None, settings: SimulationSettings) -> Iterator[None]:
+def controlled(
+    mbs: MainSystem, control: StepControl | None, settings: SimulationSettings, end_time: float
+) -> Iterator[None]:
     """Steps as the control wants them, through Exudyn's PostStep and PostNewton functions, behind the model's own.
 
+    The last step ends at `end_time`, also where Exudyn has a later one, as it has for very short runs.
     PostStep runs at the start and when a step is done, and the solver takes its next step from what stands in its
     `it.currentStepSize` then. PostNewton can ask to repeat the step with a shorter one.
     """
@@ -171,6 +191,8 @@ def controlled(mbs: MainSystem, control: StepControl | None, settings: Simulatio
     def after_step(mbs: MainSystem, t: float) -> bool:
         it = mbs.sys["dynamicSolver"].it
         step = control.next_step(it.currentStepSize)
+        if _OVER * step < end_time - t < step:
+            step = end_time - t
         if step != it.currentStepSize:
             it.currentStepSize = step
             mbs.solverSignalJacobianUpdate = True

@@ -25,7 +25,9 @@ from ..support.progress import Progress
 from .result import Result
 
 _APART = 0.05  # of the smallest body: how far a joint may be open at the start
-_VIOLATION, _ROUND_OFF = 1e-3, 1e-9  # of a constraint, relative to the largest initial velocity and at rest
+_VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
+_ROUND_OFF = 1e-13  # the same at rest, relative to the speed of a body's size in a period of f_cut
+_USUAL = 1e4  # m/s, such a speed where there are no bodies
 _CLOSED = 1e-12  # of the smallest body, or rad: joints are closed to round-off
 _SHARE = 1e-2  # of the bodies' largest energy: what closing a joint may bring
 _FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest, and what its force may be of all later ones
@@ -218,7 +220,8 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
     solver.InitializeSolver(mbs, settings)
     gaps, rates = (_violations(mbs, solver, velocity_level) for velocity_level in (False, True))
     apart, residual = abs(gaps), abs(rates)
-    largest = np.abs(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)).max(initial=0.0)
+    largest = _largest_velocity(mbs, bodies)
+    round_off = _ROUND_OFF * min((size * 2 * np.pi * item.body.f_cut for item in bodies), default=_USUAL)
     for number in constraints:
         rows = list(mbs.systemData.GetObjectLTGAE(number))
         if apart[rows].max() > _APART * size:
@@ -228,7 +231,7 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
                 "bodies and the markers' places"
             )
         own = residual[rows].max()
-        if own > max(_VIOLATION * largest, _ROUND_OFF):
+        if own > max(_VIOLATION * largest, round_off):
             raise InputError(
                 f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
                 "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "
@@ -241,6 +244,18 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
             label, gap = _object(mbs, number).rstrip(","), float(apart[equations].max())
             found.append(OpenJoint(number, label, gap, equations, _force_sensors(mbs, number)))
     return OpenJoints(mbs, found, gaps, bodies)
+
+
+def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float:
+    """Largest initial velocity of other items' coordinates and, as a mean over its mass, of a body [m/s or rad/s]."""
+    initial = require("exudyn").ConfigurationType.Initial
+    q, q_t = mbs.systemData.GetODE2Coordinates(initial), mbs.systemData.GetODE2Coordinates_t(initial)
+    others, found = np.ones(len(q_t), dtype=bool), [0.0]
+    for item in bodies:
+        own = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+        others[own] = False
+        found.append(float(np.sqrt(2 * item.kinematics.kinetic_energy(q[own], q_t[own]) / item.body.total_mass)))
+    return float(max(*found, abs(q_t[others]).max(initial=0.0)))
 
 
 def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:

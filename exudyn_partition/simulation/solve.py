@@ -43,6 +43,8 @@ _log = logging.getLogger(__name__)
 
 _CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
 _EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
+_ROUNDING = 1e-3  # of a step, of the time after very many steps
+_SHORTER = 100  # the last step of an adaptive run may be missing if it is shorter by more
 _MOST_STEPS = 2**31 - 1  # that Exudyn counts
 _MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
 _SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
@@ -194,7 +196,8 @@ def _run(
     settings = _own_settings(mbs, method) if settings is None else settings
     integration = settings.timeIntegration
     # Steps that are so short need more of them to get there; the hook before each step ends the run.
-    beyond = math.ceil(_EARLY / step) if step < _EARLY else 0
+    # The last one of an adaptive run is shorter than the others, by whatever is left.
+    beyond = math.ceil(_EARLY / step) if step < _EARLY * (_SHORTER if adaptive else 1) else 0
     if steps + beyond > _MOST_STEPS:
         raise InputError(
             f"end_time: a run of {end_time - start:.4g} s is too short for Exudyn, whose solvers stop 1e-10 s before "
@@ -228,7 +231,7 @@ def _run(
         multipliers_at_work(mbs, method),
         begun(mbs, start, method),
         watched(mbs, start, end_time, step, report) as watch,
-        controlled(mbs, control, settings),
+        controlled(mbs, control, settings, end_time),
     ):
         begin = time.perf_counter()
         try:
@@ -241,7 +244,7 @@ def _run(
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
-        result = cut(result, int(np.searchsorted(result.t, end_time + 0.5 * step)))
+        result = cut(result, int(np.searchsorted(result.t, end_time + _ROUNDING * step)))
     if status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
         user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
         status, message = "interrupted", "interrupted by the user" if watch.interrupted else user

@@ -29,7 +29,7 @@ from .review import noted, reviewed
 
 _log = logging.getLogger(__name__)
 
-_NEUTRAL = 1.0  # rad/s: a motion that would swing more slowly is held by nothing but round-off
+_NEUTRAL = 1e-6  # of f_cut: a motion that would swing more slowly is held by nothing but round-off
 _LEAST_MASS = 1e-12  # of the mean on the diagonal
 _MOST_DENSE = 1000  # coordinates up to which that is looked at, for it takes all eigenvalues
 _REMEDY = (
@@ -205,7 +205,7 @@ def _warn_if_neutral(mbs: MainSystem) -> None:
     M, K = (allowed.T @ matrix @ allowed for matrix in (M, system[:n, :n]))
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
     slowest = int(abs(squares).argmin())
-    if abs(squares[slowest]) > _NEUTRAL**2:
+    if abs(squares[slowest]) > (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2:
         return
     motion = abs(allowed @ motions[:, slowest])
     free = max(bodies, key=lambda item: max(motion[own].max(initial=0.0) for own in coordinate_slices(mbs, item)))
