@@ -227,8 +227,9 @@ def shown(name, result):
     table = Table("tolerance", "unknowns", "reduced", "estimated", "true", "velocities", "off-line", "on-line",
                   "full FE", title=f"{name}; reference: {result['reference_dofs']} unknowns")  # fmt: skip
     for one in result["runs"]:
-        true, full = one["true"], one.get("full_fe", {})
-        of_full = [f"{full['time_s']:.0f} s"] * bool(full) + [f"{x['force']:.2%}" for x in [full.get("true")] if x]
+        true, full = one["true"], one.get("full_fe")
+        of_full = [f"{full['time_s']:.0f} s"] if full else []
+        of_full += [f"{full['true']['force']:.2%}"] if full and "true" in full else []
         table.add_row(
             f"{one['tolerance']:.1%}" + " warns" * one["warned"], "+".join(map(str, one["dofs"])),
             "+".join(map(str, one["reduced"])), f"{one['estimated']['force']:.2%}", f"{true['force']:.2%}",

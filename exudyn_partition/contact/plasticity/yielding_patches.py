@@ -17,6 +17,9 @@ from ...support.arrays import Array
 from .zone_run import ZoneMotion, ZoneRun
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
+# Plastic strain may be far above the strain that stress carries: their change is also at most so much of that, unless
+# it takes too many iterations.
+_OF_STRESS, _PATIENT = 0.1, 30
 _SETTLED_FOR_NEWTON = 5e-8  # in implicit and static steps: Newton's method does not converge on rough forces
 _ROUGH, _STALLED = 2e-6, 4  # a change that is enough if it has not become less in so many iterations: rounding holds it
 _MOST = 60  # iterations
@@ -184,7 +187,8 @@ class YieldingPatches(Zones):
         own = [zone.guess for _, zone in self.zones]
         p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
         least, stalled = math.inf, 0
-        for _ in range(_MOST):
+        close = min(self._settled, _OF_STRESS * self._elastic_share())
+        for tried in range(_MOST):
             self.iterations += 1
             own = np.split(p, sizes)
             respond(pushed + self._moved(rows, own))
@@ -194,13 +198,23 @@ class YieldingPatches(Zones):
             size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
             change = float(np.linalg.norm(found - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
-            if change <= self._settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
+            settled = self._settled if tried >= _PATIENT else close
+            if change <= settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
                 return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
             p = anderson.guess(p, found)
         self._unsettled = float(change / size)
         if self._broyden is None:
             self.check()
         return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
+
+    def _elastic_share(self) -> float:
+        """Strain that stress carries where a zone has flowed most, over its plastic strain; the least of all zones."""
+        least = math.inf
+        for _, zone in self.zones:
+            flow, most = zone.zone.flow, zone.committed.equivalent.max()
+            if most > 0.0:
+                least = min(least, float(flow.flow_stress(most) / (3 * flow.shear_modulus * most)))
+        return least
 
     def check(self) -> None:
         """See `Zones`."""
