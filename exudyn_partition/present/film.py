@@ -182,7 +182,7 @@ def _strip(motion: Motion, width: int, height: int) -> _Strip:
         axes.plot(1e3 * motion.force_t, force, linewidth=1.4, label=plain(name))
     axes.set_xlim(1e3 * motion.force_t[0], 1e3 * motion.force_t[-1])
     axes.set_xlabel("t [ms]", fontsize=9, labelpad=1)
-    axes.set_ylabel("force [N]", fontsize=9)
+    axes.text(0.01, 0.9, "contact force [N]", fontsize=8, va="top", transform=axes.transAxes)
     axes.tick_params(labelsize=8)
     if len(motion.forces) > 1:
         axes.legend(fontsize=7, loc="upper right")
