@@ -8,8 +8,10 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..errors import InputError
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
 from ..support.arrays import Array
@@ -199,9 +201,9 @@ def motion_of(
 
 def _colours(result: Result, chosen: Sequence[Shown], colours: Sequence[Colour] | None) -> list[Colour]:
     """Colours to compute: those asked for, or all that there are."""
-    stressed = all(isinstance(entry, tuple) for entry in chosen)
-    pressed = bool(result.contacts)
     if colours is None:
+        stressed = all(isinstance(entry, tuple) for entry in chosen)
+        pressed = bool(result.contacts) and all(_pressure(result, contact) is not None for contact in result.contacts)
         return ["speed", "deformation", *["von_mises"] * stressed, *["contact_pressure"] * pressed]  # type: ignore[list-item]
     if isinstance(colours, str) or not isinstance(colours, Sequence):
         raise InputError(f"colours: expected a list of some of {', '.join(COLOUR_NAMES)}, got {colours!r}")
@@ -232,7 +234,7 @@ def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], f
 
 
 def _spots(result: Result) -> list[Array]:
-    """Where each contact that presses does so at its peak, (3,) [m]: the middle of its forces."""
+    """Where each contact that presses does so at its peak, (3,) [m]: the middle of its pressures, or of its patch."""
     spots = []
     for contact in result.contacts:
         force = contact.force(result)
@@ -240,7 +242,16 @@ def _spots(result: Result) -> list[Array]:
             peak = result.at([float(result.t[int(force.argmax())])])
             item, patch = contact.sides[0]
             nodes = item.body.partition.patches[patch].nodes
-            weight = np.linalg.norm(contact.nodal_forces(peak)[0][0], axis=1)
+            pressure = _pressure(peak, contact)
+            weight = np.zeros(len(nodes)) if pressure is None else pressure.toarray()[0, : len(nodes)]
             place = item.kinematics.at(nodes).place(item.coordinates(peak)[0])
-            spots.append(weight @ place / weight.sum())
+            spots.append(np.average(place, axis=0, weights=weight if weight.any() else None))
     return spots
+
+
+def _pressure(result: Result, contact: PartitionContact) -> sp.csr_matrix | None:
+    """Pressures of a contact, (n, rows) [Pa]; None if they are not known, as of a run that was read from a file."""
+    try:
+        return contact.pressure(result)
+    except InputError:
+        return None

@@ -23,12 +23,11 @@ from ..support.checks import validate_text
 from ..support.files import replacing, writable
 from ..support.foreign import Axes
 from ..support.optional import require
-from . import plot, view
-from .graphics import peak_time
+from . import plot
 from .plot_input import plain, taken_by
+from .scene import scene_of
 
-_VISIBLE = 0.03  # largest deformation in the picture, relative to the size of the bodies
-_ROUNDING = 1e-11  # a deformation below this, relative to that size, is none
+_FRAMES = 60  # of the moving bodies
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
 _ADAPTIVE = 1.01  # mean step by that in contact, above which steps are adaptive
 _OTHERS = "joints, springs and loads (ep.CreateWorkSensor tells them apart)"
@@ -55,6 +54,7 @@ def write_report(path: str | Path, result: Result, *, title: str = "", note: str
         run=_run(result),
         warnings=result.warnings,
         figures=_figures(result),
+        scene=_scene(result),
         bodies_head=_BODIES_HEAD,
         bodies=_bodies(result),
         contacts=[_contact(i, contact, result) for i, contact in enumerate(result.contacts)],
@@ -252,37 +252,20 @@ def _figures(result: Result) -> list[dict[str, str]]:
             figures.append(_drawn(axes, "contact force over time"))
         if result.bodies:
             figures.append(_drawn(plot.energy(None, result), "energies over time"))
-    if result.bodies:
-        peak = peak_time(result)
-        scale = _scale(result.at([peak]))
-        said = f", drawn {scale:g} times as large, so that bodies may seem to overlap" if scale > 1 else ""
-        data = _encoded(view.picture(result, peak, scale=scale))
-        figures.append({"kind": "png", "data": data, "caption": f"deformation at {peak:.6g} s{said}"})
     return figures
 
 
-def _scale(sample: Result) -> float:
-    """Power of ten by which the deformation must be scaled to be visible."""
-    size = max(np.ptp(item.body.points, axis=0).max() for item in sample.bodies)
-    largest = max(
-        abs(item.kinematics.at(np.unique(item.body.facets)).deformation(item.coordinates(sample)[0])).max()
-        for item in sample.bodies
-    )
-    if largest <= _ROUNDING * size:  # all bodies are rigid but for their contacts
-        return 1.0
-    return 10.0 ** max(0, math.floor(math.log10(_VISIBLE * size / largest)))
+def _scene(result: Result) -> str:
+    """Page with the moving bodies, to stand in a frame of this one."""
+    if not result.bodies:
+        return ""
+    return scene_of(result, frames=min(_FRAMES, max(2, len(result.t)))).page
 
 
 def _drawn(axes: Axes, caption: str) -> dict[str, str]:
     buffer = io.BytesIO()
     axes.figure.savefig(buffer, format="svg")
     return {"kind": "svg+xml", "data": base64.b64encode(buffer.getvalue()).decode(), "caption": caption}
-
-
-def _encoded(image: Array) -> str:
-    buffer = io.BytesIO()
-    require("matplotlib.image").imsave(buffer, image, format="png")
-    return base64.b64encode(buffer.getvalue()).decode()
 
 
 def _text(value: object) -> str:

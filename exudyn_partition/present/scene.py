@@ -142,7 +142,7 @@ class _Blob:
 
 def _facts(motion: Motion, title: str, scale: float) -> JSON:
     """What the page needs beside arrays."""
-    span = float(motion.t[-1] - motion.t[0])
+    span = float(motion.t[-1] - motion.t[0]) or 1.0  # s; a page of one instant does not play
     unit, factor = ("ms", 1e3) if span < 0.2 else ("s", 1.0)
     times = np.linspace(motion.force_t[0], motion.force_t[-1], _CURVE)
     colours = []

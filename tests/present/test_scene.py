@@ -4,8 +4,6 @@ import base64
 import gzip
 import json
 import re
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +13,6 @@ import exudyn_partition as ep
 from exudyn_partition.errors import InputError
 from exudyn_partition.present.motion import motion_of
 from exudyn_partition.present.scene import few_shapes, split_at_edges
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-SOFTWARE = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
 
 
 @pytest.fixture(scope="module")
@@ -115,33 +110,8 @@ def test_what_is_refused(run, tmp_path):
         run.scene(height=1)
 
 
-@pytest.fixture(scope="module")
-def browser():
-    """Chromium without a screen."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("there is no Chromium, see CONTRIBUTING.md")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        yield browser
-        browser.close()
-
-
-def opened(browser, path: Path, width=900, height=700):
-    """Page from disk without a network, and a list that gets its errors and requests."""
-    context = browser.new_context(viewport={"width": width, "height": height}, offline=True)
-    page, faults = context.new_page(), []
-    page.on("console", lambda m: faults.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    local = ("file:", "data:", "blob:", "about:")
-    page.on("request", lambda r: None if r.url.startswith(local) else faults.append(r.url))
-    page.goto(path.as_uri())
-    page.wait_for_function("window.ready === true", timeout=60_000)
-    return page, faults
-
-
-def test_a_browser_plays_the_page(browser, run, tmp_path):
-    page, faults = opened(browser, run.scene(tmp_path / "run.html", frames=21, scale=1.0).path)
+def test_a_browser_plays_the_page(opened, run, tmp_path):
+    page, faults = opened(run.scene(tmp_path / "run.html", frames=21, scale=1.0).path)
     motion = motion_of(run, frames=21)
     middle = np.mean(motion.bounds, axis=0)
     for frame in (0, 7, 20):  # vertices are where the bodies are
@@ -182,8 +152,8 @@ def projected(page, place):
     return np.array([width / 2 + zoom * seen[0] / seen[2], height / 2 - zoom * seen[1] / seen[2]])
 
 
-def test_a_phone_needs_no_scrolling(browser, run, tmp_path):
-    page, faults = opened(browser, run.scene(tmp_path / "run.html", frames=5).path, width=390, height=780)
+def test_a_phone_needs_no_scrolling(opened, run, tmp_path):
+    page, faults = opened(run.scene(tmp_path / "run.html", frames=5).path, width=390, height=780)
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     assert page.evaluate("document.querySelector('#panel').getBoundingClientRect().bottom") <= 780
     assert faults == []
