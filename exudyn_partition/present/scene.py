@@ -74,7 +74,10 @@ class Scene:
         return Scene(self.page, path, self.height)
 
     def _repr_html_(self) -> str:
-        """Frame with the page, for notebooks."""
+        return self.in_frame()
+
+    def in_frame(self) -> str:
+        """HTML of a frame that holds the page, as notebooks show it."""
         style = f"width:100%;height:{self.height}px;border:0"
         return f'<iframe title="moving bodies" style="{style}" srcdoc="{html.escape(self.page)}"></iframe>'
 

@@ -76,7 +76,7 @@ def test_text_from_the_user_cannot_end_the_script(run):
 
 
 def test_a_notebook_shows_the_page(run):
-    shown = run.scene(frames=2, height=300)._repr_html_()
+    shown = run.scene(frames=2, height=300).in_frame()
     assert shown.startswith("<iframe")
     assert "height:300px" in shown
     assert "<script" not in shown  # all of the page is escaped

@@ -1,24 +1,22 @@
-"""Draw the moving picture of README and front page: the wave in the plate under the rod.
+"""Draw the moving picture of README and the site's front page: the wave in the plate under the rod.
 
-    python examples/site/hero.py
+    python -m validation.wave
 
-writes examples/site/wave.gif.
+writes examples/site/wave.gif. It needs the extra `pictures`.
 """
 
-import sys
+import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
-
-from models import rod_on_plate as model  # noqa: E402, for the folder of the models must be known first
-
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 UNTIL, FRAMES = 0.35e-3, 50  # [s]; the wave has been to the plate's edges and back
 
 
-def main(path=HERE / "wave.gif"):
+def main(path=EXAMPLES / "site" / "wave.gif"):
+    model = SimpleNamespace(**runpy.run_path(str(EXAMPLES / "models" / "rod_on_plate.py")))
     fems, partitions, _ = model.fe_models(quick=False)
     *_, result, _ = model.partition_run(fems, partitions, "contact-adapted", 40e3, "explicit", UNTIL)
     return result.film(
