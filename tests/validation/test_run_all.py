@@ -86,10 +86,17 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
     assert "good: done for" in capsys.readouterr().out
 
 
-def test_headline_numbers_of_all_stored_results_can_be_read():
+# The script says so too: corrections of meshes that no promise is made for.
+BEYOND = {"correct: least"}
+
+
+def test_headline_numbers_of_all_stored_results_can_be_read_and_hold():
     """Those of the results in the repository, by the list of cases."""
+    beyond = set()
     for name, case in run_all.CASES.items():
-        path = case.result(())
-        if path.exists():
-            record = {"name": name, "data": json.loads(path.read_text()), "code": 0, "message": ""}
-            assert all(reference != "the list in run_all.py" for _, reference, *_ in run_all.headline(record)), name
+        record = {"name": name, "data": json.loads(case.result(()).read_text()), "code": 0, "message": ""}
+        *rows, _ = run_all.headline(record)
+        assert rows or name == "crank_slider", name  # which only compares
+        assert all(reference != "the list in run_all.py" for _, reference, *_ in rows), (name, rows)
+        beyond |= {f"{name}: {quantity}" for quantity, *_, agrees in rows if not agrees}
+    assert beyond == BEYOND

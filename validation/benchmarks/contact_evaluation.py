@@ -115,7 +115,8 @@ def shares(results):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--results", action="store_true", help="print the results of this process alone, as JSON")
-    bodies, options = ball_on_plate(), parser.parse_args()
+    options = parser.parse_args()
+    bodies = ball_on_plate()
     found = {kind: measure(bodies, kind) for kind in ROWS}
     if options.results:
         print(json.dumps(found))
