@@ -126,13 +126,19 @@ class Gaps:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         raise NotImplementedError
 
-    def surface_gap(self, q: Array) -> float:
+    def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """Gap of the slave's lowest point, among its nodes and contact points, at coordinates q, (n,) [m].
 
-        It does not include the contact's own flexibility and does not depend on the present rows. It is infinite if no
-        point faces the master.
+        It does not include the contact's own flexibility and does not depend on the present rows. It is negative where
+        the surfaces, as the coordinates move them, lie within each other, and infinite if no point faces the master.
+        `dents` are those of each side, see `Side.dent`.
         """
         raise NotImplementedError
+
+    def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
+        """Places of all nodes of some sides, (np, 3) for each [m], at coordinates q, (n,), with their dents."""
+        own: Sequence[Array | None] = dents or [None] * len(sides)
+        return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
 
     def pressed_at(self, q: Array, flexibility: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
         """Gaps as `at` finds them, and the forces that the law would find from them, where one call can do both.

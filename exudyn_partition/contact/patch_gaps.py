@@ -231,9 +231,9 @@ class PatchGaps(Gaps):
         found = self._follow(math.inf, self.places(q))  # wherever the points go
         return self.at(q) if found is None else found[0]
 
-    def surface_gap(self, q: Array) -> float:
+    def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`."""
-        x_s, x_m = self.places(q)
+        x_s, x_m = self.dented(self.sides, q, dents)
         found = closest_points(np.vstack([x_s, self._all.at(x_s)]), x_m[self.sides[1].surface.facets])
         direction = replace(self.slave.surface, points=x_s).normal_here
         return float(found.gap[facing(found, direction, self.size)].min(initial=np.inf))

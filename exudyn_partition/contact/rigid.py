@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -226,10 +226,15 @@ class RigidGaps(Gaps):
             return value
         return self._evaluate(self.places_now()[0])
 
-    def surface_gap(self, q: Array) -> float:
+    def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
-        nodes = self.places(q)[0]
+        (nodes,) = self.dented(self._sides_of_all, q, dents)
         return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
+
+    @property
+    def _sides_of_all(self) -> Sequence[Side]:
+        """The side with all nodes of its patch."""
+        return self.sides
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; without accelerations of the body that carries the surface, which are not known here."""

@@ -120,6 +120,25 @@ class Side:
         places[self.active] = self.near.place(q)
         return places
 
+    def dent(self, strain: Array) -> Array:
+        """Displacements of the patch's nodes by plastic strain, (g, 6), beyond those by coordinates: (np, 3) [m].
+
+        They are in the body's axes, and zero where the nodes of the plastic zone are coordinates themselves.
+        """
+        found = np.zeros(self.surface.points.shape)
+        if self.zone is None or self.zone.flexibility is None:
+            return found
+        moved = self.zone.zone.pseudo_forces(strain) @ self.zone.flexibility.of_patch
+        if self.normal_only:
+            return np.outer(moved, self.kinematics.frame(np.zeros(self.n))[1].T @ self.surface.direction)
+        found[:] = moved.reshape(-1, 3)
+        return found
+
+    def dented(self, q: Array, dent: Array | None) -> Array:
+        """Places of the patch's nodes, (np, 3) [m], as `place` has them, with a dent of `dent`, if there is one."""
+        places = self.place(q)
+        return places if dent is None else places + dent @ self.kinematics.frame(q)[1].T
+
     def generalised(self, q: Array, forces: Array) -> Array:
         """Generalised forces, (n,), of forces on the patch's nodes, (np, 3) [N]."""
         if self.near is None:

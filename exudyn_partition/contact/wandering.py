@@ -7,6 +7,7 @@ as the patches move.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import seen_from, spread
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
+from .side import Side
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
@@ -96,17 +98,15 @@ class WanderingGaps(PatchGaps):
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         return near_rows(self._near_points, slave, master, self.approach)
 
-    def surface_gap(self, q: Array) -> float:
+    def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; of patches that are far apart, a lower bound."""
         near = self._near_parts(q)
         if not len(near.nodes):
             return near.least
-        points = near.points(self._all)
+        points, nodes_at = near.points(self._all), self.dented(self._paired, q, dents)
         slave, master = (
-            replace(side.surface, points=side.place(part), facets=side.surface.facets[facets])
-            for side, part, facets in zip(
-                self._paired, self.split(q), (near.slave_facets, near.master_facets), strict=True
-            )
+            replace(side.surface, points=x, facets=side.surface.facets[facets])
+            for side, x, facets in zip(self._paired, nodes_at, (near.slave_facets, near.master_facets), strict=True)
         )
         nodes = near.nodes[:, None]
         carriers = (points.nodes, points.weights), (nodes, np.ones(nodes.shape))
@@ -186,7 +186,7 @@ class WanderingRigidGaps(RigidGaps):
         speed = float(np.linalg.norm(velocity, axis=1).max())
         return np.append(gap, self._beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
 
-    def surface_gap(self, q: Array) -> float:
-        """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
-        nodes = self._whole.place(q)
-        return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
+    @property
+    def _sides_of_all(self) -> Sequence[Side]:
+        """See `RigidGaps`."""
+        return (self._whole,)

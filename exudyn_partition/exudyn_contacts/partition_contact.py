@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..results.impacts import Ringing, SubImpact, closed_spans, crossing, joined, ringing, running_mean
+from ..results.impacts import Ringing, SubImpact, at_border, closed_spans, crossing, joined, ringing, running_mean
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_number, validate_positive, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
@@ -87,16 +87,19 @@ class PartitionContact(ContactResults):
         """Times of contact, with impulse, peak and mean of the force, and relative speeds before and after.
 
         Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
-        linear interpolation. Mean gaps of integrated rows, which make the force, close later. Times are those of
-        samples with a force where the surface is not known: with multipliers, and where a body of another kind carries
-        the rigid surface.
+        linear interpolation; the surface of a body that yields has its dent. Mean gaps of integrated rows, which make
+        the force, close later. Where the surface is not known, contact lasts from the last sample without a force
+        before it to the first one after it: with multipliers, where a body of another kind carries the rigid surface,
+        and of results from files if a body yields.
 
         A speed is that of rigid bodies with the momenta and angular momenta of the bodies, at the centre of the contact
-        force when it is largest, along the direction of the impulse. Vibration and distance from the centre of mass are
-        so treated alike in both frames. `speed_before` is positive if they approach, `speed_after` if they separate;
-        their ratio is Newton's coefficient of restitution. A speed is None if the run begins or ends in this contact,
-        if a body touches itself or one of another kind carries the rigid surface, and of results from files if forces
-        are not elastic.
+        force when it is largest, along the contact's normal, the direction of the impulse of the normal forces.
+        Vibration and distance from the centre of mass are so treated alike in both frames. `speed_before` is that at
+        `start`, positive if they approach, `speed_after` that at `end`, positive if they separate; their ratio is
+        Newton's coefficient of restitution, with friction too. What friction takes from the sliding is not in it: see
+        `dissipated_energy` and the momenta of the bodies. A speed is None if the run begins or ends in this contact, if
+        a body touches itself or one of another kind carries the rigid surface, and of results from files if forces are
+        not elastic.
 
         Parameters
         ----------
@@ -125,32 +128,43 @@ class PartitionContact(ContactResults):
             first, last = spans[group[0]][0], spans[group[-1]][1]
             around = slice(max(first - 1, 0), min(last + 2, len(t)))
             impulse, peak = float(np.trapezoid(force[around], t[around])), float(force[around].max())
-            speeds = self._speeds(result, first, last)
-            found.append(SubImpact(times[group[0]][0], times[group[-1]][1], impulse, peak, len(group), *speeds))
+            start, end = times[group[0]][0], times[group[-1]][1]
+            speeds = self._speeds(result, force, (first, last), (start, end))
+            found.append(SubImpact(start, end, impulse, peak, len(group), *speeds))
         return found
 
-    def _speeds(self, result: RunSamples, first: int, last: int) -> tuple[float | None, float | None]:
-        """Approach before and separation after a contact, from its first to its last sample [m/s]; see `impacts`."""
-        t, on_slave = result.t, self.force_on_slave(result)
-        along = np.trapezoid(on_slave[max(first - 1, 0) : last + 2], t[max(first - 1, 0) : last + 2], axis=0)
-        if self.law.gaps.carried or self.slave is self.master or not (size := np.linalg.norm(along)):
+    def _speeds(
+        self, result: RunSamples, force: Array, span: tuple[int, int], times: tuple[float, float]
+    ) -> tuple[float | None, float | None]:
+        """Approach at the start and separation at the end of a contact [m/s], see `impacts`.
+
+        `force`, (n,) [N], is that of all samples, `span` the first and last sample of the contact, `times` its start
+        and end [s].
+        """
+        t, (first, last) = result.t, span
+        around = slice(max(first - 1, 0), last + 2)
+        impulse = np.trapezoid(self._normal_force(result)[around], t[around], axis=0)
+        if self.law.gaps.carried or self.slave is self.master or not (size := np.linalg.norm(impulse)):
             return None, None
-        along = along / size
-        peak = first + int(self.force(result)[first : last + 1].argmax())
-        if (centre := self._force_centre(result, result.t[first : last + 1], peak, along)) is None:
+        normal = impulse / size
+        peak = first + int(force[first : last + 1].argmax())
+        if (centre := self._force_centre(result, t[first : last + 1], peak, normal)) is None:
             return None, None
 
-        def separation(sample: int) -> float | None:
-            if not 0 <= sample < len(t):
-                return None
+        def separation(sample: int) -> float:
             now, speeds = result.at(t[sample : sample + 1]), []
             for item, _ in self.sides:
                 q, q_t = item.coordinates(now)[0], item.coordinates_t(now)[0]
-                speeds.append(float(item.kinematics.mean_velocity(q, q_t, centre) @ along))
+                speeds.append(float(item.kinematics.mean_velocity(q, q_t, centre) @ normal))
             return speeds[0] - sum(speeds[1:])
 
-        before = separation(first - 1)
-        return None if before is None else -before, separation(last + 1)
+        before = -at_border(t, force == 0, separation, times[0], -1) if first > 0 else None
+        return before, at_border(t, force == 0, separation, times[1], 1) if last < len(t) - 1 else None
+
+    def _normal_force(self, result: RunSamples) -> Array:
+        """Resultant of the normal forces on the slave, (n, 3) [N]."""
+        whole = self.force_on_slave(result)
+        return whole if self.friction is None else whole - self.tangential_force(result)
 
     def _force_centre(self, result: RunSamples, times: Array, sample: int, along: Array) -> Array | None:
         """Centre of the contact force in space at a sample, (3,) [m]; None if forces of rows are not known.
@@ -215,8 +229,12 @@ class PartitionContact(ContactResults):
         gaps = self.law.gaps
         if not self.compliant or gaps.carried:
             return None
+        try:
+            dents = self._dents_of(result)
+        except InputError:  # of a file, or with too many states of the zones to be kept
+            return None
         q = np.hstack([item.coordinates(result) for item, _ in self.sides])
-        return functools.cache(lambda sample: gaps.surface_gap(q[sample]))
+        return functools.cache(lambda sample: gaps.surface_gap(q[sample], dents(sample)))
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

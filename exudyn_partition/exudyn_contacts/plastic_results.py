@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..contact.plasticity.yielding_patches import Zones
@@ -70,6 +72,29 @@ class PlasticResults(FrictionResults):
             return [None] * len(self.sides)
         kept = result.kept(self).plastic_strains
         return [kept.get(side) for side in range(len(self.sides))]
+
+    def _dents_of(self, result: RunSamples) -> Callable[[int], list[Array] | None]:
+        """What plastic strain has moved the nodes of each patch by, beyond the coordinates, by the sample.
+
+        See `Side.dent`; None where nothing can yield.
+
+        Raises
+        ------
+        InputError
+            See `strain_histories`, and `StrainHistory.numbers`.
+        """
+        if self.yielding is None:
+            return lambda sample: None
+        histories, sides = self.strain_histories(result), self.law.gaps.sides
+        known = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
+
+        def dents(sample: int) -> list[Array]:
+            found = [np.zeros(side.surface.points.shape) for side in sides]
+            for side, kept, numbers in known:
+                found[side] = sides[side].dent(kept.strain(int(numbers[sample])))
+            return found
+
+        return dents
 
     def dents(self, result: RunSamples) -> dict[str, float]:
         """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".

@@ -41,7 +41,8 @@ class SubImpact:
     parts : int
         Number of times of uninterrupted contact.
     speed_before, speed_after : float or None
-        Approach before and separation after the contact [m/s], see `PartitionContact.impacts`; None if not known.
+        Approach at `start` and separation at `end` along the contact's normal [m/s], see `PartitionContact.impacts`;
+        None if not known.
     """
 
     start: float
@@ -172,7 +173,10 @@ def _width(t: Array, force: Array, level: float) -> float:
 
 
 def crossing(t: Array, gap: Callable[[int], float] | None, sample: int, other: int) -> float:
-    """Time at which a gap vanishes [s], from a sample in contact towards another one, which is in contact or none."""
+    """Time at which a gap vanishes [s], from a sample in contact towards another one, which is in contact or none.
+
+    Where the gap is not known, or stays closed on the way, it is that of the next sample, which has no force.
+    """
     way = 1 if other > sample else -1
     if gap is not None:
         for inside in range(sample, sample + way * _LOOKED_AT, way):
@@ -181,7 +185,30 @@ def crossing(t: Array, gap: Callable[[int], float] | None, sample: int, other: i
             if gap(inside + way) > 0:
                 share = gap(inside) / (gap(inside) - gap(inside + way))
                 return float(t[inside] + share * (t[inside + way] - t[inside]))
-    return float(t[sample])
+    return float(t[min(max(sample + way, 0), len(t) - 1)])
+
+
+def at_border(t: Array, free: Array, value: Callable[[int], float], time: float, way: int) -> float:
+    """Value at a time where contact starts, `way` -1, or ends, 1, by a line through two samples without a force.
+
+    Parameters
+    ----------
+    t : (n,) array
+        [s]
+    free : (n,) bool array
+        Samples without a force; the first one from `time` on, along `way`, is one of them.
+    value : callable
+        Of a sample.
+    time : float
+        [s]
+    way : {-1, 1}
+    """
+    outside = int(np.searchsorted(t, time)) if way > 0 else int(np.searchsorted(t, time, side="right")) - 1
+    for other in (outside - way, outside + way):
+        if 0 <= other < len(t) and free[other]:
+            share = float((time - t[outside]) / (t[other] - t[outside]))
+            return value(outside) + share * (value(other) - value(outside))
+    return value(outside)
 
 
 def rings_by_facets(t: Array, force: Array, rate: float) -> float | None:

@@ -43,6 +43,17 @@ def test_gross_slip_has_coulombs_impulse(mbs, round_body, frame, method):
     assert item.momentum(result)[-1, 0] == pytest.approx(round_body.total_mass * ALONG + along[0], rel=1e-6)
 
 
+@pytest.mark.parametrize("friction", [None, 0.05, 0.5])
+def test_restitution_is_that_of_normal_speeds(mbs, round_body, frame, friction):
+    """Friction turns the impulse, but takes nothing of the normal speed of a ball."""
+    item, contact, result = impact(mbs, round_body, frame=frame, friction=friction, along=0.5)
+    (found,) = contact.impacts(result)
+    normal = item.momentum(result)[:, 2] / round_body.total_mass
+    assert found.speed_before == pytest.approx(-normal[0], rel=2e-3)
+    assert found.speed_after == pytest.approx(normal[-1], rel=1e-2)
+    assert found.speed_after / found.speed_before == pytest.approx(-normal[-1] / normal[0], rel=1e-2)
+
+
 def test_sticking_reverses_the_contact_point(mbs, round_body):
     """Maw, Barber and Fawcett: at psi1 = 1.1 of mu = 0.5 the contact's tangential velocity all but vanishes."""
     item, contact, result = impact(mbs, round_body, friction=0.5)

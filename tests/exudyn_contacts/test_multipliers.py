@@ -80,6 +80,23 @@ def test_energy_does_not_swing_while_multipliers_push(mbs, nodal_bodies):
         assert energy.max() < energy[0] * (1 + 1e-9)
 
 
+def test_times_of_an_impact_are_those_of_its_speeds(mbs, nodal_bodies):
+    """Forces come and go with steps: the last sample without one before, and the first one after, are known."""
+    place, way = np.add(TOP, [0, 0, 0.2e-6]), [0, 0, -1.0]
+    striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=place, initialVelocity=way)
+    target = ep.CreatePartitionBody(mbs, nodal_bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=50e-6, step=0.5 * ep.stability_limit(mbs), sample_period=0.1e-6)
+    impact = contact.impacts(result, merge=2e-6)[0]
+    momentum = striker.momentum(result)[:, 2]
+    mass, other = (item.body.total_mass for item in (striker, target))
+    separation = momentum / mass - (momentum[0] - momentum) / other
+    assert impact.speed_before == pytest.approx(-np.interp(impact.start, result.t, separation), rel=1e-6)
+    assert impact.speed_after == pytest.approx(np.interp(impact.end, result.t, separation), rel=1e-2)
+    assert impact.impulse == pytest.approx(mass + momentum[-1], rel=1e-2)
+
+
 def test_pairs_that_are_followed_from_now_on_cause_no_impact(mbs, nodal_bodies):
     """The ball slides out of reach of the frozen pairs: gaps jump by what they did not know, and the force does not."""
     striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[8.0, 0, -1.0])

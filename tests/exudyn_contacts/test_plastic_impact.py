@@ -116,8 +116,35 @@ def test_stress_is_on_the_yield_surface_where_the_plate_has_yielded(models, run)
     assert (stress[-1] < 0.9 * flow).all()
 
 
+def ends_with_the_force(contact, result):
+    """Whether an impact ends with its force: mean gaps open half a micrometre before the last point of the surface."""
+    (impact,) = contact.impacts(result)
+    last = result.t[np.flatnonzero(contact.force(result))[-1]]
+    return 0 < (impact.end - last) * impact.speed_after < 0.5e-6
+
+
+def test_an_impact_ends_in_the_dent_that_it_has_made(bodies, run):
+    """The undented surface would be in contact for 6 us more, in which bodies part by 2 um."""
+    _, contact, result = run
+    assert ends_with_the_force(contact, result)
+    (impact,) = contact.impacts(result)
+    assert impact.speed_after < 0.9 * impact.speed_before
+    # A file does not hold the dent: there contact lasts from one sample without a force to the next one.
+    (read,) = contact.impacts(replace(result, runs=()))
+    assert read.end == pytest.approx(impact.end, abs=1e-6)
+
+
+def test_an_impact_in_an_old_dent_begins_and_ends_there(bodies, run):
+    (state,) = run[1].plastic_states(run[2]).values()
+    _, contact, result = fall_again(bodies, state)
+    assert ends_with_the_force(contact, result)
+    first = result.t[np.flatnonzero(contact.force(result))[0]]
+    assert contact.impacts(result)[0].start == pytest.approx(first, abs=5 * result.step)
+
+
 def test_floating_frames_agree(bodies, run):
     _, contact, result = fall(bodies, frame="floating")
+    assert ends_with_the_force(contact, result)
     np.testing.assert_allclose(contact.force(result), run[1].force(run[2]), atol=2e-4 * run[1].force(run[2]).max())
 
 
@@ -262,6 +289,7 @@ def test_friction_and_plastic_flow_together(models):
     total = plate.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
     np.testing.assert_allclose(total / total[0], 1.0, atol=1e-3)
     assert (abs(contact.tangential_force(result)).max(axis=1) <= 0.2 * contact.force(result) * (1 + 1e-9)).all()
+    assert ends_with_the_force(contact, result)
 
 
 def test_what_cannot_yield_is_refused(bodies, models):

@@ -89,6 +89,20 @@ def test_contact_times_do_not_depend_on_the_step(large_sphere):
     np.testing.assert_allclose(times[0], times[1], atol=0.003 * hertz.duration)
 
 
+def test_start_end_and_speeds_are_of_the_same_instants(large_sphere):
+    """It falls a little, so that it is much faster when its first mean gap closes than when it touches."""
+    body, _, _ = large_sphere
+    drop, speed = 1e-7, 0.01
+    mbs, item, contact = on_a_plane(body, speed, drop=drop)
+    result = ep.solve_dynamic(mbs, end_time=2e-3, step=1e-6)
+    impact = contact.impacts(result)[0]
+    velocity, force = item.momentum(result)[:, 2] / body.total_mass, contact.force(result)
+    assert velocity[np.flatnonzero(force)[0]] < -1.1 * speed
+    assert impact.start == pytest.approx(2 * drop / speed, rel=1e-3)
+    assert impact.speed_before == pytest.approx(speed, rel=1e-3)
+    assert impact.speed_after == pytest.approx(np.interp(impact.end, result.t, velocity), rel=1e-4)
+
+
 def test_a_contact_of_one_row_says_so(marble):
     """Slowly, the marble touches with less than a facet."""
     mbs, _, contact = on_a_plane(marble, 0.005, gap=MARBLE_RADIUS, name="slow")
