@@ -110,6 +110,7 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "gear_pair.png"
     draw(gears, [(1e3 * back[1].t, teeth[0], ways[0]), (turned, teeth[1], ways[1])]).savefig(picture, dpi=120)
+    slow[1].scene(options.out / "moving.html", title="gears that turn slowly")
     for key in ("dofs", "fe_dofs", "steps", "peak_force_N", "error.force", "transmission_error_m"):
         print(f"{key}: {result[key]}")
     print(picture.resolve())

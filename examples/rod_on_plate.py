@@ -104,6 +104,7 @@ def main(argv=None):
     reference.save(options.out / "reference.npz")
     picture = options.out / "rod_on_plate.png"
     ep.plot.overview(history, reference).savefig(picture, dpi=150)
+    run.scene(options.out / "moving.html", title="rod on plate")
     show(result)
     print(picture.resolve())
     return result

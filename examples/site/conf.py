@@ -9,11 +9,11 @@ import exudyn_partition
 project = "exudyn_partition"
 author = "The exudyn_partition developers"
 release = exudyn_partition.__version__
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax"]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "sphinx_design"]
 exclude_patterns = ["templates"]
 html_theme = "furo"
 html_title = f"exudyn_partition {release}"
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 4
 suppress_warnings = ["myst.header"]  # pages include sections of README below a title of their own
 nb_execution_timeout = 300

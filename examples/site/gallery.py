@@ -1,4 +1,4 @@
-"""Pages of the gallery: each example is run with `--quick`, and its page shows figures, output and source.
+"""Pages of the gallery: each example is run with `--quick`; its page shows figures, moving bodies, output and source.
 
 `python -m sphinx -D run_examples=0 ...` writes the pages without a run, for builds that only check text and links.
 """
@@ -6,6 +6,7 @@
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -19,15 +20,31 @@ FOLDER = Path(__file__).resolve().parent / "gallery"  # written anew by each bui
 LIST = (EXAMPLES / "README.md").read_text()  # names of all examples, in the order of learning
 NAMES = re.findall(r"^\d+\. \[`(\w+)\.py`\]", LIST, re.M)
 LIMIT_S = 300.0
+GROUPS = {
+    "Impact": ("two_spheres", "rod_on_plate", "own_part", "newtons_cradle", "gauge_and_vibrometer"),
+    "Friction": ("oblique_impact",),
+    "Yield": ("restitution",),
+    "Mechanisms": ("existing_model", "crank_slider", "cam_follower", "gear_pair", "ball_bearing"),
+    "Accuracy and studies": ("choose_accuracy", "parameter_study"),
+}
+SCENES = "moving"  # folder of the pages with moving bodies, in the site
 
 
 def write_pages(app):
     """Write the gallery's index, a page for each example, and the tutorial; run the examples if asked to."""
     FOLDER.mkdir(exist_ok=True)
+    if sorted(name for names in GROUPS.values() for name in names) != sorted(NAMES):
+        raise ExtensionError(f"gallery.py: GROUPS must hold each example of examples/README.md once: {NAMES}")
     printed = dict.fromkeys(NAMES, "")
     if app.config.run_examples:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             printed = dict(zip(NAMES, pool.map(run, NAMES), strict=True))
+    scenes = FOLDER / "extra" / SCENES
+    scenes.mkdir(parents=True, exist_ok=True)
+    for name in NAMES:
+        for path in (FOLDER / name).glob("*.html"):
+            shutil.copy(path, scenes / f"{name}.html")
+    app.config.html_extra_path.append(str(scenes.parent))
     pages = {"index": index(), **{name: page(name, printed[name]) for name in NAMES}}
     for name, text in pages.items():
         (FOLDER / f"{name}.md").write_text(text, encoding="utf-8")
@@ -44,9 +61,31 @@ def as_on_the_site(text):
 
 
 def index():
-    """The list of examples, and where they stand in the table of contents."""
+    """Cards of the examples by what they are for, the list in the order of learning, and the table of contents."""
+    parts = ["# Gallery"]
+    for group, names in GROUPS.items():
+        parts += [f"## {group}", "\n".join(["::::{grid} 1 2 3 3", ":gutter: 3", "", *map(card, names), "::::"])]
     toc = "\n".join(["tutorial", *NAMES])
-    return f"{as_on_the_site(LIST)}\n```{{toctree}}\n:hidden:\n\n{toc}\n```\n"
+    parts += [as_on_the_site(LIST).replace("# Examples", "## Examples", 1), f"```{{toctree}}\n:hidden:\n\n{toc}\n```"]
+    return "\n\n".join(parts) + "\n"
+
+
+def card(name):
+    """An example's first sentence, beneath its first figure."""
+    figures = sorted(path.name for path in (FOLDER / name).glob("*.png"))
+    picture = [f":img-top: {name}/{figures[0]}", f":img-alt: figure of {name}"] if figures else []
+    return "\n".join([f":::{{grid-item-card}} {title(name)}", f":link: {name}", ":link-type: doc", *picture, "",
+                      said(name).split("\n\n")[0].replace("\n", " "), ":::", ""])  # fmt: skip
+
+
+def title(name):
+    """Name of an example in print."""
+    return name.replace("_", " ").capitalize()
+
+
+def said(name):
+    """What an example says of itself."""
+    return ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")))
 
 
 def run(name):
@@ -63,8 +102,10 @@ def run(name):
 
 def page(name, printed):
     """A page: what the example is, its figures, what it printed, and its source."""
-    what = ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")))
-    parts = [f"# {name.replace('_', ' ').capitalize()}", what]
+    parts = [f"# {title(name)}", said(name)]
+    if (FOLDER / "extra" / SCENES / f"{name}.html").exists():
+        frame = f'src="../{SCENES}/{name}.html" title="moving bodies" loading="lazy"'
+        parts += [f'```{{raw}} html\n<iframe {frame} style="width:100%;height:560px;border:0"></iframe>\n```']
     if printed:
         figures = sorted(path.name for path in (FOLDER / name).glob("*.png"))
         parts += [f"With `--quick`, `python examples/{name}.py` draws and prints:"]

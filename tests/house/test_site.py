@@ -115,7 +115,7 @@ def test_links_between_pages_lead_to_a_heading():
 
 
 def test_the_site_builds_without_a_warning(tmp_path):
-    for package in ("sphinx", "myst_nb", "numpydoc", "furo"):
+    for package in ("sphinx", "myst_nb", "numpydoc", "furo", "sphinx_design"):
         pytest.importorskip(package)
     command = [sys.executable, "-m", "sphinx", "-W", "-q", "-D", "run_examples=0", str(SITE), str(tmp_path / "site")]
     subprocess.run(command, check=True)
