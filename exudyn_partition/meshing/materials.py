@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..fe.material import Material, Regions
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_callable
-from .input_decks import CellRegions, refuse_regions
+from .file_mesh import CellRegions, refuse_regions
 
 Modulus = Callable[[Array], Array]  # Young's modulus by place, (k, 3) [m] -> (k,) [Pa]
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import sys
+import tempfile
 import threading
 import warnings
 from dataclasses import dataclass
@@ -19,10 +21,16 @@ from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import MeshioMesh
 from ..support.optional import require
-from .input_decks import CellRegions, check_deck, check_regions, regions_of
+from .abaqus_decks import read_abaqus
+from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, refuse_regions
+from .gmsh_files import in_groups
+from .mesh_counts import counts_said
+from .nastran_decks import ENDINGS, read_nastran
+from .regions import regions_of
+
+_LOG = logging.getLogger(__name__)
 
 _VOLUMES = ("tetra", "tetra10", "hexahedron")
-_FACE_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
 
 # Order of nodes that mirrors an element.
 _MIRRORED = {4: [1, 0, 2, 3], 10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
@@ -59,10 +67,11 @@ class VolumeMesh:
 
 
 def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
-    """Read the volume elements of a mesh file: VTU, Gmsh, Abaqus, Nastran, or another format of meshio.
+    """Read the volume elements of a mesh file: Abaqus, CalculiX and Nastran by own readers, others by meshio.
 
-    Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus). So are sets of
-    nodes (Abaqus): they name the faces of elements whose corners they have.
+    Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus). So are Abaqus'
+    surfaces and sets of nodes: these name the faces of elements whose corners they have. Nodes of no volume element are
+    left out.
 
     Parameters
     ----------
@@ -73,35 +82,58 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     Raises
     ------
     InputError
-        If there is no such file, or meshio cannot read it.
+        If there is no such file, or it cannot be read.
     MeshError
         If the file has no volume elements, elements other than linear or quadratic tetrahedra or linear hexahedra,
-        elements of several kinds or, without `several`, regions, inverted elements, or nodes of no element; or if
-        meshio does not read all of it, see `input_decks.check_deck`.
+        elements of several kinds or, without `several`, regions, or inverted elements; or if not all of it is read.
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
-    mesh = _read(path, several)
-    counts: dict[str, int] = {}
-    for block in mesh.cells:
-        counts[block.type] = counts.get(block.type, 0) + len(block)
-    volumes = sorted({block.type for block in mesh.cells if block.dim == 3 and len(block)})
-    if not volumes:
+    file = _read(path)
+    solids = file.solids
+    if not solids:
         raise MeshError(
-            f"{path}: expected tetrahedra or hexahedra, got {_listing(counts) or 'no elements'}. Export the volume "
+            f"{path}: expected tetrahedra or hexahedra, got {_listing(file.cells) or 'no elements'}. Export the volume "
             "mesh, not only the surface"
         )
-    if len(volumes) > 1 or volumes[0] not in _VOLUMES:
+    if len(solids) > 1 or not set(solids) <= set(_VOLUMES):
         raise MeshError(
-            f"{path}: expected one of {', '.join(_VOLUMES)} alone, got "
-            f"{_listing({kind: counts[kind] for kind in volumes})}. Mesh the body with one kind, best tetra10"
+            f"{path}: expected one of {', '.join(_VOLUMES)} alone, got {_listing(solids)}. Mesh the body with one "
+            "kind, best tetra10"
         )
-    points = validate_array(f"points of {path}", mesh.points, (None, 3))
-    cells = np.asarray(mesh.cells_dict[volumes[0]], dtype=np.int64)
-    _check_nodes(path, volumes[0], len(points), cells)
-    corners = 4 if volumes[0] == "hexahedron" else 3
-    regions = regions_of(path, mesh) if several else CellRegions.one(len(cells))
-    return VolumeMesh(points, _outward(path, points, cells), _named_faces(mesh, corners, cells), regions)
+    ((kind, cells),) = solids.items()
+    points = validate_array(f"points of {path}", file.points, (None, 3))
+    cells = np.asarray(cells, dtype=np.int64)
+    _check_nodes(path, len(points), cells)
+    regions = _regions(path, file, several, len(cells))
+    used, numbers = np.unique(cells, return_inverse=True)
+    if len(used) < len(points):
+        _LOG.info("%s: left out %d nodes of no volume element", path, len(points) - len(used))
+    number_of = np.full(len(points), -1)
+    number_of[used] = np.arange(len(used))
+    faces = _named_faces(file, FACE_CORNERS["quad" if kind == "hexahedron" else "triangle"], cells)
+    faces = {name: number_of[rows][(number_of[rows] >= 0).all(axis=1)] for name, rows in faces.items()}
+    return VolumeMesh(points[used], _outward(path, points[used], numbers.reshape(cells.shape)), faces, regions)
+
+
+def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
+    """Regions of n volume elements.
+
+    Raises
+    ------
+    MeshError
+        If there are some and not `several`, or an element belongs to none of several.
+    """
+    if not several:
+        for regions in file.regions:
+            if len(regions.names) > 1:
+                refuse_regions(path, regions.kind, [repr(name) for name in regions.names])
+        return CellRegions.one(n)
+    regions = next(iter(file.regions), CellRegions.one(n))
+    outside = np.count_nonzero(regions.number < 0)
+    if outside:
+        raise MeshError(f"{path}: {outside} of {n} elements are in no {regions.kind}; expected a material for each")
+    return regions
 
 
 def read_triangles(path: Path) -> tuple[Array, Array]:
@@ -114,12 +146,12 @@ def read_triangles(path: Path) -> tuple[Array, Array]:
     MeshError
         If it has faces other than triangles, or no faces.
     """
-    mesh = _read(path, True)
-    faces = {block.type: len(block) for block in mesh.cells if block.dim == 2 and len(block)}
+    file = _read(path)
+    faces = file.surfaces
     if set(faces) != {"triangle"}:
         raise MeshError(f"{path}: expected triangles with three corners alone, got {_listing(faces) or 'no faces'}")
-    points = validate_array(f"points of {path}", mesh.points, (None, 3))
-    return points, np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
+    points = validate_array(f"points of {path}", file.points, (None, 3))
+    return points, np.asarray(faces["triangle"], dtype=np.int64)
 
 
 def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
@@ -152,15 +184,52 @@ def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[s
     meshio.Mesh(points, [(kind, cells)], point_data=fields).write(path, file_format="vtu")
 
 
-def _read(path: Path, several: bool) -> MeshioMesh:
-    """Read a file as a `meshio.Mesh`."""
+def _read(path: Path) -> FileMesh:
+    """Read a file by the reader of its format."""
     validate_file("path", path)
+    suffix = path.suffix.lower()
+    if suffix == ".inp":
+        return read_abaqus(path)
+    if suffix in ENDINGS:
+        return read_nastran(path)
+    mesh = _read_by_meshio(path)
+    _check_counts(path, mesh)
+    cells = {kind: np.asarray(rows) for kind, rows in mesh.cells_dict.items()}
+    faces = _faces_of_groups(mesh, cells)
+    return FileMesh(mesh.points, cells, faces, dict(mesh.point_sets), list(regions_of(mesh)))
+
+
+def _check_counts(path: Path, mesh: MeshioMesh) -> None:
+    """Refuse a mesh that has fewer nodes or elements than its file says."""
+    read = {
+        "nodes": len(mesh.points),
+        "elements": sum(map(len, mesh.cells)),
+        "volume elements": sum(len(block) for block in mesh.cells if block.dim == 3),
+    }
+    for name, said in counts_said(path).items():
+        if said != read[name]:
+            raise MeshError(
+                f"{path}: it says that it has {said} {name}, of which meshio reads {read[name]}. Export it in another "
+                "format, such as VTU or Gmsh's"
+            )
+
+
+def _read_by_meshio(path: Path) -> MeshioMesh:
+    """Read a file as a `meshio.Mesh`."""
     meshio = require("meshio")
     said = _Said(sys.stdout)
     try:
         # meshio prints what it could not read, and ends the process.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            mesh = meshio.read(path)
+        with (
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            tempfile.TemporaryDirectory() as folder,
+        ):
+            clean = path
+            if path.suffix.lower() == ".msh" and in_groups(data := path.read_bytes()) != data:
+                clean = Path(folder) / path.name
+                clean.write_bytes(in_groups(data))
+            return meshio.read(clean)
     except ImportError as error:
         raise MissingPackageError(
             f"{error.name} is needed to read {path} and could not be imported: pip install {error.name}"
@@ -170,10 +239,21 @@ def _read(path: Path, several: bool) -> MeshioMesh:
         raise InputError(
             f"path: {path} could not be read by meshio ({reason}). Is it complete, and does its ending name its format?"
         ) from error
-    check_deck(path, mesh, several)
-    if not several:
-        check_regions(path, mesh)
-    return mesh
+
+
+def _faces_of_groups(mesh: MeshioMesh, cells: dict[str, Array]) -> dict[str, list[Array]]:
+    """Corner nodes of the surface elements in named sets and in Gmsh's named physical groups."""
+    sets = {name: members for name, members in mesh.cell_sets_dict.items() if not name.startswith("gmsh:")}
+    for kind, tags in mesh.cell_data_dict.get("gmsh:physical", {}).items():
+        for name, (tag, dimension) in mesh.field_data.items():
+            if dimension == 2 and name not in mesh.cell_sets:
+                sets.setdefault(name, {})[kind] = np.flatnonzero(tags == tag)
+    faces: dict[str, list[Array]] = {}
+    for name, members in sets.items():
+        for kind, rows in members.items():
+            if kind in FACE_CORNERS and len(rows):
+                faces.setdefault(name, []).append(cells[kind][rows][:, : FACE_CORNERS[kind]])
+    return faces
 
 
 class _Said(io.StringIO):
@@ -187,21 +267,13 @@ class _Said(io.StringIO):
         return super().write(text) if threading.get_ident() == self._thread else self._others.write(text)
 
 
-def _check_nodes(path: Path, kind: str, n: int, cells: Array) -> None:
-    """Refuse nodes that do not exist, that no element has, or that an element has twice."""
+def _check_nodes(path: Path, n: int, cells: Array) -> None:
+    """Refuse nodes that do not exist, or that an element has twice."""
     if cells.min() < 0 or cells.max() >= n:
         bad = np.flatnonzero(((cells < 0) | (cells >= n)).any(axis=1))
         raise MeshError(
             f"{path}: {len(bad)} of {len(cells)} elements name nodes that are not in the file, the first is element "
             f"{bad[0]} (counted from 0). Export nodes and elements together"
-        )
-    orphans = np.setdiff1d(np.arange(n), cells)
-    if len(orphans):
-        raise MeshError(
-            f"{path}: {len(orphans)} of {n} nodes belong to no volume element, the first is node {orphans[0]} (counted "
-            f"from 0). Export the mesh without them, or number the others anew: m = meshio.read({str(path)!r}); used, "
-            f"cells = numpy.unique(m.cells_dict[{kind!r}], return_inverse=True); meshio.Mesh(m.points[used], "
-            f"{{{kind!r}: cells.reshape(-1, {cells.shape[1]})}}).write(...)"
         )
     collapsed = np.flatnonzero((np.diff(np.sort(cells, axis=1), axis=1) == 0).any(axis=1))
     if len(collapsed):
@@ -234,25 +306,19 @@ def inverted(points: Array, cells: Array) -> Array:
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
 
-def _named_faces(mesh: MeshioMesh, corners: int, cells: Array) -> dict[str, Array]:
-    """Corner nodes of the faces with so many corners in named sets and in Gmsh's named physical groups."""
-    sets = {name: members for name, members in mesh.cell_sets_dict.items() if not name.startswith("gmsh:")}
-    for kind, tags in mesh.cell_data_dict.get("gmsh:physical", {}).items():
-        for name, (tag, dimension) in mesh.field_data.items():
-            if dimension == 2 and name not in mesh.cell_sets:
-                sets.setdefault(name, {})[kind] = np.flatnonzero(tags == tag)
-    faces: dict[str, list[Array]] = {}
-    for name, members in sets.items():
-        for kind, rows in members.items():
-            if _FACE_CORNERS.get(kind) == corners and len(rows):
-                faces.setdefault(name, []).append(mesh.cells_dict[kind][rows][:, :corners])
+def _named_faces(file: FileMesh, corners: int, cells: Array) -> dict[str, Array]:
+    """Corner nodes of the faces with so many corners that have names, or whose corners are in a set of nodes."""
+    named = {name: [rows for rows in faces if rows.shape[1] == corners] for name, faces in file.faces.items()}
+    faces = {name: np.concatenate(rows).astype(np.int64) for name, rows in named.items() if rows}
     of_cells = cells[:, CELL_FACES[cells.shape[1]][:, :corners]].reshape(-1, corners)
-    for name, nodes in mesh.point_sets.items():
-        within = of_cells[np.isin(of_cells, nodes).all(axis=1)]
-        if len(within):
-            faces.setdefault(name, [within])
-    return {name: np.concatenate(blocks).astype(np.int64) for name, blocks in faces.items()}
+    for name, nodes in file.node_sets.items():
+        within = np.zeros(len(file.points), dtype=bool)
+        within[nodes] = True
+        chosen = of_cells[within[of_cells].all(axis=1)]
+        if len(chosen):
+            faces.setdefault(name, chosen)
+    return faces
 
 
-def _listing(counts: dict[str, int]) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in counts.items())
+def _listing(cells: dict[str, Array]) -> str:
+    return ", ".join(f"{len(rows)} {kind}" for kind, rows in cells.items())

@@ -24,7 +24,7 @@ from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import others_busy
 from ..support.optional import require
 from ..support.progress import pulsing
-from .input_decks import CellRegions
+from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
 from .mesh_files import VolumeMesh, check_order, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse.linalg as sla
-from meshing.test_input_decks import CELLS, POINTS, SECTIONS, SETS, deck, glued
+from meshing.test_abaqus_decks import SECTIONS, SETS, deck
+from meshing.test_regions import CELLS, POINTS, glued
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, MeshError

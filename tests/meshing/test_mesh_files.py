@@ -1,6 +1,7 @@
 """Meshes from files: the file's nodes and geometry, hexahedra in contact, and files that cannot be used."""
 
 import io
+import logging
 import sys
 import threading
 
@@ -267,15 +268,21 @@ def test_unusable_elements(tmp_path):
     refused(write(path, points[used], numbers.reshape(-1, 8)), "1 of 2 elements have a node twice, the first is elem")
 
 
-def test_nodes_of_no_element_can_be_removed_as_the_message_says(tmp_path):
+@pytest.mark.parametrize("name", ["mesh.vtu", "mesh.inp"])
+def test_nodes_of_no_element_are_left_out(tmp_path, name, caplog):
     points, cells = hexahedra(1, 2, 3)
-    points, cells = np.vstack([[9.0, 9, 9], points, [8.0, 8, 8]]), cells + 1
-    path = write(tmp_path / "mesh.vtu", points, cells, ("vertex", np.array([[0]])))
-    with pytest.raises(MeshError, match=r"2 of 26 nodes belong to no volume element, the first is node 0 ") as caught:
-        ep.fe_model(path, ep.STEEL)
-    recipe = str(caught.value).partition("anew: ")[2].replace("...", repr(str(path)))
-    exec(recipe, {"meshio": meshio, "numpy": np})
-    assert ep.fe_model(path, ep.STEEL).n_nodes == 24
+    foot = np.flatnonzero(points[:, 2] == 0)
+    alone = ep.fe_model(write(tmp_path / f"alone_{name}", points, cells, point_sets={"foot": foot}), ep.STEEL)
+    beside, cells = np.vstack([[9.0, 9, 9], points, [8.0, 8, 8]]), cells + 1
+    path = write(tmp_path / name, beside, cells, point_sets={"foot": np.append(foot + 1, 0)})
+    with caplog.at_level(logging.INFO, "exudyn_partition"):
+        fem = ep.fe_model(path, ep.STEEL)
+    assert f"{path}: left out 2 nodes of no volume element" in caplog.messages
+    np.testing.assert_array_equal(fem.points, points)
+    np.testing.assert_array_equal(fem.cells, alone.cells)
+    assert set(fem.boundaries) == set(alone.boundaries)
+    for boundary, facets in alone.boundaries.items():
+        np.testing.assert_array_equal(fem.boundaries[boundary], facets)
 
 
 def test_inverted_and_flat_elements(small, tmp_path):
@@ -334,15 +341,6 @@ def test_what_a_format_needs_is_named(tmp_path, monkeypatch):
     (tmp_path / "mesh.med").touch()
     with pytest.raises(MissingPackageError, match=r"h5py is needed to read .*pip install h5py"):
         ep.fe_model(tmp_path / "mesh.med", ep.STEEL)
-
-
-def test_input_decks_that_meshio_would_misread(tmp_path):
-    points, cells = hexahedra(1, 1, 2)
-    path = write(tmp_path / "mesh.inp", points, cells)
-    path.write_text(path.read_text() + "*Node, nset=reference\n1, 0.0, 0.0, 0.0\n")
-    refused(path, r"expected one \*NODE section, got 2, of which meshio keeps the last alone")
-    path = write(tmp_path / "mesh.bdf", points, cells, point_data={"nastran:ref": np.arange(len(points))})
-    refused(path, "some GRID entries refer to a coordinate system of their own")
 
 
 @pytest.mark.parametrize(("kind", "order"), [(8, 2), (10, 1)])

@@ -1,4 +1,4 @@
-"""Meshes of several regions, and input decks of which meshio would drop or misplace something: named, never taken."""
+"""Meshes of several regions, and elements that overlap: named, never taken."""
 
 import meshio
 import netgen.occ as occ
@@ -74,87 +74,6 @@ def test_results_of_an_analysis_are_no_regions(tmp_path):
     mesh = meshio.Mesh(POINTS, [("hexahedron", CELLS)], cell_data={"stress in material axes": [np.array([1.5, 2.5])]})
     mesh.write(tmp_path / "m.vtu")
     assert ep.fe_model(tmp_path / "m.vtu", ep.STEEL, order=1).n_nodes == 12
-
-
-def deck(*, nodes="*NODE", before="", elements=("*ELEMENT, TYPE=C3D8",) * 2, after=""):
-    """An Abaqus deck of the two cubes."""
-    lines = [before, nodes, *(f"{i + 1}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(POINTS))]
-    for i, (keyword, cell) in enumerate(zip(elements, CELLS + 1, strict=True)):
-        lines += [keyword, f"{i + 1}, " + ", ".join(map(str, cell))]
-    return "\n".join([line for line in [*lines, after] if line]) + "\n"
-
-
-SETS = ("*ELEMENT, TYPE=C3D8, ELSET=a", "*ELEMENT, TYPE=C3D8, ELSET=b")
-SECTIONS = "*SOLID SECTION, ELSET=a, MATERIAL=steel\n,\n*SOLID SECTION, ELSET=b, MATERIAL={}\n,"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (deck(elements=SETS, after=SECTIONS.format("foam")), "'steel' of ELSET=a, 'foam' of ELSET=b"),
-        (deck(elements=SETS), r"2 regions by \*ELEMENT, ELSET: 'a', 'b'"),
-        (deck(after="*INCLUDE, INPUT=more.inp"), r"all nodes and elements as they are, got \*INCLUDE"),
-        (deck(after="*NCOPY, OLD SET=a, NEW SET=b, CHANGE NUMBER=20, SHIFT\n0,0,1"), r"got \*NCOPY"),
-        (deck(nodes="*NODE, SYSTEM=C"), "expected nodes in rectangular coordinates"),
-        (deck(after="*INSTANCE, NAME=i, PART=p\n1., 0., 0.\n*END INSTANCE"), "0 .PART and 1 .INSTANCE with 1 lines"),
-        (deck(before="*PART, NAME=p\n*END PART\n*PART, NAME=q"), r"got 2 \*PART"),
-        (deck(after="*MASS, ELSET=m\n0.3"), r"solid elements alone, got \*MASS, whose mass and stiffness"),
-        (deck(after="*Shell Section, elset=s,\n material=steel\n1e-3"), r"got \*SHELL SECTION"),
-    ],
-)
-def test_decks_of_abaqus_that_mean_more(tmp_path, text, message):
-    path = tmp_path / "deck.inp"
-    path.write_text(text.replace("*INCLUDE, INPUT=more.inp", f"*INCLUDE, INPUT={tmp_path / 'more.inp'}"))
-    (tmp_path / "more.inp").write_text("*MATERIAL, NAME=steel\n")
-    refused(path, message)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        deck(),
-        deck(elements=SETS, after=SECTIONS.format("Steel")),
-        deck(before="*HEADING\n*PART, NAME=p", after="*END PART\n*ASSEMBLY\n*INSTANCE, NAME=i, PART=p\n*END INSTANCE"),
-    ],
-)
-def test_decks_of_abaqus_of_one_body(tmp_path, text):
-    path = tmp_path / "deck.inp"
-    path.write_text(text)
-    assert ep.fe_model(path, ep.STEEL).total_mass == pytest.approx(7800 * 2e-6)
-
-
-def bulk(*cards):
-    """A Nastran deck of the two cubes' nodes, in free format, and cards."""
-    grids = [f"GRID,{i + 1},,{x:.3f},{y:.3f},{z:.3f}" for i, (x, y, z) in enumerate(POINTS)]
-    return "\n".join(["BEGIN BULK", *grids, *cards, "ENDDATA"]) + "\n"
-
-
-def hexahedron(number, of):
-    """A CHEXA card in small format."""
-    fields = ["CHEXA", number, of, *(CELLS[number - 1] + 1)]
-    first, second = ("".join(f"{field:<8}" for field in part) for part in (fields[:9], ["+", *fields[9:]]))
-    return f"{first}+\n{second}"
-
-
-@pytest.mark.parametrize(
-    ("cards", "message"),
-    [
-        ([hexahedron(1, 1), hexahedron(2, 2), "PSOLID,1,7", "PSOLID,2,8"], "by Nastran's properties: '1', '2'"),
-        ([hexahedron(1, 1), hexahedron(2, 1), "INCLUDE 'more.bdf'"], "got INCLUDE, which meshio ignores"),
-        ([hexahedron(1, 1), hexahedron(2, 1), "CONM2,9,1,,0.5"], "solid elements alone, got CONM2"),
-        ([hexahedron(1, 1), hexahedron(2, 1).replace("CHEXA   ", "CHEXA*  ")], "2 cards of solid elements, .* reads 1"),
-    ],
-)
-def test_decks_of_nastran_that_mean_more(tmp_path, cards, message):
-    path = tmp_path / "deck.bdf"
-    path.write_text(bulk(*cards))
-    refused(path, message)
-
-
-def test_properties_of_one_material_are_one_region(tmp_path):
-    path = tmp_path / "deck.bdf"
-    path.write_text(bulk(hexahedron(1, 1), hexahedron(2, 2), "PSOLID,1,7", "PSOLID,2,7"))
-    assert ep.fe_model(path, ep.STEEL).total_mass == pytest.approx(7800 * 2e-6)
 
 
 def test_elements_that_are_there_twice(tmp_path):

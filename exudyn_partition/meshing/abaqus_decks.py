@@ -1,0 +1,286 @@
+"""Input decks of Abaqus and CalculiX, keyword by keyword."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..support.arrays import Array
+from .abaqus_keywords import Block, blocks
+from .deck_lines import Line
+from .deck_parts import Assembly, Elements, Member, Part, Set, Surface
+from .file_mesh import SOLIDS, SURFACES, FileMesh
+
+_LOG = logging.getLogger(__name__)
+
+_SOLID = re.compile(r"C3D(\d+)[A-Z]*$")
+_SURFACE = re.compile(r"(?:CPS|CPEG?|CG?AX|STRI|D?S|M3D|SFM3D|R3D)(\d+)[A-Z]*\d?$")
+# Lines, and what spreads loads over nodes: without mass or stiffness, as long as no section gives them one.
+_LINE = re.compile(r"(?:[TBR]2D|T3D|B[23]|RB[23]D|RAX|PIPE[23]|ELBOW3|FRAME[23]D|DCOUP[23]D)\d*[A-Z]*$")
+_SOLID_OF = {n: kind for kind, n in SOLIDS.items()}
+_SURFACE_OF = {n: kind for kind, n in SURFACES.items()} | {65: "triangle6"}  # STRI65 has six nodes with five dofs
+_MOST = 2**53  # numbers above are not exact as floats
+# Keywords, without blanks, that make or move nodes and elements and are not followed here.
+_NOT_FOLLOWED = (
+    "NGEN", "NFILL", "NMAP", "NCOPY", "ELGEN", "ELCOPY", "PARAMETER", "IMPERFECTION", "SYMMETRICMODELGENERATION",
+)  # fmt: skip
+# Keywords with mass or stiffness besides the solid elements.
+_STRUCTURE = (
+    "SHELLSECTION", "SHELLGENERALSECTION", "MEMBRANESECTION", "SURFACESECTION", "BEAMSECTION", "BEAMGENERALSECTION",
+    "FRAMESECTION", "GASKETSECTION", "COHESIVESECTION", "MASS", "NONSTRUCTURALMASS", "ROTARYINERTIA", "SPRING",
+    "DASHPOT", "CONNECTORSECTION", "JOINT", "USERELEMENT",
+)  # fmt: skip
+
+
+def read_abaqus(path: Path) -> FileMesh:
+    """Read nodes, elements, sets, surfaces and sections of an input deck of Abaqus or CalculiX.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    FileMesh
+        Nodes and elements in the order of the deck, those of instances in place.
+
+    Raises
+    ------
+    InputError
+        If it is no such deck.
+    MeshError
+        If a line cannot be read, or if the deck makes nodes or elements by keywords that are not followed, or has mass
+        or stiffness besides its solid elements.
+    """
+    deck = _Deck()
+    for block in blocks(path):
+        deck.take(block)
+    if deck.structure:
+        names = [line.text[1:].partition(",")[0].strip().upper() for line in deck.structure.values()]
+        raise next(iter(deck.structure.values())).refuse(
+            f"expected solid elements alone, got {', '.join('*' + name for name in names)}, whose mass and stiffness "
+            "would be missing. Delete them from the deck, and put them into the Exudyn model"
+        )
+    placed = list(deck.instances.values()) or list(deck.parts.values())
+    return Assembly([*placed, deck.root], deck.instances).mesh(path)
+
+
+class _Deck:
+    """What the keywords of a deck have said so far."""
+
+    def __init__(self) -> None:
+        self.root = Part()
+        self.parts: dict[str, Part] = {}
+        self.instances: dict[str, Part] = {}
+        self.structure: dict[str, Line] = {}  # the first line of each keyword with mass or stiffness
+        self._open = self.root  # where the next nodes and elements belong
+        self._system = (np.eye(3), np.zeros(3))  # axes, in columns, and origin of *SYSTEM
+
+    def take(self, block: Block) -> None:
+        """Take what a keyword and its data say; most keywords say nothing of a mesh."""
+        if block.name in _NOT_FOLLOWED:
+            raise block.line.refuse(
+                f"expected all nodes and elements as they are, got *{block.name}, which is not followed. Export a "
+                "flat deck"
+            )
+        if block.name in _STRUCTURE:
+            self.structure.setdefault(block.name, block.line)
+        elif block.name in _TAKERS:
+            _TAKERS[block.name](self, block)
+
+    def part(self, block: Block) -> None:
+        """Open a part."""
+        name = block.option("NAME")
+        self._open = self.parts[name.upper()] = Part(name)
+
+    def end(self, _: Block) -> None:
+        """Close a part or instance."""
+        self._open = self.root
+
+    def instance(self, block: Block) -> None:
+        """Open an instance, which is shifted by its first line, then turned by its second."""
+        name, of = block.option("NAME"), block.options.get("PART", "")
+        if of.upper() not in self.parts:
+            raise block.line.refuse(f"expected PART= of a part that is there, got {of!r}")
+        turn, shift = np.eye(3), np.zeros(3)
+        if block.data:
+            shift = np.array([*block.data[0].numbers, 0.0, 0.0, 0.0][:3])
+        if len(block.data) > 1:
+            ends = block.data[1].numbers
+            if len(ends) != 7:
+                raise block.data[1].refuse(f"expected two points of an axis and an angle, got {block.data[1].text!r}")
+            begin = np.array(ends[:3])
+            turn = _turn(np.array(ends[3:6]) - begin, ends[6], block.data[1])
+            shift = turn @ (shift - begin) + begin
+        self._open = self.instances[name.upper()] = Part(name, self.parts[of.upper()], turn, shift)
+
+    def system(self, block: Block) -> None:
+        """Take the system of the nodes that follow: its origin, and points on the x axis and in the x-y plane."""
+        values = [value for line in block.data for value in line.numbers]
+        origin, *ends = np.array([*values, *[0.0] * 9][:9]).reshape(3, 3)
+        turn = np.eye(3)
+        if len(values) > 3:
+            x, y = ends[0] - origin, ends[1] - origin
+            z = np.cross(x, y)
+            if len(values) < 9 or not np.linalg.norm(z):
+                raise block.line.refuse("*SYSTEM needs three points that are not on one line, or the origin alone")
+            turn = np.column_stack([unit / np.linalg.norm(unit) for unit in (x, np.cross(z, x), z)])
+        self._system = (turn, origin)
+
+    def nodes(self, block: Block) -> None:
+        """Take nodes, and the set that they make."""
+        if not block.data:
+            return
+        found = np.array([[*line.numbers, 0.0, 0.0, 0.0][:4] for line in block.data])
+        whole = (found[:, 0] == np.rint(found[:, 0])) & (abs(found[:, 0]) < _MOST)
+        if not (whole & np.isfinite(found).all(axis=1)).all():
+            wrong = block.data[int(np.argmin(whole & np.isfinite(found).all(axis=1)))]
+            raise wrong.refuse(f"expected a node's whole number and its place, got {wrong.text[:60]!r}")
+        labels = found[:, 0].astype(np.int64)
+        turn, origin = self._system
+        places = _rectangular(found[:, 1:], block.options.get("SYSTEM", "R").upper(), block.line) @ turn.T + origin
+        self._open.nodes.append((block.line, labels, places))
+        if block.options.get("NSET"):
+            member = Member(block.line, None, labels)
+            _set(self._open.node_sets, block.options["NSET"]).members.append(member)
+
+    def elements(self, block: Block) -> None:
+        """Take elements, and the set that they make."""
+        name, set_name = block.option("TYPE").upper(), block.options.get("ELSET", "")
+        kind, n = _kind(name, block.line)
+        rows = np.array(list(_rows(block, name, n)), dtype=np.int64).reshape(-1, n + 1)
+        self._open.elements.append(Elements(kind, name, set_name, rows[:, 0], rows[:, 1:], block.line))
+        if set_name:
+            _set(self._open.element_sets, set_name).members.append(Member(block.line, None, rows[:, 0]))
+
+    def node_set(self, block: Block) -> None:
+        """Take a set of nodes, or those of a set of elements."""
+        own = _set(self._open.node_sets, block.option("NSET"), "INTERNAL" in block.options)
+        elements, instance = block.options.get("ELSET"), block.options.get("INSTANCE")
+        if elements:
+            own.members.append(Member(block.line, instance, name=elements, nodes_of_elements=True))
+        own.members.extend(_members(block))
+
+    def element_set(self, block: Block) -> None:
+        """Take a set of elements."""
+        own = _set(self._open.element_sets, block.option("ELSET"), "INTERNAL" in block.options)
+        own.members.extend(_members(block))
+
+    def surface(self, block: Block) -> None:
+        """Take a surface of elements' faces, or of nodes."""
+        kind = block.options.get("TYPE", "ELEMENT").upper()
+        if kind not in ("ELEMENT", "NODE") or "COMBINE" in block.options:
+            _LOG.info("%s: this surface is left out", block.line.where)
+            return
+        name = block.option("NAME")  # a surface of nodes and one of elements may have the same
+        new = Surface(name, kind == "NODE", "INTERNAL" in block.options)
+        own = self._open.surfaces.setdefault(f"{kind} {name.upper()}", new)
+        for line in block.data:
+            key, *face = line.fields
+            own.members.append((_member(line, None, key), face[0].upper() if face and kind == "ELEMENT" else ""))
+
+    def section(self, block: Block) -> None:
+        """Take the material of a set of elements."""
+        member = Member(block.line, None, name=block.option("ELSET"))
+        self._open.sections.append((member, block.options.get("MATERIAL", "")))
+
+
+_TAKERS: dict[str, Callable[[_Deck, Block], None]] = {
+    "PART": _Deck.part, "ENDPART": _Deck.end, "ASSEMBLY": _Deck.end, "ENDASSEMBLY": _Deck.end,
+    "INSTANCE": _Deck.instance, "ENDINSTANCE": _Deck.end, "SYSTEM": _Deck.system, "NODE": _Deck.nodes,
+    "ELEMENT": _Deck.elements, "NSET": _Deck.node_set, "ELSET": _Deck.element_set, "SURFACE": _Deck.surface,
+    "SOLIDSECTION": _Deck.section,
+}  # fmt: skip
+
+
+def _set(sets: dict[str, Set], name: str, internal: bool = False) -> Set:
+    """Set of a name, whose capitals do not matter; one that is there already gets more members."""
+    return sets.setdefault(name.upper(), Set(name, internal))
+
+
+def _members(block: Block) -> Iterator[Member]:
+    """Members of a set: numbers and names of sets, mixed, or ranges of numbers."""
+    instance = block.options.get("INSTANCE")
+    numbers: list[int] = []
+    for line in block.data:
+        if "GENERATE" in block.options:
+            numbers.extend(_generated(line))
+            continue
+        for text in line.fields:
+            if text.isdecimal():
+                numbers.append(int(text))
+            else:
+                yield _member(line, instance, text)
+    if numbers:
+        yield Member(block.line, instance, np.array(numbers, dtype=np.int64))
+
+
+def _member(line: Line, instance: str | None, text: str) -> Member:
+    """Member by its text: a number or a name."""
+    if text.isdecimal():
+        return Member(line, instance, np.array([int(text)]))
+    return Member(line, instance, name=text)
+
+
+def _generated(line: Line) -> range:
+    """Numbers of a line of GENERATE: first, last and, if it is not one, the increment."""
+    fields = line.fields
+    if len(fields) not in (2, 3) or not all(field.isdecimal() for field in fields):
+        raise line.refuse(f"GENERATE needs first, last and increment, got {line.text!r}")
+    first, last, step = [*map(int, fields), 1][:3]
+    if step < 1 or last < first:
+        raise line.refuse(f"GENERATE needs an ascending range, got {line.text!r}")
+    return range(first, last + 1, step)
+
+
+def _kind(name: str, line: Line) -> tuple[str | None, int]:
+    """Kind of an element by its type's name, and its number of nodes; None for lines, whose nodes are not read."""
+    solid, surface = _SOLID.match(name), _SURFACE.match(name)
+    kind = _SOLID_OF.get(int(solid[1])) if solid else _SURFACE_OF.get(int(surface[1])) if surface else None
+    if kind is not None:
+        return kind, (SOLIDS | SURFACES)[kind]
+    if _LINE.match(name):
+        return None, 0
+    raise line.refuse(
+        f"elements of TYPE={name} are not read. Delete them from the deck, and put what they do into the Exudyn model"
+    )
+
+
+def _rows(block: Block, name: str, n: int) -> Iterator[list[int]]:
+    """Number and nodes of each element, which may continue in lines that follow."""
+    pending: list[int] = []
+    for line in block.data:
+        pending += line.integers
+        if len(pending) > n + 1 and n:
+            raise line.refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
+        if len(pending) > n:
+            yield pending[: n + 1]
+            pending = []
+    if pending:
+        raise block.data[-1].refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
+
+
+def _rectangular(places: Array, system: str, line: Line) -> Array:
+    """Rectangular coordinates, (k, 3), of such, or of cylindrical ones with angles in degrees."""
+    if system == "R":
+        return places
+    if system != "C":
+        raise line.refuse(f"expected SYSTEM=R or C, got {system}. Export the nodes in rectangular coordinates")
+    radius, turn = places[:, 0], np.radians(places[:, 1])
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), places[:, 2]])
+
+
+def _turn(axis: Array, degrees: float, line: Line) -> Array:
+    """Matrix of a rotation about an axis, (3, 3); Rodrigues' formula."""
+    length = np.linalg.norm(axis)
+    if not length:
+        raise line.refuse("expected two different points of an axis")
+    x, y, z = axis / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.radians(degrees)
+    turn: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return turn

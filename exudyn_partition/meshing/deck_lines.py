@@ -1,0 +1,70 @@
+"""A line of an input deck: where it stands, and its data."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import MeshError
+
+OUTSIDE_QUOTES = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
+
+
+class Line(NamedTuple):
+    """A line, and where it stands; its data are separated by commas."""
+
+    text: str
+    path: Path
+    number: int
+
+    @property
+    def where(self) -> str:
+        """Place of the line for messages."""
+        return f"{self.path}, line {self.number}"
+
+    def refuse(self, said: str) -> MeshError:
+        """Return the error that names the line."""
+        return MeshError(f"{self.where}: {said}")
+
+    @property
+    def fields(self) -> list[str]:
+        """Its data that are not blank."""
+        return [part for part in (part.strip().strip('"') for part in OUTSIDE_QUOTES.split(self.text)) if part]
+
+    @property
+    def numbers(self) -> list[float]:
+        """Its data as numbers; blank ones are zero, and exponents may have the D of Fortran."""
+        parts = self.text.removesuffix(",").split(",")
+        try:
+            try:
+                return list(map(float, parts))  # as most lines are
+            except ValueError:
+                return [_number(part) for part in parts]
+        except ValueError as error:
+            raise self.refuse(f"expected numbers, separated by commas, got {self.text[:60]!r}") from error
+
+    @property
+    def begins_with_number(self) -> bool:
+        """Whether its first data are a number."""
+        try:
+            _number(self.text.partition(",")[0])
+        except ValueError:
+            return False
+        return True
+
+    @property
+    def integers(self) -> list[int]:
+        """Its data as whole numbers, without blank ones."""
+        try:
+            try:
+                return list(map(int, self.text.removesuffix(",").split(",")))
+            except ValueError:
+                return [int(part) for part in self.fields]
+        except ValueError as error:
+            raise self.refuse(f"expected whole numbers, separated by commas, got {self.text[:60]!r}") from error
+
+
+def _number(text: str) -> float:
+    text = text.strip()
+    return float(text.replace("D", "e").replace("d", "e")) if text else 0.0

@@ -1,0 +1,329 @@
+"""Parts of an input deck in place: which nodes and elements its sets, surfaces and sections have."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..support.arrays import Array
+from .deck_lines import Line
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh
+
+_LOG = logging.getLogger(__name__)
+
+# Corner nodes of the faces S1, S2, ... of solids, by the number of their corners.
+_FACES = {
+    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    5: ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
+    6: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+}
+_CORNERS = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+
+
+class Elements(NamedTuple):
+    """Elements of one keyword: kind, None for lines; type and set; numbers, (k,), and numbers of nodes, (k, n)."""
+
+    kind: str | None
+    type: str
+    set_name: str
+    labels: Array
+    nodes: Array
+    line: Line
+
+
+class Member(NamedTuple):
+    """Members of a set: numbers, or the name of another set; perhaps of an instance."""
+
+    line: Line
+    instance: str | None
+    numbers: Array | None = None
+    name: str = ""
+    nodes_of_elements: bool = False  # the name is that of a set of elements, whose nodes are meant
+
+
+@dataclass
+class Set:
+    """A set as it is written; internal ones, which Abaqus/CAE makes, name no faces."""
+
+    name: str
+    internal: bool = False
+    members: list[Member] = field(default_factory=list)
+
+
+@dataclass
+class Surface:
+    """A surface as it is written: of elements, with "S1" or "" for all their faces, or of nodes."""
+
+    name: str
+    of_nodes: bool
+    internal: bool = False
+    members: list[tuple[Member, str]] = field(default_factory=list)
+
+
+@dataclass
+class Part:
+    """What is numbered together: a part, what an instance adds to one, or a deck without parts.
+
+    Names are keys in capitals. An instance is turned, then shifted.
+    """
+
+    name: str = ""
+    parent: Part | None = None
+    turn: Array = field(default_factory=lambda: np.eye(3))
+    shift: Array = field(default_factory=lambda: np.zeros(3))
+    nodes: list[tuple[Line, Array, Array]] = field(default_factory=list)  # numbers, (k,), and places, (k, 3)
+    elements: list[Elements] = field(default_factory=list)
+    node_sets: dict[str, Set] = field(default_factory=dict)
+    element_sets: dict[str, Set] = field(default_factory=dict)
+    surfaces: dict[str, Surface] = field(default_factory=dict)
+    sections: list[tuple[Member, str]] = field(default_factory=list)  # sets of elements, and their material
+
+    @property
+    def scopes(self) -> list[Part]:
+        """The part of which it is an instance, and itself."""
+        return [self] if self.parent is None else [self.parent, self]
+
+
+class _Numbering:
+    """Rows, from a first one on, by the numbers of one part."""
+
+    def __init__(self, labels: Array, first: int) -> None:
+        self._order = np.argsort(labels, kind="stable")
+        self._labels, self._first = labels[self._order], first
+
+    def rows(self, labels: Array) -> Array:
+        """Rows of numbers, -1 for those that are not there."""
+        if not len(self._labels):
+            return np.full(np.shape(labels), -1)
+        place = np.minimum(np.searchsorted(self._labels, labels), len(self._labels) - 1)
+        rows: Array = np.where(self._labels[place] == labels, self._order[place] + self._first, -1)
+        return rows
+
+
+class Assembly:
+    """All parts in place, and the rows of their nodes and elements among those of the model.
+
+    Parameters
+    ----------
+    placed : sequence of Part
+        Instances, or parts that have none, and what belongs to no part.
+    instances : dict of str to Part
+    """
+
+    def __init__(self, placed: Sequence[Part], instances: dict[str, Part]) -> None:
+        self._placed, self._instances = placed, instances
+        self._nodes: dict[int, _Numbering] = {}  # by the part's id, and so below
+        self._elements: dict[int, _Numbering] = {}
+        self._blocks: list[tuple[int, Elements, Array]] = []  # first row, and rows of the nodes, (k, n)
+        points = []
+        n, self._count = 0, 0
+        for part in placed:
+            labels, places = _nodes_once([nodes for scope in part.scopes for nodes in scope.nodes])
+            points.append(places @ part.turn.T + part.shift)
+            self._nodes[id(part)] = _Numbering(labels, n)
+            n += len(labels)
+            blocks = [block for scope in part.scopes for block in scope.elements]
+            _check_elements_once(blocks)
+            self._elements[id(part)] = _Numbering(_joined(block.labels for block in blocks), self._count)
+            for block in blocks:
+                self._blocks.append((self._count, block, self._rows_of_nodes(part, block)))
+                self._count += len(block.labels)
+        self._points = np.concatenate([np.zeros((0, 3)), *points])
+        kinds = dict.fromkeys(block.kind for _, block, _ in self._blocks if block.kind is not None)
+        self._of_kind = {kind: [found for found in self._blocks if found[1].kind == kind] for kind in kinds}
+        self._solids = _joined(
+            start + np.arange(len(rows))
+            for kind, found in self._of_kind.items()
+            if kind in SOLIDS
+            for start, _, rows in found
+        )
+
+    def _rows_of_nodes(self, part: Part, block: Elements) -> Array:
+        rows = self._nodes[id(part)].rows(block.nodes)
+        missing = np.argwhere(rows < 0)
+        if len(missing):
+            element, column = missing[0]
+            raise block.line.refuse(
+                f"{len(np.unique(missing[:, 0]))} elements of type {block.type} name nodes that are not in the file, "
+                f"the first is element {block.labels[element]} with node {block.nodes[element, column]}. Export nodes "
+                "and elements together"
+            )
+        return rows
+
+    def mesh(self, path: Path) -> FileMesh:
+        """Mesh of all parts, with their surfaces and sets, and the materials of their sections."""
+        cells = {kind: np.concatenate([rows for _, _, rows in found]) for kind, found in self._of_kind.items()}
+        _tell_of_integration(path, [block for _, block, _ in self._blocks])
+        faces: dict[str, list[Array]] = {}
+        node_sets: dict[str, Array] = {}
+        several = sum(bool(part.name) for part in self._placed) > 1
+        for part in self._placed[::-1]:  # what belongs to no part comes first
+            before = f"{part.name}." if several and part.name else ""
+            for scope in part.scopes:
+                self._name_surfaces(part, scope, before, faces, node_sets)
+                self._name_sets(part, scope, before, faces, node_sets)
+        return FileMesh(self._points, cells, faces, node_sets, self._regions())
+
+    def _name_surfaces(
+        self, part: Part, scope: Part, before: str, faces: dict[str, list[Array]], node_sets: dict[str, Array]
+    ) -> None:
+        for surface in scope.surfaces.values():
+            name = before + surface.name
+            if surface.of_nodes:
+                node_sets.setdefault(name, _union(self._rows(part, m, of_elements=False) for m, _ in surface.members))
+            elif not surface.internal:
+                found = (
+                    self._faces(self._rows(part, member, of_elements=True), face, member.line)
+                    for member, face in surface.members
+                )
+                faces.setdefault(name, [rows for of_member in found for rows in of_member])
+
+    def _name_sets(
+        self, part: Part, scope: Part, before: str, faces: dict[str, list[Array]], node_sets: dict[str, Array]
+    ) -> None:
+        for own in scope.element_sets.values():
+            skin = np.setdiff1d(self._members(part, own, of_elements=True), self._solids)
+            if len(skin) and not own.internal:
+                faces.setdefault(before + own.name, self._faces(skin, "", own.members[0].line))
+        for own in scope.node_sets.values():
+            members = self._members(part, own, of_elements=False)
+            if not own.internal:
+                node_sets.setdefault(before + own.name, members)
+
+    def _members(self, part: Part, own: Set, *, of_elements: bool, above: tuple[str, ...] = ()) -> Array:
+        """Rows of all members of a set, ascending."""
+        return _union(self._rows(part, member, of_elements=of_elements, above=above) for member in own.members)
+
+    def _rows(self, part: Part, member: Member, *, of_elements: bool, above: tuple[str, ...] = ()) -> Array:
+        """Rows of elements or nodes of one member of a set that stands in a part."""
+        if member.instance is not None:
+            if member.instance.upper() not in self._instances:
+                raise member.line.refuse(f"there is no instance {member.instance!r}")
+            part = self._instances[member.instance.upper()]
+        if member.nodes_of_elements:
+            plain = member._replace(instance=None, nodes_of_elements=False)
+            return self._nodes_of(self._rows(part, plain, of_elements=True))
+        kind = "elements" if of_elements else "nodes"
+        if member.numbers is not None:
+            rows = (self._elements if of_elements else self._nodes)[id(part)].rows(member.numbers)
+            missing = np.count_nonzero(rows < 0)
+            if missing:
+                _LOG.info("%s: %d members of a set are no %s of the deck", member.line.where, missing, kind)
+            return rows[rows >= 0]
+        key = member.name.upper()
+        for scope in part.scopes[::-1]:
+            own = (scope.element_sets if of_elements else scope.node_sets).get(key)
+            if own is not None:
+                if key in above:
+                    raise member.line.refuse(f"the set {member.name!r} contains itself")
+                return self._members(part, own, of_elements=of_elements, above=(*above, key))
+        owner, _, inner = member.name.partition(".")
+        if owner.upper() in self._instances:
+            numbers = np.array([int(inner)]) if inner.isdecimal() else None
+            member = member._replace(instance=owner, name=inner, numbers=numbers)
+            return self._rows(part, member, of_elements=of_elements, above=above)
+        raise member.line.refuse(f"there is no set of {kind} {member.name!r}")
+
+    def _each(self, elements: Array) -> Iterator[tuple[str | None, Array]]:
+        """Kind of elements, and rows of their nodes, (k, n), of each keyword."""
+        for start, block, rows in self._blocks:
+            own = elements[(elements >= start) & (elements < start + len(rows))] - start
+            if len(own):
+                yield block.kind, rows[own]
+
+    def _nodes_of(self, elements: Array) -> Array:
+        return _union(rows.ravel() for _, rows in self._each(elements))
+
+    def _faces(self, elements: Array, face: str, line: Line) -> list[Array]:
+        """Corner nodes of faces: one, such as "S1", or all of solids, and of surface elements themselves."""
+        faces = []
+        for kind, rows in self._each(elements):
+            if kind in SURFACES:
+                faces.append(rows[:, : FACE_CORNERS[kind]])
+            elif kind is not None:
+                of_kind = _FACES[_CORNERS[kind.rstrip("0123456789")]]
+                number = int(face[1:]) if re.fullmatch(r"S\d", face) else 0
+                if face and not 1 <= number <= len(of_kind):
+                    raise line.refuse(f"expected a face S1 to S{len(of_kind)} of these elements, got {face}")
+                faces += [rows[:, corners] for corners in (of_kind[number - 1 : number] if face else of_kind)]
+        return faces
+
+    def _regions(self) -> list[CellRegions]:
+        """Materials of the solid sections; or sets of elements that keywords name, if there are no sections."""
+        number = np.full(self._count, -1)
+        names: dict[str, int] = {}  # whose capitals do not matter; the first spelling counts
+        spelling: dict[str, str] = {}
+        sections = [(part, *section) for part in self._placed for scope in part.scopes for section in scope.sections]
+        for part, member, material in sections:
+            rows = self._rows(part, member, of_elements=True)
+            others = np.setdiff1d(rows, self._solids)
+            if len(others):
+                raise member.line.refuse(
+                    f"expected solid elements alone, got {len(others)} others of a *SOLID SECTION, whose mass and "
+                    "stiffness would be missing. Delete them from the deck"
+                )
+            number[rows] = names.setdefault(spelling.setdefault(material.upper(), material), len(names))
+        if sections:
+            return [CellRegions("*SOLID SECTION", tuple(names), number[self._solids])]
+        for start, block, rows in self._blocks:
+            if block.set_name and block.kind in SOLIDS:
+                name = spelling.setdefault(block.set_name.upper(), block.set_name)
+                number[start : start + len(rows)] = names.setdefault(name, len(names))
+        return [CellRegions("*ELEMENT, ELSET", tuple(names), number[self._solids])] if names else []
+
+
+def _joined(parts: Iterator[Array]) -> Array:
+    return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
+
+def _union(parts: Iterator[Array]) -> Array:
+    return np.unique(_joined(parts))
+
+
+def _nodes_once(nodes: list[tuple[Line, Array, Array]]) -> tuple[Array, Array]:
+    """Numbers, (n,), and places, (n, 3), of nodes in the order of the deck, each once.
+
+    Raises
+    ------
+    MeshError
+        If a node has two places.
+    """
+    labels = _joined(numbers for _, numbers, _ in nodes)
+    places = np.concatenate([np.zeros((0, 3)), *(found for _, _, found in nodes)])
+    kept, first, number = np.unique(labels, return_index=True, return_inverse=True)
+    if len(kept) < len(labels):
+        moved = np.flatnonzero((places != places[first[number]]).any(axis=1))
+        if len(moved):
+            ends = np.cumsum([len(numbers) for _, numbers, _ in nodes])
+            line = nodes[int(np.searchsorted(ends, moved[0], side="right"))][0]
+            raise line.refuse(f"node {labels[moved[0]]} has another place already. Give each node a number of its own")
+        first = np.sort(first)
+        return labels[first], places[first]
+    return labels, places
+
+
+def _check_elements_once(blocks: list[Elements]) -> None:
+    labels = _joined(block.labels for block in blocks if block.kind in SOLIDS)
+    found, count = np.unique(labels, return_counts=True)
+    if (count > 1).any():
+        twice = found[count > 1][0]
+        line = next(block.line for block in reversed(blocks) if twice in block.labels)
+        raise line.refuse(f"element {twice} is there already. Give each element a number of its own")
+
+
+def _tell_of_integration(path: Path, blocks: list[Elements]) -> None:
+    """Log the elements whose integration or shape functions are others in Abaqus."""
+    others: dict[str, int] = {}
+    for block in blocks:
+        if re.match(r"C3D\d+.*[RIM]", block.type):
+            others[block.type] = others.get(block.type, 0) + len(block.labels)
+    if others:
+        listed = ", ".join(f"{count} {name}" for name, count in others.items())
+        _LOG.info("%s: %s are taken with full integration and plain shape functions", path, listed)

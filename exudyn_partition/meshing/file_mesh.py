@@ -1,0 +1,100 @@
+"""What a mesh file holds, whoever reads it: points, elements, named faces and nodes, regions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import MeshError
+from ..support.arrays import Array
+
+# Number of nodes of each kind of element that decks have, by the names of meshio.
+SOLIDS = {
+    "tetra": 4,
+    "tetra10": 10,
+    "hexahedron": 8,
+    "hexahedron20": 20,
+    "wedge": 6,
+    "wedge15": 15,
+    "pyramid": 5,
+    "pyramid13": 13,
+}
+SURFACES = {"triangle": 3, "quad": 4, "triangle6": 6, "quad8": 8, "quad9": 9}
+FACE_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
+
+# Names of kinds in meshio, which continue with the number of nodes or the order.
+_VOLUMES = (
+    "tetra",
+    "hexahedron",
+    "wedge",
+    "pyramid",
+    "polyhedron",
+    "VTK_LAGRANGE_T",
+    "VTK_LAGRANGE_H",
+    "VTK_LAGRANGE_W",
+    "VTK_LAGRANGE_P",
+)
+_FACES = ("triangle", "quad", "polygon")
+
+
+class CellRegions(NamedTuple):
+    """Regions of a mesh: what they are, their names, and the number of each element's region, (ne,) int.
+
+    The number is -1 for an element of no region.
+    """
+
+    kind: str
+    names: tuple[str | None, ...]
+    number: Array
+
+    @classmethod
+    def one(cls, n: int) -> CellRegions:
+        """Return the one region of n elements."""
+        return cls("regions", ("",), np.zeros(n, dtype=np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class FileMesh:
+    """Points and elements of a mesh file as they stand there.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+    cells : dict of str to (k, nodes) int array
+        Rows of `points`, by the kind of element, with meshio's names and order of nodes.
+    faces : dict of str to sequence of (k, 3) or (k, 4) int array
+        Corner nodes of named faces.
+    node_sets : dict of str to (k,) int array
+        Rows of `points`.
+    regions : sequence of CellRegions
+        Of the solid elements, if they have several, or names that a user may give materials to.
+    """
+
+    points: Array
+    cells: dict[str, Array]
+    faces: dict[str, list[Array]] = field(default_factory=dict)
+    node_sets: dict[str, Array] = field(default_factory=dict)
+    regions: Sequence[CellRegions] = ()
+
+    @property
+    def solids(self) -> dict[str, Array]:
+        """Volume elements by kind."""
+        return {kind: rows for kind, rows in self.cells.items() if len(rows) and kind.startswith(_VOLUMES)}
+
+    @property
+    def surfaces(self) -> dict[str, Array]:
+        """Surface elements by kind."""
+        return {kind: rows for kind, rows in self.cells.items() if len(rows) and kind.startswith(_FACES)}
+
+
+def refuse_regions(source: object, kind: str, names: list[str]) -> None:
+    """Raise `MeshError` that lists the regions of a body, each with the name that is its key in quotes."""
+    listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    raise MeshError(
+        f"{source}: expected a body of one material, got {len(names)} regions by {kind}: {listed}. All would be "
+        "made of the one material that is given. Give one for each, {name: Material}; if all is of one material, give "
+        "all regions one name, solid.mat('steel') of an OCC shape; or export only the body that you need"
+    )

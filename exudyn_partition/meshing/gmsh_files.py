@@ -1,0 +1,64 @@
+"""Gmsh's format 4.1 as meshio needs it: every geometric entity in a physical group."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Iterator
+
+_FORMAT = re.compile(rb"\s*\$MeshFormat\s+4\.1\s+([01])\s+8\b")
+_SECTION = re.compile(rb"\$Entities[^\S\n]*\n(.*?)\s?\$EndEntities", re.DOTALL)
+
+Take = Callable[[str, int], list[bytes]]  # the next numbers of a kind: "i" int, "d" double, "Q" size
+
+
+def in_groups(data: bytes) -> bytes:
+    """Content of a file in which entities of no physical group, as "save all" writes them, are of group 0.
+
+    meshio gives up where some entities are in groups and others are not. Other files come back as they are.
+    """
+    head, section = _FORMAT.match(data), _SECTION.search(data)
+    if not head or not section:
+        return data
+    grouped = _binary(section[1]) if head[1] == b"1" else _text(section[1])
+    return data[: section.start(1)] + grouped + data[section.end(1) :]
+
+
+def _text(section: bytes) -> bytes:
+    tokens = iter(section.split())
+    entities = _entities(lambda _, count: [next(tokens) for _ in range(count)], int, b"1", b"0")
+    return b"\n".join(b" ".join(entity) for entity in entities)
+
+
+def _binary(section: bytes) -> bytes:
+    place = 0
+
+    def take(kind: str, count: int) -> list[bytes]:
+        nonlocal place
+        size = struct.calcsize(f"<{kind}")
+        first, place = place, place + size * count
+        return [section[i : i + size] for i in range(first, place, size)]
+
+    def number(size: bytes) -> int:
+        return int.from_bytes(size, "little")
+
+    entities = _entities(take, number, struct.pack("<Q", 1), struct.pack("<i", 0))
+    return b"".join(part for entity in entities for part in entity)
+
+
+def _entities(take: Take, number: Callable[[bytes], int], one: bytes, zero: bytes) -> Iterator[list[bytes]]:
+    """Numbers of the section: how many entities of each dimension there are, then those of each entity."""
+    counts = take("Q", 4)
+    yield counts
+    for dimension, count in enumerate(counts):
+        for _ in range(number(count)):
+            place = take("i", 1) + take("d", 6 if dimension else 3)  # its number, and the box around it
+            (groups,) = take("Q", 1)
+            if number(groups):
+                place += [groups, *take("i", number(groups))]
+            else:
+                place += [one, zero]
+            if dimension:
+                (bounds,) = take("Q", 1)
+                place += [bounds, *take("i", number(bounds))]
+            yield place

@@ -1,0 +1,157 @@
+"""Cards of Nastran's bulk data: free, small and large fields, continuations of all forms, included files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from .deck_lines import Line
+
+_MARK = re.compile(r"[+*]([A-Za-z]\w*)?$")  # of a continuation at the end of a line in free fields; no number
+_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")  # without its E
+_DEEPEST = 20  # files that include files
+
+
+@dataclass
+class Card:
+    """A card: its name in capitals, without the asterisk of large fields; its fields after the name; its first line."""
+
+    name: str
+    fields: list[str]
+    line: Line
+    mark: str = ""  # the last field of its last line, which names the continuation
+
+    def field(self, i: int) -> str:
+        """Return field i, counted from 1 after the name; blank if the card is shorter."""
+        return self.fields[i - 1] if i <= len(self.fields) else ""
+
+    def integer(self, i: int, default: int | None = None) -> int:
+        """Return field i as a whole number; `default` if it is blank."""
+        text = self.field(i)
+        if not text and default is not None:
+            return default
+        try:
+            return int(text)
+        except ValueError as error:
+            raise self.line.refuse(f"expected a whole number in field {i + 1} of {self.name}, got {text!r}") from error
+
+    def real(self, i: int) -> float:
+        """Return field i as a number; zero if it is blank."""
+        text = self.field(i).upper().replace("D", "E") or "0"
+        try:
+            return float(text if "E" in text else _EXPONENT.sub(r"E\1", text))
+        except ValueError as error:
+            raise self.line.refuse(f"expected a number in field {i + 1} of {self.name}, got {text!r}") from error
+
+
+def cards(path: Path) -> list[Card]:
+    """Cards between BEGIN BULK, or the begin of a file without it, and ENDDATA, those of included files in their place.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    MeshError
+        If a file that it includes is not there, or a line continues no card.
+    """
+    split = [(line, *_split(line)) for line in _bulk(path)]
+    known = {text for _, _, _, mark in split for text in _marks(mark)} - {""}
+    found: list[Card] = []
+    loose: list[tuple[str, Card]] = []  # continuations that stand elsewhere, by their mark
+    for line, name, fields, mark in split:
+        if name[:1] == "=":
+            raise line.refuse("cards that repeat the one before, by =, are not read. Export them all")
+        if name and name[0] not in "+*":
+            # meshio writes CTETRA_ for ten nodes
+            found.append(Card(name.rstrip("*_").upper(), fields, line, mark))
+            continue
+        if not found:
+            raise line.refuse("expected a card, got a continuation")
+        own = name[1:].strip()
+        if own and own not in _marks(found[-1].mark) and (own in known or found[-1].mark):
+            loose.append((own, Card("", fields, line, mark)))
+        else:
+            found[-1].fields.extend(fields)
+            found[-1].mark = mark
+    if not found:
+        raise InputError(f"path: {path}: expected bulk data of Nastran, got no cards")
+    _join(found, loose)
+    return found
+
+
+def _marks(mark: str) -> tuple[str, str]:
+    """What may follow the + of a continuation: the mark, or all but its first character, which does not count."""
+    return mark, mark[1:].strip()
+
+
+def _join(found: list[Card], loose: list[tuple[str, Card]]) -> None:
+    """Append continuations to the cards whose marks they have."""
+    by_mark = {mark: card for card in found for mark in _marks(card.mark) if mark}
+    while loose:
+        left = []
+        for mark, part in loose:
+            card = by_mark.pop(mark, None)
+            if card is None:
+                left.append((mark, part))
+                continue
+            card.fields.extend(part.fields)
+            card.mark = part.mark
+            by_mark.update({mark: card for mark in _marks(part.mark) if mark})
+        if len(left) == len(loose):
+            raise left[0][1].line.refuse(f"the continuation {left[0][0]!r} belongs to no card")
+        loose = left
+
+
+def _bulk(path: Path) -> Iterator[Line]:
+    """Lines of the bulk data."""
+    lines = list(_lines(path))
+    begins = [i for i, line in enumerate(lines) if re.match(r"\s*BEGIN\s*,?\s*BULK", line.text, re.IGNORECASE)]
+    for line in lines[begins[0] + 1 if begins else 0 :]:
+        if line.text.upper().startswith("ENDDATA"):
+            return
+        yield line
+
+
+def _lines(path: Path, depth: int = 0) -> Iterator[Line]:
+    """Lines without comments, with those of included files in their place."""
+    texts = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
+    for number, text in texts:
+        line = Line(text.partition("$")[0].rstrip(), path, number)
+        if not line.text.strip():
+            continue
+        if not re.match(r"\s*INCLUDE\b", line.text, re.IGNORECASE):
+            yield line
+            continue
+        while line.text.count("'") == 1:  # the name continues in the next line
+            line = line._replace(text=line.text + next(texts, (0, "'"))[1].strip())
+        name = line.text.strip()[len("INCLUDE") :].strip(" ,'\"").replace("\\", "/")
+        if not name or not (path.parent / name).is_file():
+            raise line.refuse(f"expected a file to include, there is none at {path.parent / name}")
+        if depth == _DEEPEST:
+            raise line.refuse("expected files that do not include each other")
+        yield from _lines(path.parent / name, depth + 1)
+
+
+def _split(line: Line) -> tuple[str, list[str], str]:
+    """Name, or mark of a continuation; fields, always four large or eight others; mark of what continues the line."""
+    text = line.text
+    if "," in text[:10]:
+        head, *fields = (part.strip() for part in text.split(","))
+        width = 4 if "*" in head else 8
+        mark = fields[width] if len(fields) > width else ""
+        if any(fields[width + 1 :]):
+            raise line.refuse(f"expected at most {width} fields after the name, got {len(fields)}")
+        if len(fields) <= width and fields and _MARK.match(fields[-1]):
+            mark = fields.pop()
+        fields = fields[:width]
+    else:
+        text = text.expandtabs(8)
+        head = text[:8].strip()
+        width = 4 if "*" in head else 8
+        size = 64 // width
+        fields = [text[i : i + size].strip() for i in range(8, 72, size)]
+        mark = text[72:80].strip()
+    return head, fields + [""] * (width - len(fields)), mark

@@ -1,0 +1,236 @@
+"""Bulk data of Nastran: nodes in their coordinate systems, solid elements, and the materials of their properties."""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..support.arrays import Array
+from .deck_lines import Line
+from .deck_parts import Assembly, Elements, Part
+from .file_mesh import SOLIDS, SURFACES, CellRegions, FileMesh
+from .nastran_cards import Card, cards
+
+_LOG = logging.getLogger(__name__)
+
+ENDINGS = (".bdf", ".nas", ".fem")
+
+# Kinds of solids by the names of their cards: linear and quadratic.
+_SOLID = {
+    "CTETRA": ("tetra", "tetra10"),
+    "CHEXA": ("hexahedron", "hexahedron20"),
+    "CPENTA": ("wedge", "wedge15"),
+    "CPYRAM": ("pyramid", "pyramid13"),
+    "CPYRA": ("pyramid", "pyramid13"),
+}
+# Nastran lists the nodes on upright edges before those of the upper face.
+_ORDER = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
+_SURFACE = {"CTRIA3": "triangle", "CTRIAR": "triangle", "CTRIA6": "triangle6"}
+_SURFACE |= {"CQUAD4": "quad", "CQUADR": "quad", "CQUAD8": "quad8", "CQUAD9": "quad9"}
+# Cards with mass or stiffness besides the solid elements.
+_STRUCTURE = re.compile(
+    r"(CONM[12]|CMASS[1-4]|CBAR|CBEAM3?|CBEND|CROD|CONROD|CTUBE|CELAS[1-4]|CDAMP[1-5]|CVISC|CBUSH|CBUSH[12]D|CGAP|CWELD|"
+    r"CFAST|CSHEAR|GENEL|DMIG)$"
+)
+_SHELL = ("PSHELL", "PCOMP", "PCOMPG", "PSHEAR", "PMEMBR", "PLPLANE")
+# Other elements with volume, and cards that make or move nodes and elements.
+_NOT_READ = re.compile(r"C(HEX|TET|PEN|PYR|IHEX|WEDGE|TRIAX|TRIX|TRAX|QUADX)")
+_NOT_FOLLOWED = ("EGRID", "GRIDG", "CGEN", "CORD3G", "CORD3R", "CORD3C", "CORD3S")
+_LINKS = re.compile(r"(RBE[123]|RBAR|RROD|RTRPLT|MPC)$")
+
+
+class _System(NamedTuple):
+    """A coordinate system: rectangular "R", cylindrical "C" or spherical "S"; its origin, and its axes in columns."""
+
+    kind: str
+    origin: Array
+    axes: Array
+
+    def basic(self, places: Array) -> Array:
+        """Places, (k, 3), in the basic system; angles of `places` are in degrees."""
+        first, second, third = places.T
+        if self.kind == "C":
+            turn = np.radians(second)
+            places = np.column_stack([first * np.cos(turn), first * np.sin(turn), third])
+        elif self.kind == "S":
+            fall, turn = np.radians(second), np.radians(third)
+            across = first * np.sin(fall)
+            places = np.column_stack([across * np.cos(turn), across * np.sin(turn), first * np.cos(fall)])
+        found: Array = self.origin + places @ self.axes.T
+        return found
+
+
+def read_nastran(path: Path) -> FileMesh:
+    """Read nodes and elements of bulk data of Nastran, and the materials of the elements' properties.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    FileMesh
+        Nodes and elements in the order of the file.
+
+    Raises
+    ------
+    InputError
+        If it has no cards.
+    MeshError
+        If a card cannot be read, or if the file makes nodes or elements by cards that are not followed, or has mass or
+        stiffness besides its solid elements.
+    """
+    found: dict[str, list[Card]] = {}
+    for card in cards(path):
+        found.setdefault(card.name, []).append(card)
+    for name, own in found.items():
+        if name in _NOT_FOLLOWED or (_NOT_READ.match(name) and name not in _SOLID):
+            raise own[0].line.refuse(f"expected {', '.join(_SOLID)} and their nodes, got {name}, which is not read")
+    shells = {card.field(1) for name in _SHELL for card in found.get(name, [])}
+    structure = sorted(
+        name
+        for name, own in found.items()
+        if _STRUCTURE.match(name) or (name in _SURFACE and any(card.field(2) in shells for card in own))
+    )
+    if structure:
+        raise found[structure[0]][0].line.refuse(
+            f"expected solid elements alone, got {', '.join(structure)}, whose mass and stiffness would be missing. "
+            "Delete them from the deck, and put them into the Exudyn model"
+        )
+    links = [name for name in found if _LINKS.match(name)]
+    if links:
+        _LOG.info("%s: %s and constraints are left out, the body is free", path, ", ".join(links))
+    part = Part(nodes=_nodes(found))
+    properties: dict[str, list[int]] = {}
+    for name in [name for name in found if name in _SOLID or name in _SURFACE]:
+        for kind, of_kind in _by_kind(name, found[name]).items():
+            numbers = np.array([nodes for _, nodes in of_kind], dtype=np.int64)[:, _ORDER.get(kind, slice(None))]
+            labels = np.array([card.integer(1) for card, _ in of_kind], dtype=np.int64)
+            part.elements.append(Elements(kind, name, "", labels, numbers, of_kind[0][0].line))
+            if kind in SOLIDS:
+                properties.setdefault(kind, []).extend(card.integer(2, 0) for card, _ in of_kind)
+    mesh = Assembly([part], {}).mesh(path)
+    of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
+    return FileMesh(mesh.points, mesh.cells, regions=_regions(found, of_solids))
+
+
+def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
+    """Numbers, (n,), and places in the basic system, (n, 3), of the nodes, with the line of the first."""
+    grids = found.get("GRID", [])
+    if not grids:
+        return []
+    default = found["GRDSET"][0].integer(2, 0) if "GRDSET" in found else 0
+    labels = np.array([card.integer(1) for card in grids], dtype=np.int64)
+    written = np.array([[card.real(i) for i in (3, 4, 5)] for card in grids])
+    of_system = np.array([card.integer(2, default) for card in grids])
+    systems = _Systems(found, dict(zip(labels.tolist(), zip(written, of_system.tolist(), strict=True), strict=True)))
+    places = written.copy()
+    for number in np.unique(of_system):
+        own = of_system == number
+        if number:
+            places[own] = systems.find(int(number), grids[int(np.argmax(own))].line).basic(written[own])
+    _, first, number = np.unique(labels, return_index=True, return_inverse=True)
+    moved = np.flatnonzero((places != places[first[number]]).any(axis=1))
+    if len(moved):
+        raise grids[moved[0]].line.refuse(f"node {labels[moved[0]]} has another place already")
+    return [(grids[0].line, labels, places)]
+
+
+class _Systems:
+    """Coordinate systems by their numbers, each found when it is asked for.
+
+    Parameters
+    ----------
+    found : dict of str to list of Card
+    grids : dict of int to (place, number of its system)
+        Nodes as they are written.
+    """
+
+    def __init__(self, found: dict[str, list[Card]], grids: dict[int, tuple[Array, int]]) -> None:
+        self._grids = grids
+        self._known: dict[int, _System] = {0: _System("R", np.zeros(3), np.eye(3))}
+        self._asked: list[int] = []
+        self._by_points = {card.integer(1): card for kind in "RCS" for card in found.get(f"CORD2{kind}", [])}
+        self._by_nodes = {  # two in a card
+            card.integer(first): (card, first)
+            for kind in "RCS"
+            for card in found.get(f"CORD1{kind}", [])
+            for first in (1, 5)
+            if card.field(first)
+        }
+
+    def find(self, number: int, line: Line) -> _System:
+        """System of a number that stands in a line."""
+        if number in self._asked:
+            raise line.refuse(f"the coordinate system {number} is defined by itself")
+        if number not in self._known:
+            self._asked.append(number)
+            self._known[number] = self._made(number, line)
+            self._asked.pop()
+        return self._known[number]
+
+    def _made(self, number: int, line: Line) -> _System:
+        if number in self._by_points:
+            card = self._by_points[number]
+            corners = np.array([[card.real(i + j) for j in range(3)] for i in (3, 6, 9)])
+            points = self.find(card.integer(2, 0), card.line).basic(corners)
+        elif number in self._by_nodes:
+            card, first = self._by_nodes[number]
+            points = np.array([self._place(card.integer(first + i), card.line) for i in (1, 2, 3)])
+        else:
+            raise line.refuse(f"there is no coordinate system {number}")
+        origin, on_z, in_xz = points
+        z, y = on_z - origin, np.cross(on_z - origin, in_xz - origin)
+        if not np.linalg.norm(y):
+            raise card.line.refuse(f"the three points of coordinate system {number} lie on one line")
+        axes = np.column_stack([axis / np.linalg.norm(axis) for axis in (np.cross(y, z), y, z)])
+        return _System(card.name[-1], origin, axes)
+
+    def _place(self, node: int, line: Line) -> Array:
+        if node not in self._grids:
+            raise line.refuse(f"there is no node {node}")
+        written, system = self._grids[node]
+        (place,) = self.find(system, line).basic(written[None])
+        found: Array = place
+        return found
+
+
+def _by_kind(name: str, own: list[Card]) -> dict[str, list[tuple[Card, list[int]]]]:
+    """Cards of one name, each with the numbers of its nodes, by the kind of the element."""
+    kinds = _SOLID.get(name) or (_SURFACE[name],)
+    allowed = {(SOLIDS | SURFACES)[kind]: kind for kind in kinds}
+    most = max(allowed)
+    found: dict[str, list[tuple[Card, list[int]]]] = {}
+    for card in own:
+        given = card.fields[2 : 2 + most] if name in _SURFACE else card.fields[2:]
+        while given and not given[-1]:
+            given.pop()
+        if len(given) not in allowed or not all(given):
+            raise card.line.refuse(
+                f"{name} {card.field(1)} has {sum(map(bool, given))} nodes, expected "
+                f"{' or '.join(map(str, sorted(allowed)))}, without a blank between them"
+            )
+        try:
+            nodes = list(map(int, given))
+        except ValueError as error:
+            raise card.line.refuse(f"expected numbers of nodes, got {', '.join(given)}") from error
+        found.setdefault(allowed[len(given)], []).append((card, nodes))
+    return found
+
+
+def _regions(found: dict[str, list[Card]], properties: Array) -> list[CellRegions]:
+    """Properties of the solid elements, (ne,), as regions, if they differ in their materials."""
+    material = {
+        card.integer(1): card.field(2)
+        for name in ("PSOLID", "PLSOLID")
+        for card in found.get(name, [])
+        if card.field(1)
+    }
+    names, number = np.unique(properties, return_inverse=True)
+    if len({material.get(int(name), f"of property {name}") for name in names}) < 2:
+        return []
+    return [CellRegions("Nastran's properties", tuple(str(name) for name in names), number)]
