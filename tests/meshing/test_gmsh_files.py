@@ -9,7 +9,6 @@ from oracles import SIZE, hexahedra
 
 import exudyn_partition as ep
 from exudyn_partition.errors import MeshError
-from exudyn_partition.meshing import mesh_files
 
 POINTS, CELLS = hexahedra(2, 3, 4)
 FOOT = CELLS[POINTS[CELLS[:, 0], 2] == 0][:, [0, 3, 2, 1]]
@@ -86,7 +85,7 @@ def test_what_a_reader_loses_is_found(tmp_path, monkeypatch, name, file_format, 
     """A reader drops the last element, or a node, of a file in each format that says how many it has."""
     meshio.write(tmp_path / name, meshio.Mesh(POINTS, [("hexahedron", CELLS)]), file_format, **options)
     assert ep.fe_model(tmp_path / name, ep.STEEL).n_nodes == len(POINTS)
-    read = mesh_files._read_by_meshio
+    read = meshio.read
     assert ep.fe_model(tmp_path / name, ep.STEEL).n_nodes == len(POINTS)
 
     def without_an_element(path):
@@ -94,7 +93,7 @@ def test_what_a_reader_loses_is_found(tmp_path, monkeypatch, name, file_format, 
         mesh.cells[0].data = mesh.cells[0].data[:-1]
         return mesh
 
-    monkeypatch.setattr(mesh_files, "_read_by_meshio", without_an_element)
+    monkeypatch.setattr(meshio, "read", without_an_element)
     with pytest.raises(MeshError, match=r"it says that it has 24 (volume )?elements, of which meshio reads 23"):
         ep.fe_model(tmp_path / name, ep.STEEL)
 
@@ -103,6 +102,6 @@ def test_what_a_reader_loses_is_found(tmp_path, monkeypatch, name, file_format, 
         mesh.points = mesh.points[:-1]
         return mesh
 
-    monkeypatch.setattr(mesh_files, "_read_by_meshio", without_a_node)
+    monkeypatch.setattr(meshio, "read", without_a_node)
     with pytest.raises(MeshError, match="it says that it has 60 nodes, of which meshio reads 59"):
         ep.fe_model(tmp_path / name, ep.STEEL)
