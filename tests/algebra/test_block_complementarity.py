@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from exudyn_partition.algebra.block_complementarity import BlockComplementarity, shared_fields
 from exudyn_partition.algebra.complementarity import Complementarity
@@ -31,7 +32,7 @@ def chain(strength, rows=9):
 
 
 @pytest.mark.parametrize("strength", [0.05, 0.6])
-def test_blocks_have_the_answer_of_the_whole_matrix(strength):
+def test_blocks_have_the_answer_of_the_whole_matrix(strength, each_path):
     """The stronger coupling is beyond what the iteration settles."""
     own, fields, core, F = chain(strength)
     problems = {key: Complementarity(block) for key, block in own.items()}
@@ -40,6 +41,18 @@ def test_blocks_have_the_answer_of_the_whole_matrix(strength):
         h = np.random.default_rng(seed).normal(size=(BLOCKS, 9)) - 0.3
         found = blocks.solve(problems, dict(enumerate(h)), fields)
         np.testing.assert_allclose(np.concatenate([*found.values()]), whole.solve(h.ravel()), atol=1e-10)
+
+
+def test_fields_that_have_changed_are_taken_with_the_same_active_rows(each_path):
+    """As where rows have moved on their facets by little."""
+    own, fields, core, F = chain(0.05)
+    problems = {key: Complementarity(block) for key, block in own.items()}
+    blocks, h = BlockComplementarity(BLOCKS, core), {j: own[j] @ np.full(9, -1.0) for j in own}  # closes all rows
+    found = np.concatenate([*blocks.solve(problems, h, fields).values()])
+    np.testing.assert_allclose(found, np.linalg.solve(F, -np.concatenate([*h.values()])), atol=1e-10)
+    across = F - scipy.linalg.block_diag(*own.values())
+    found = np.concatenate([*blocks.solve(problems, h, {j: 1.2 * W for j, W in fields.items()}).values()])
+    np.testing.assert_allclose(found, np.linalg.solve(F + 0.44 * across, -np.concatenate([*h.values()])), atol=1e-10)
 
 
 def test_blocks_without_forces_feel_those_of_the_others():

@@ -55,6 +55,31 @@ def test_an_unchanged_active_set_takes_one_iteration():
     assert problem.iterations == before + 1
 
 
+def test_rows_that_are_replaced_are_solved_anew(each_path):
+    """With the same guess of the active rows, as where a flexibility changes because pairs slide."""
+    rng = np.random.default_rng(1)
+    A, h = rng.standard_normal((20, 30)), rng.standard_normal(20)
+    problem = Complementarity(A @ A.T)
+    lam = problem.solve(h)
+    problem.replace(2 * A @ A.T, problem.active)
+    np.testing.assert_allclose(problem.solve(h), lam / 2, rtol=1e-10)
+    fewer = np.delete(np.delete(A @ A.T, 3, axis=0), 3, axis=1)
+    problem.replace(fewer, np.delete(problem.active, 3))
+    np.testing.assert_allclose(problem.solve(np.delete(h, 3)), Complementarity(fewer).solve(np.delete(h, 3)), rtol=1e-9)
+
+
+def test_a_fresh_problem_remembers_nothing():
+    """So that a run is the same whether another one came before it or not; gaps that are open leave none active."""
+    problem, h = Complementarity(np.diag([1.0, 2.0, 3.0])), np.array([-1.0, 1.0, -1.0])
+    problem.solve(h)
+    fresh = problem.fresh()
+    assert problem.active.tolist() == [True, False, True]
+    assert not fresh.active.any()
+    assert fresh.iterations == fresh.index.size == 0
+    problem.solve(abs(h))
+    assert problem.index.size == 0
+
+
 def test_bad_complementarity_problems():
     with pytest.raises(IndefiniteMatrixError, match="not positive definite"):
         Complementarity(np.array([[1.0, 2.0], [2.0, 1.0]]))

@@ -76,6 +76,21 @@ def test_what_follows_when_newton_does_not_settle(monkeypatch, steps):
     assert (problem.sweeps > 0) == (steps == 1)
 
 
+def test_a_sweep_solves_each_row_for_the_forces_that_others_have_by_then():
+    """So the last row obeys the law; without friction it is the method of Gauss and Seidel."""
+    rng = np.random.default_rng(3)
+    F, h = patch(rng, 3), approach(rng, 9)
+    h[-1, 0] = -3.0
+    lam = sweep(F, h, np.full(9, 0.4), np.zeros((9, 3)))
+    now = h.ravel() + F @ lam.ravel() - F[:, -3:] @ lam[-1]  # without the last row's own forces
+    assert answer(F[-3:, -3:], now[None, -3:], np.array([0.4]), lam[-1:]) < 1e-9
+    normal = np.zeros(9)
+    for row in range(9):
+        rest = h[row, 0] + F[3 * row, ::3] @ normal
+        normal[row] = max(0.0, -rest / F[3 * row, 3 * row])
+    np.testing.assert_allclose(sweep(F, h, np.zeros(9), np.zeros((9, 3)))[:, 0], normal, rtol=1e-9)
+
+
 def test_what_does_not_settle_at_all_is_an_error(monkeypatch):
     monkeypatch.setattr(friction, "NEWTON_STEPS", -1)
     with pytest.raises(ComplementarityError, match=r"1 contact rows .* to 0\.5, "):

@@ -81,8 +81,9 @@ def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
     straight, asked = begin(law), begin(law)
     for n in (1, 2, 3):
         q = pressed(law, (0.3 * n * DEPTH, 0))
-        asked.force(pressed(law, (4 * DEPTH, -2 * DEPTH)))
-        asked.rollback()
+        for elsewhere in (pressed(law, (4 * DEPTH, -2 * DEPTH)), 0.3 * q, -q):  # which opens some rows, and all
+            asked.force(elsewhere)
+            asked.rollback()
         expected = straight.force(q)
         np.testing.assert_allclose(asked.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
         straight.commit(1.0 + n)
