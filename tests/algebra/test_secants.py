@@ -25,3 +25,13 @@ def test_rounding_tells_nothing():
     broyden.see(np.zeros(3), np.ones(3))
     broyden.see(np.full(3, 1e-9), np.ones(3) + 1e-6)
     np.testing.assert_array_equal(broyden.corrected(stiffness), stiffness)
+
+
+def test_arrays_may_change_after_they_were_seen():
+    """As a solver's own arrays do, which it overwrites in each iteration."""
+    broyden, q, force = Broyden(), np.zeros(2), np.array([3.0, 1.0])
+    broyden.see(q, force)
+    q += [1.0, 0.0]
+    force -= [2.0, 0.0]
+    broyden.see(q, force)
+    np.testing.assert_allclose(broyden.corrected(np.eye(2)), [[2.0, 0.0], [0.0, 1.0]])

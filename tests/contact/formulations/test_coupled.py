@@ -131,8 +131,10 @@ def test_rows_that_a_neighbour_has_again_have_pushed_nothing_in_the_last_step():
 
 
 MU = 0.3
-# Of a block that is pressed on, pushed along, and then left where it is [m].
-WAYS = [(0, 0, 0), (0, 0, -1e-6), (2e-7, 0, -1e-6), (5e-7, 1e-7, -1.2e-6), (2e-7, 4e-7, -0.8e-6), (2e-7, 4e-7, -0.8e-6)]
+WAYS = np.array([  # of a block that is pressed on, pushed along, tilted so that a foot opens, and left where it is [um]
+    (0, 0, 0), (0, 0, -1), (0.2, 0, -1), (0.5, 0.1, -1.2), (0.2, 0.4, 0.5), (0.2, 0.4, -0.8), (0.2, 0.4, -0.8)
+]) * 1e-6  # fmt: skip
+TILTS = np.array([0, 0, 0, 0, 6e-4, -1e-4, -1e-4])  # [rad]
 
 
 @pytest.fixture(scope="module")
@@ -160,10 +162,10 @@ def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
         F[j][k] = rows[j] @ body.flexibility(j, k) @ rows[k].T
     F = np.block(F)
     whole, lam, last_q = FrictionProblem(regularised(F)), np.zeros((len(F) // 3, 3)), np.zeros(body.n_dofs)
-    for n, way in enumerate(WAYS):
+    for n, (way, tilt) in enumerate(zip(WAYS, TILTS, strict=True)):
         for law in laws:
             law.commit(float(n))
-        q = body.rigid[:, :3] @ way
+        q = body.rigid @ [*way, 0, tilt, 0]
         together.forces([q] * 3)
         moved = [law.tangential.jacobian(np.arange(len(law.row_nodes))) @ (q - last_q) for law in laws]
         h = (np.concatenate(moved) - F @ lam.ravel()).reshape(-1, 3)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from oracles import relative
+from oracles import floating, moved, relative
+from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
@@ -77,13 +78,17 @@ def test_no_row_is_beyond_the_limit_and_none_that_sticks_moves(law):
 
 
 def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
-    """Newton's iterations and repeated steps evaluate forces that are not accepted."""
-    straight, asked = begin(law), begin(law)
+    """Newton's iterations and repeated steps evaluate forces that are not accepted; nor do those of another run."""
+    straight = begin(law)
+    asked = begin(straight)
     for n in (1, 2, 3):
         q = pressed(law, (0.3 * n * DEPTH, 0))
+        straight.force(q)
+        stiffness = straight.row_stiffness()
         for elsewhere in (pressed(law, (4 * DEPTH, -2 * DEPTH)), 0.3 * q, -q):  # which opens some rows, and all
             asked.force(elsewhere)
             asked.rollback()
+        np.testing.assert_array_equal(straight.row_stiffness(), stiffness)
         expected = straight.force(q)
         np.testing.assert_allclose(asked.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
         straight.commit(1.0 + n)
@@ -105,6 +110,72 @@ def test_steps_in_flight_are_remembered_as_others(law):
         np.testing.assert_array_equal(flown.force(q), told.force(q))
         np.testing.assert_array_equal(flown.traction, told.traction)
     assert flown.dissipated() == told.dissipated() > 0
+
+
+@pytest.mark.parametrize("opens", [False, True])
+def test_a_run_that_goes_on_from_another_is_as_one_run(law, opens):
+    """Also if the contact opens at once: what stuck before is then forgotten."""
+    one, n = begin(law), 3.0
+    here = pressed(law, (0.3 * DEPTH, 0.1 * DEPTH))
+    one.force(here)
+    resumed = law.fresh()
+    assert resumed.resume(one, here)
+    assert not resumed.resume(one, 2 * here)
+    for q in [pressed(law, (0.6 * DEPTH, 0))] * (not opens) + [-here, pressed(law, (0.6 * DEPTH, 0)), here]:
+        for each in (one, resumed):
+            if not each.flies_on(n):
+                each.commit(n)
+        n += 1.0
+        expected = one.force(q)
+        np.testing.assert_allclose(resumed.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
+    assert abs(tangential(one)).max() > 0
+
+
+def test_the_slip_path_is_the_way_to_and_fro(law):
+    """It adds up over all steps, also where a row comes back to its place."""
+    law = begin(law)
+    for n, x in enumerate((10, 0, 10)):
+        law.force(pressed(law, (x * DEPTH, 0)))
+        law.commit(2.0 + n)
+    nodes = law.row_nodes[law.index]
+    assert law.slip_path[nodes] == pytest.approx(30 * DEPTH, rel=0.1)
+    assert not np.delete(law.slip_path, law.row_nodes).any()
+
+
+@pytest.mark.parametrize("formulation", [Compliance, Penalty])
+def test_forces_turn_with_a_pair_that_turns_as_a_whole(round_body, flat_body, formulation):
+    """Nothing slides then, and what sticks holds on; in floating frames."""
+    law = formulation().with_friction(ep.Coulomb(MU)).law(PatchGaps(floating(round_body), floating(flat_body)))
+    centres = [side.kinematics.origin for side in law.gaps.sides]
+
+    def pair(way, turn=(0.0, 0.0, 0.0)):
+        """Coordinates with the slave moved, and then both turned about the origin."""
+        R = Rotation.from_rotvec(turn).as_matrix()
+        ways = [R @ (centre + extra) - centre for centre, extra in zip(centres, (way, np.zeros(3)), strict=True)]
+        return np.concatenate([moved(side, w, turn) for side, w in zip(law.gaps.sides, ways, strict=True)])
+
+    for n, way in enumerate([(0, 0, 0), (0, 0, -DEPTH), (0.2 * DEPTH, 0.1 * DEPTH, -DEPTH)]):
+        law.force(pair(way))
+        law.commit(float(n))
+    before, lam = law.traction.copy(), law.lam.copy()
+    assert abs(before.sum(axis=0)).max() > 0.05 * lam.sum()
+    turn = np.array([0.5, 0.2, -0.9])
+    law.force(pair(way, turn))
+    np.testing.assert_allclose(law.lam, lam, atol=1e-4 * lam.max())
+    R = Rotation.from_rotvec(turn).as_matrix()
+    np.testing.assert_allclose(law.traction, before @ R.T, atol=1e-4 * lam.max())
+    assert abs(law.slips()[law.index]).max() < 1e-4 * DEPTH
+
+
+def test_what_rows_bore_before_the_last_step_is_forgotten(round_body, flat_body):
+    """Also of patches that were so far apart that no rows were left."""
+    law = Compliance().with_friction(ep.Coulomb(MU)).law(PatchGaps(floating(round_body), floating(flat_body)))
+    for n, height in enumerate([0.0, -5 * DEPTH, 1e-3, -5 * DEPTH]):
+        law.commit(float(n))
+        law.force(np.r_[moved(law.gaps.sides[0], [0, 0, height]), np.zeros(flat_body.n_dofs)])
+        assert len(law.row_nodes) == 0 or n != 2
+    assert law.index.size
+    assert not law.last_forces().any()
 
 
 def test_work_of_a_cycle_is_what_friction_takes(law):
