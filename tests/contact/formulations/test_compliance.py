@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import SPHERE_RADIUS, TOP, floating, moved, relative
+from oracles import SPHERE_RADIUS, TOP, floating, inertial, moved, relative
 from scipy.spatial.transform import Rotation
 
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
@@ -81,6 +81,37 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
             np.testing.assert_allclose(fresh.lam, lam, rtol=0, atol=1e-6 * lam.max())
         found.append(law.lam.sum())
     assert 0.3 < np.mean(np.array(found) > 0) < 0.9
+
+
+def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, each_path):
+    """Material that is pressed out beside a contact closes small gaps there: rows whose forces push others nearer."""
+    law = ComplianceContact(PatchGaps(floating(round_body), floating(flat_body)))
+    q = np.r_[moved(law.gaps.slave, [0, 0, -3e-6]), np.zeros(flat_body.n_dofs)]
+    law.force(q)
+    h = law.gaps.at(q).copy()
+    F = 1e-9 * (np.eye(len(h)) - np.full((len(h),) * 2, 0.9 / len(h)))
+    monkeypatch.setattr(law.gaps, "flexibility", lambda index: F[np.ix_(index, index)])
+    law.answer(h)
+    expected = Complementarity(regularised(F)).solve(h)
+    assert (h[expected > 0] > 0).any()
+    np.testing.assert_allclose(law.lam, expected, rtol=0, atol=1e-9 * expected.max())
+
+
+def test_pairs_that_stand_still_again_keep_their_forces(round_body, flat_body):
+    """They are frozen then, with all rows, after some hundred evaluations in one place."""
+    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body)))
+    states = [np.r_[moved(law.gaps.slave, [x, 0, -3e-6]), np.zeros(flat_body.n_dofs)] for x in (0.0, 5e-5)]
+    law.force(states[0])
+    assert not law.gaps.moving
+    expected = law.force(states[1])
+    assert law.gaps.moving
+    count = 0
+    while law.gaps.moving:
+        found, count = law.force(states[1]), count + 1
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-2 * abs(expected).max())
+        assert count < 1000
+    assert len(law.lam) == len(law.row_nodes)
+    np.testing.assert_allclose(law.force(states[1]), expected, rtol=0, atol=1e-2 * abs(expected).max())
 
 
 def test_no_force_without_contact(law, bodies):

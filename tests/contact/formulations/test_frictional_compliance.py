@@ -6,7 +6,8 @@ from oracles import floating, moved, relative
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.algebra.complementarity import regularised
+from exudyn_partition.algebra.friction import SLIP, STICK, FrictionProblem
 from exudyn_partition.contact.formulations.choices import Compliance, Penalty
 from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -165,6 +166,25 @@ def test_forces_turn_with_a_pair_that_turns_as_a_whole(round_body, flat_body, fo
     R = Rotation.from_rotvec(turn).as_matrix()
     np.testing.assert_allclose(law.traction, before @ R.T, atol=1e-4 * lam.max())
     assert abs(law.slips()[law.index]).max() < 1e-4 * DEPTH
+
+
+def test_forces_are_those_of_all_rows(round_body):
+    """Few rows enter, but also those that opened in this step: what they bore is released."""
+    gaps = RigidGaps(Side.of(InertialKinematics(round_body, np.zeros(3))), RigidPlane())
+    law = FrictionalCompliance(gaps, ep.Coulomb(MU))
+    F = regularised(law.tangential.flexibility())
+    whole, lam, last_q, entered = FrictionProblem(F), np.zeros((len(F) // 3, 3)), np.zeros(gaps.n), []
+    H = law.tangential.jacobian(np.arange(len(lam)))
+    for n, (x, depth) in enumerate([(0, 0), (0, 8), (2, 8), (2, 0.3), (2.2, 0.3), (2, 5)]):
+        law.commit(float(n))
+        q = round_body.rigid[:, :3] @ [x * DEPTH, 0, -depth * DEPTH]
+        law.force(q)
+        h = (H @ (q - last_q) - F @ lam.ravel()).reshape(-1, 3)
+        h[:, 0] = gaps.at(q)
+        lam, last_q = whole.solve(h, np.full(len(h), MU)).copy(), q
+        np.testing.assert_allclose(law.forces, lam, rtol=0, atol=1e-6 * abs(lam).max())
+        entered.append(len(law.problem.lam) if law.index.size else 0)
+    assert 0 < entered[3] < len(lam)
 
 
 def test_what_rows_bore_before_the_last_step_is_forgotten(round_body, flat_body):
