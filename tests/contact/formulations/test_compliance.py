@@ -5,8 +5,10 @@ import pytest
 from oracles import SPHERE_RADIUS, TOP, floating, inertial, moved, relative
 from scipy.spatial.transform import Rotation
 
+import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
@@ -112,6 +114,30 @@ def test_pairs_that_stand_still_again_keep_their_forces(round_body, flat_body):
         assert count < 1000
     assert len(law.lam) == len(law.row_nodes)
     np.testing.assert_allclose(law.force(states[1]), expected, rtol=0, atol=1e-2 * abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])
+@pytest.mark.parametrize("friction", [False, True])
+def test_forces_that_were_kept_are_put_on_the_nodes_again(round_body, flat_body, kind, friction):
+    """By a law that was elsewhere, for places that a run has told; a ball that rolls closes a row at its edge."""
+    gaps = PatchGaps(floating(round_body), floating(flat_body), kind)
+    law = FrictionalCompliance(gaps, ep.Coulomb(0.3)) if friction else ComplianceContact(gaps)
+    slave = law.gaps.slave
+    for n, (depth, turn) in enumerate([(0.0, 0.0), (1e-6, 0.0), (4e-6, 0.085)]):
+        law.commit(float(n))
+        q = np.r_[moved(slave, [0, 0, -depth], [0, turn, 0]), np.zeros(flat_body.n_dofs)]
+        law.force(q)
+    index, fresh = law.index, law.fresh()
+    found = fresh.forces_on_nodes(q, law.row_nodes[index], law.lam[index], law.traction[index])
+    for again, told in zip(found, law.nodal_forces(), strict=True):
+        np.testing.assert_allclose(again, told, rtol=0, atol=1e-4 * abs(told).max())
+    place, nodes = law.edge_reached(), law.gaps.places_now()[0]
+    closed_at_edge = law.row_nodes[index[law.gaps.at_edge[index]]]
+    assert abs(nodes[closed_at_edge] - place).max(axis=1).min() == 0.0
+    law.closing(0.0 * q, 0.0 * q, 0.0 * q)  # as a run asks whose bodies have parted
+    assert len(law.lam) == len(law.row_nodes)
+    assert not law.lam.any()
+    assert not law.index.size
 
 
 def test_no_force_without_contact(law, bodies):
