@@ -81,6 +81,10 @@ class ContactPatchWarning(PartitionWarning):
     """A contact that reaches the edge of its patch, or slides further than frozen pairs allow."""
 
 
+class SelectionWarning(PartitionWarning):
+    """A choice of faces by geometry that catches several, where one may be meant."""
+
+
 class MemoryWarning(PartitionWarning):
     """A model that needs more memory than is free."""
 

@@ -21,7 +21,7 @@ from ..support.checks import (
     validate_vector,
 )
 from .model import FEModel, same_mesh
-from .patch_facets import Faces, ball_facets, chosen_facets, local_normals, mean_direction, show, smooth_rim
+from .patch_facets import Faces, ball_facets, local_normals, mean_direction, show, smooth_rim
 from .patches import (
     AXES,
     Interface,
@@ -33,6 +33,7 @@ from .patches import (
     load_pattern,
     plastic_region,
 )
+from .selection import Cylinder, Plane, selected_facets
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +260,17 @@ class Partition:
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod
-    def surface(cls, fem: FEModel, faces: Faces, *, axes: PatchAxes = "normal", name: str = "") -> Partition:
+    def surface(
+        cls,
+        fem: FEModel,
+        faces: Faces | None = None,
+        *,
+        cylinder: Cylinder | None = None,
+        plane: Plane | None = None,
+        near: Vector | None = None,
+        axes: PatchAxes = "normal",
+        name: str = "",
+    ) -> Partition:
         """Contact patch of whole faces, over which contact may wander: the rim of a cam, a gear's flanks, a guide.
 
         Contact rows act along the local normals, so that a patch may curve by any angle, even around the body. The
@@ -272,6 +283,13 @@ class Partition:
         faces : str, sequence of str, (k,) int array, (nf,) bool array, or two (3,) arrays
             Names of boundaries of the FE model; numbers of rows of `fem.facets`; a choice of all of them; or lower and
             upper corner of a box [m]: facets centred within it belong to the patch.
+        cylinder : (point, axis, radius), optional
+            Instead of `faces`: faces on a cylinder, such as a bore or a pin; a point of its axis [m], its
+            direction, and its radius [m].
+        plane : (point, normal), optional
+            Instead: flat faces in a plane, through a point [m], with this outward normal.
+        near : (3,) array, optional
+            A point [m]: of these faces the one nearest to it; alone, of all faces. Faces end at edges of 30 degrees.
         axes : {"normal", "xyz"}
             Directions in which the basis knows the flexibility of the nodes: along their normals, which is enough
             without friction, or in all three.
@@ -284,10 +302,15 @@ class Partition:
             If no facet is chosen.
         InputError
             If `faces` is none of these, or a node of the patch has no normal, as on a sheet whose both sides are given.
+
+        Warns
+        -----
+        SelectionWarning
+            If a cylinder or a plane catches several faces.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("axes", axes, AXES)
-        number = chosen_facets(fem, faces)
+        number = selected_facets(fem, faces, cylinder, plane, near)
         facets = fem.facets[number]
         normals, size = local_normals(fem.points, facets), np.ptp(fem.points[facets], axis=(0, 1))
         line, rim = mean_direction(fem.points, facets), smooth_rim(fem, number, normals)
@@ -300,8 +323,11 @@ class Partition:
         cls,
         fem: FEModel,
         name: str,
-        nodes: Sequence[int] | Array | str,
+        nodes: Sequence[int] | Array | str | None = None,
         *,
+        cylinder: Cylinder | None = None,
+        plane: Plane | None = None,
+        near: Vector | None = None,
         kind: InterfaceKind = "rigid",
         position: Vector | None = None,
     ) -> Partition:
@@ -311,8 +337,15 @@ class Partition:
         ----------
         fem : FEModel
         name : str
-        nodes : (k,) int array or str
+        nodes : (k,) int array or str, optional
             Nodes of the FE model, or the name of one of its boundaries.
+        cylinder : (point, axis, radius), optional
+            Instead of `nodes`: faces on a cylinder, such as a bore or a pin; a point of its axis [m], its
+            direction, and its radius [m].
+        plane : (point, normal), optional
+            Instead: flat faces in a plane, through a point [m], with this outward normal.
+        near : (3,) array, optional
+            A point [m]: of these faces the one nearest to it; alone, of all faces. Faces end at edges of 30 degrees.
         kind : {"rigid", "averaged"}
             The nodes move as one rigid body (RBE2), or a joint's forces are spread over them (RBE3).
         position : (3,) array, optional
@@ -327,7 +360,17 @@ class Partition:
         InputError
             If the nodes lie on one line, which leaves the rotation about it undefined; if they are no nodes of the FE
             model; or if `position` is further from the nodes than the body is long.
+
+        Warns
+        -----
+        SelectionWarning
+            If a cylinder or a plane catches several faces.
         """
+        validate_type("fem", fem, FEModel, "fe_model()")
+        if nodes is None:
+            nodes = np.unique(fem.facets[selected_facets(fem, None, cylinder, plane, near)])
+        elif any(given is not None for given in (cylinder, plane, near)):
+            raise InputError("nodes: expected nodes, or a cylinder, plane or point near the face, got both")
         joint = interface_of(fem, name, nodes, kind, position)
         return cls(np.empty(0, dtype=np.int64), (), (joint,), fem.n_nodes, fem.fingerprint)
 
@@ -338,6 +381,9 @@ class Partition:
         name: str,
         faces: Faces | None = None,
         *,
+        cylinder: Cylinder | None = None,
+        plane: Plane | None = None,
+        near: Vector | None = None,
         line: Sequence[int] | Array | None = None,
         direction: Vector | None = None,
     ) -> Partition:
@@ -351,6 +397,13 @@ class Partition:
         name : str
         faces : str, sequence of str, (k,) int array, (nf,) bool array, or two (3,) arrays, optional
             Where a pressure or traction acts, as in `surface`.
+        cylinder : (point, axis, radius), optional
+            Instead of `faces`: faces on a cylinder, such as a bore or a pin; a point of its axis [m], its
+            direction, and its radius [m].
+        plane : (point, normal), optional
+            Instead: flat faces in a plane, through a point [m], with this outward normal.
+        near : (3,) array, optional
+            A point [m]: of these faces the one nearest to it; alone, of all faces. Faces end at edges of 30 degrees.
         line : (k,) int array, optional
             Instead of faces: nodes on edges of the mesh's surface, in any order, along which a line load acts.
         direction : (3,) array, optional
@@ -361,9 +414,16 @@ class Partition:
         EmptyRegionError
             If no facet is chosen, or no edge has all its nodes in `line`.
         InputError
-            If both or none of `faces` and `line` are given, or a line load without `direction`.
+            If both or none of faces and `line` are given, or a line load without `direction`.
+
+        Warns
+        -----
+        SelectionWarning
+            If a cylinder or a plane catches several faces.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
+        if any(given is not None for given in (cylinder, plane, near)):
+            faces = selected_facets(fem, faces, cylinder, plane, near)
         pattern = load_pattern(fem, name, faces, line, direction)
         return cls(np.empty(0, dtype=np.int64), (), (), fem.n_nodes, fem.fingerprint, (pattern,))
 

@@ -211,6 +211,13 @@ _size = Kind(
     {**v.NOTHING, "one": (1,), "negative": (-1, 5), "halves": (1.5, 2.5), "huge": (10**6, 10**6), "nan": (v.nan, 1)},
     (32, 24),
 )
+_BY_GEOMETRY = {
+    "cylinder": Kind(
+        {"text": "x", "number": 1, "pair": ((0, 0, 0), 1.0), "no axis": ((0, 0, 0), (0, 0, 0), 1.0)}, None
+    ),
+    "plane": Kind({"text": "x", "number": 1, "one": ((0, 0, 0),), "no normal": ((0, 0, 0), (0, 0, 0))}, None),
+    "near": Kind({"text": "x", "number": 1, "pair": (0, 0), "nan": (v.nan, 0, 0)}, None),
+}
 _frames = v.times.but(one=1, beyond_all=10**6)(2)
 _scale = v.positive.or_none.but(**{"1e300": 1e300})
 _direction = v.vector.but(zero=(0, 0, 0))((1.0, -1.0, 1.0))
@@ -297,6 +304,7 @@ CALLS = {
     ),
     "Partition.load": call(
         fem=v.fem,
+        **_BY_GEOMETRY,
         name=v.text,
         faces=Kind({"number": 1.0, "unknown": "none", "empty": [], "halves": [0.5], "object": object()}, np.arange(2)),
         line=Kind({"number": 1, "text": "x", "halves": [0.5], "beyond": [10**6]}, None),
@@ -306,6 +314,7 @@ CALLS = {
     "Partition.find_load": call(of=lambda s: s.part, name=v.choice("weight"), swaps=False),
     "Partition.interface": call(
         fem=v.fem,
+        **_BY_GEOMETRY,
         name=v.text("pin"),
         position=v.vector.or_none,
         kind=v.choice("rigid"),
@@ -323,6 +332,7 @@ CALLS = {
     ),
     "Partition.surface": call(
         fem=v.fem,
+        **_BY_GEOMETRY,
         faces=Kind(
             {
                 **v.NOTHING,
