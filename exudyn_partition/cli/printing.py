@@ -37,4 +37,6 @@ def _text(value: object) -> str:
         return "(" + ", ".join(_text(x) for x in value) + ")" if value else "none"
     if value is None:
         return "without end"
+    if value == "":
+        return "none"
     return f"{value:.5g}" if isinstance(value, float) else str(value)

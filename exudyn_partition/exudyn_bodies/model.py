@@ -132,7 +132,7 @@ def registered(mbs: MainSystem) -> Registry:
             del held.bodies[number]
     there = set(map(id, held.bodies.values()))
     for number, contact in list(held.contacts.items()):
-        if number >= sensors or not all(id(item) in there for item, _ in contact.sides):
+        if not all(id(item) in there for item, _ in contact.sides):
             del held.contacts[number]
     if held.work is not None and (int(held.work.number) >= sensors or mbs.GetSensor(held.work.number)["name"] != WORK):
         held.work = None

@@ -167,7 +167,7 @@ def surface_load(
         validate_callable("loadVectorUserFunction", own, "a function f(mbs, t, loadVector) that returns a traction")
 
         def force(mbs: MainSystem, t: float, load: object) -> Array:
-            value: Array = area * np.asarray(own(mbs, t, traction.tolist()), dtype=float)
+            value: Array = area * validate_vector("loadVectorUserFunction", own(mbs, t, traction.tolist()))
             return value
 
         options["loadVectorUserFunction"] = force

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..contact.formulations.formulation import Law, Method
+from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import latest_solver, method_of, registered
 from ..support.arrays import Array
@@ -101,8 +102,21 @@ class ModelRun:
         return sum(run.law.searches for run in self._runs.values())
 
     def of(self, contact: ContactResults) -> ContactRun:
-        """State of a contact."""
-        return self._runs[id(contact)]
+        """State of a contact.
+
+        Raises
+        ------
+        RunError
+            If the model did not hold it as it was created when the run began.
+        """
+        run = self.find(contact)
+        if run is None:
+            raise RunError(
+                f"contact {contact.name!r} is not in the model as CreatePartitionContact left it: an item was deleted, "
+                "which gives others new numbers. Delete no objects, nodes, markers or sensors of a model with "
+                "partition bodies; make it anew"
+            )
+        return run
 
     def find(self, contact: ContactResults) -> ContactRun | None:
         """State of a contact; None if it was not in the model when the run began."""

@@ -72,8 +72,9 @@ def force(
     axes : matplotlib.axes.Axes or None
     run : History or Result
     reference : History, optional
+        Of one contact.
     contact : PartitionContact, optional
-        Of a Result with several.
+        Of a Result with several. Default: all of them, each with a curve of its own.
 
     Returns
     -------
@@ -82,9 +83,17 @@ def force(
     Raises
     ------
     InputError
-        If an argument has a wrong type, or a Result has no contact, or several contacts and none is named.
+        If an argument has a wrong type, or a Result has no contact, or several contacts and none is named beside a
+        reference.
     """
     axes = axes_of(axes)
+    if contact is None and reference is None and not isinstance(run, History):
+        check_samples(run)
+        if len(run.contacts) > 1:
+            for i, one in enumerate(run.contacts):
+                curve = {"linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.0}
+                axes.plot(1e3 * run.t, one.force(run), label=plain(name_of(one, f"contact {i}")), **curve)
+            return _finish(axes, "contact force [N]")
     for history, style in _layers(history_of(run, contact), reference):
         axes.plot(1e3 * history.t, history.force, label=label_of(history), **style)
     name = "" if isinstance(run, History) else contact_of(run, contact).name

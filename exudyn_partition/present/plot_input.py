@@ -57,9 +57,15 @@ def contact_of(result: Result, contact: PartitionContact | None) -> PartitionCon
         validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
         return contact
     if len(result.contacts) != 1:
-        names = ", ".join(repr(c.name) for c in result.contacts)
-        raise InputError(f"contact: expected one of the run's {len(result.contacts)} contacts ({names}), got none")
+        raise InputError(
+            f"contact: expected one of the run's {len(result.contacts)} contacts{_names(result.contacts)}, as "
+            "CreatePartitionContact returned it, got none"
+        )
     return result.contacts[0]
+
+
+def _names(things: Sequence[PartitionBody | PartitionContact]) -> str:
+    return f" ({', '.join(repr(one.name) if one.name else 'one without a name' for one in things)})" if things else ""
 
 
 def history_of(run: History | Result, contact: PartitionContact | None) -> History:
@@ -84,8 +90,10 @@ def history_of_point(run: History | Result, point: object, body: PartitionBody |
     place = validate_vector("point", point)
     if body is None:
         if len(run.bodies) != 1:
-            names = ", ".join(repr(item.name) for item in run.bodies)
-            raise InputError(f"body: expected one of the run's {len(run.bodies)} bodies ({names}), got none")
+            raise InputError(
+                f"body: expected one of the run's {len(run.bodies)} bodies{_names(run.bodies)}, as "
+                "CreatePartitionBody returned it, got none"
+            )
         body = run.bodies[0]
     validate_type("body", body, PartitionBody, "CreatePartitionBody()")
     name = "(" + ", ".join(f"{1e3 * x:.4g}" for x in place) + ") mm"

@@ -121,7 +121,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
         ("contact law", type(result.kept(contact).law).__name__),
         ("rows", contact.n_rows),
     ]
-    warnings = []
+    said, warnings = result.warnings or (), []  # those of the run stand on top of the page
     if force.any():
         peak = int(force.argmax())
         rings = contact.ringing(result)
@@ -145,12 +145,15 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
                 (f"von Mises stress of {name}", "its patch yields, see the plastic strain" if side in flows else said)
                 for side, (name, said) in enumerate(stress.by_body(contact.side_names))
             ]
-            if (stress.yield_ratio or 0.0) > 1.0:
+            advice = stress.advice(contact.side_names)
+            if (stress.yield_ratio or 0.0) > 1.0 and not any(advice in text for text in said):
                 peak_of = f" {rings.beside(stress.yield_force)}." if rings is not None and stress.yield_force else ""
-                warnings.append(f"Beyond first yield: {stress.advice(contact.side_names)}.{peak_of}")
+                warnings.append(f"Beyond first yield: {advice}.{peak_of}")
     else:
         rows.append(("peak force", f"none: the bodies did not touch; smallest gap {contact.gap(result).min():.4g} m"))
-    if (reached := contact.edge_reached(result)) is not None:
+    reached = contact.edge_reached(result)
+    told = [text for text in said if "reached the edge of its patch" in text]
+    if reached is not None and not any(f"t = {reached[0]:.6g} s" in text for text in told):
         warnings.append(f"Reached the edge of its patch at {reached[0]:.6g} s: the force is too small from then on.")
     return {
         "name": name,

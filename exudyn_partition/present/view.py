@@ -12,6 +12,7 @@ under a virtual display (Xvfb), but not on a real screen.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -224,11 +225,13 @@ def show(
     if cycles is not None:
         cycles = validate_integer("cycles", cycles, 1)
     SC, mbs = _scene(frames, lambda: now, bodies, field, scale, limits)
-    # Without X11, Exudyn would end the whole process.
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise RunError("show: there is no screen, DISPLAY is not set; ep.view.picture draws without one")
-    if not SC.renderer.Start():
-        raise RunError("show: Exudyn could not open a window; ep.view.picture draws without one")
+    _check_screen()
+    try:
+        started, said = SC.renderer.Start(), ""
+    except Exception as error:  # Exudyn has types of its own
+        started, said = False, f": {error}"
+    if not started:
+        raise RunError(f"show: Exudyn could not open a window{said}; ep.view.picture draws without one")
     SC.renderer.ZoomAll()
     shown = 0
     while SC.renderer.IsActive() and (cycles is None or shown < cycles * len(frames.t)):
@@ -238,6 +241,24 @@ def show(
         SC.renderer.DoIdleTasks(period, False)
         shown += 1
     SC.renderer.Stop()
+
+
+def _check_screen() -> None:
+    """Raise where Exudyn would find no screen of X11: it would end the whole process, then or when Python ends."""
+    if not sys.platform.startswith("linux"):
+        return
+    screen, instead = os.environ.get("DISPLAY"), "ep.view.picture draws without one"
+    if not screen:
+        raise RunError(f"show: there is no screen, DISPLAY is not set; {instead}")
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError as error:
+        raise RunError(f"show: X11 is not installed ({error}); {instead}") from error
+    x11.XOpenDisplay.restype, x11.XCloseDisplay.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
+    opened = x11.XOpenDisplay(None)
+    if not opened:
+        raise RunError(f"show: there is no screen {screen!r}, which DISPLAY names; {instead}")
+    x11.XCloseDisplay(opened)
 
 
 def _scene(

@@ -9,13 +9,14 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..support.archive import check_sizes, read_member
 from ..support.arrays import Array
+from ..support.attributes import no_attribute
 from ..support.checks import validate_array, validate_file, validate_number, validate_path, validate_text
 from ..support.files import replacing
 
@@ -46,6 +47,15 @@ def at_times(t: Array, means: Array) -> Array:
     dt = np.diff(t).reshape(-1, *[1] * (means.ndim - 1))
     integral = means[1:] * dt
     return np.concatenate([means[1:2], (integral[:-1] + integral[1:]) / (dt[:-1] + dt[1:]), means[-1:]])
+
+
+_MEANT = {  # names that other libraries and a Result have
+    "time": "t, the times of the samples [s]",
+    "times": "t, the times of the samples [s]",
+    "time_s": 'info["time_s"], the run time [s]',
+    "forces": "force, the contact force [N]",
+    "velocities": "velocity, a dict by the names of points",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +89,12 @@ class History:
     info: dict[str, Any] = field(default_factory=dict)
     tangential_force: Array | None = None
     dissipated: Array | None = None
+
+    if not TYPE_CHECKING:  # for type checkers it would be every attribute
+
+        def __getattr__(self, name: str) -> object:
+            """Say what is meant by an attribute that is not there."""
+            raise no_attribute(self, name, _MEANT)
 
     def __post_init__(self) -> None:
         t = validate_array("t", self.t, (None,))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
 from ..contact.side import Side
+from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -30,6 +32,8 @@ _ROUNDINGS = 8  # of the places of a patch, that reach its forces
 _FAR = 1e-3  # of a facet's size: how far springs that hold bodies let them go in an iteration
 _SLOW = 0.1  # rad/s, of what swings on such springs where forces are balanced
 _BALANCED = 1e-6  # of forces that the springs do not know
+_FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # in a report of Exudyn
+_RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
 _SINGULAR = (
     "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
     "GenericJoint with fewer constrainedAxes; or give settings with linearSolver.solverType EigenDense and "
@@ -326,9 +330,34 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
 
 
 def cause(error: BaseException) -> str:
-    """Return the message of the library's own error at the bottom of Exudyn's report, if there is one; or a remedy."""
-    while error.__cause__ is not None:
-        error = error.__cause__
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    """What ended a run: the library's own error at the bottom of Exudyn's report, or what a user function did.
+
+    Raises
+    ------
+    SystemExit
+        If a user function asked for the end of the program.
+    """
+    report, chain = str(error), [error]
+    while (behind := chain[-1].__cause__) is not None:
+        chain.append(behind)
+    root = chain[-1]
+    if isinstance(root, SystemExit):
+        raise root
+    if own := [str(one) for one in chain if isinstance(one, PartitionError)]:
+        return own[0]
+    found = _FUNCTION.search(report)
+    function = f"the user function {found[0]}" if found else "a user function"
+    if returned := _RETURNED.search(report):
+        return f"{function} returned a {returned[1]} of another kind or length than Exudyn takes there"
+    if root is not error or found:
+        text = str(root) if root is not error else _lines(report)[-1]
+        kind = type(root).__name__ if root is not error else ""
+        return f"{': '.join(filter(None, (kind, text)))}, in {function}"
+    lines = _lines(report)
     said = next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
+    said = " ".join(lines) if said.endswith(":") else said
     return f"{said} {_SINGULAR}" if "matrix is not factorized" in said else said
+
+
+def _lines(report: str) -> list[str]:
+    return [line.strip() for line in report.splitlines() if line.strip()]

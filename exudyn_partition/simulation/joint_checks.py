@@ -23,6 +23,7 @@ from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
 from ..support.progress import Progress
 from .result import Result
+from .sensor_checks import check_sensors
 
 _APART = 0.05  # of the smallest body: how far a joint may be open at the start
 _VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
@@ -177,6 +178,7 @@ def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progres
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
+    check_sensors(mbs)
     return check_joints(mbs, partition_items(mbs)[0])
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Number
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,12 +26,29 @@ from ..present.report_page import write_report
 from ..present.scene import Scene, scene_of
 from ..results.history import History
 from ..support.arrays import Array
+from ..support.attributes import no_attribute
 from ..support.checks import validate_array, validate_integer, validate_type
 from ..support.files import writable
 from ..support.foreign import MainSystem, SensorIndex
 from ..support.progress import Progress
+from .sensor_checks import check_sensors
 from .stored_run import FILE, StoredRun, check_items, described
 from .work import Work
+
+_TIMES = "t for the times of the samples [s], or time_s for the run time [s]"
+_MEANT = {  # names that other libraries have
+    "time": _TIMES,
+    "times": _TIMES,
+    "y": "coordinates(result) of what CreatePartitionBody returns",
+    "q": "coordinates(result) of what CreatePartitionBody returns",
+    "force": "force(result) of what CreatePartitionContact returns",
+    "forces": "force(result) of what CreatePartitionContact returns",
+    "velocity": "velocity(result, point) of what CreatePartitionBody returns",
+    "displacement": "displacement(result, point) of what CreatePartitionBody returns",
+    "stress": "stress(result, points, fem) of what CreatePartitionBody returns",
+    "energy": "energy(result) of what CreatePartitionBody and CreatePartitionContact return",
+    "success": "status, which is 'finished'",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +102,12 @@ class Result:
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
     warnings: tuple[str, ...] | None = field(default=None, repr=False)
     item_work: WorkSensor | None = field(default=None, repr=False)
+
+    if not TYPE_CHECKING:  # for type checkers it would be every attribute
+
+        def __getattr__(self, name: str) -> object:
+            """Say what is meant by an attribute that is not there."""
+            raise no_attribute(self, name, _MEANT)
 
     def __repr__(self) -> str:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
@@ -424,6 +447,7 @@ class Result:
 
 def samples(mbs: MainSystem) -> Result:
     """What the sensors stored, with what contacts kept themselves where Exudyn read its sensors seldom."""
+    check_sensors(mbs)
     sensors = {}
     for number in range(mbs.systemData.NumberOfSensors()):
         if mbs.GetSensorParameter(number, "storeInternal"):

@@ -49,6 +49,8 @@ def test_a_step_file_in_millimetres_becomes_a_body(step_file, tmp_path, capsys, 
     assert again.items() <= found.items()
     code, table, _ = call(capsys, "info", out, "--table")
     assert table["coordinates"] == list(body.labels)
+    assert main(["info", str(out)]) == 0
+    assert "name none, nodes" in " ".join(capsys.readouterr().out.split())
     # Without its inside it is the same body in a smaller file, which says so.
     light = tmp_path / "light.npz"
     _, found, _ = call(capsys, "reduce", step_file, *BLOCK, "--f-cut", "80e3", "--no-inside", "-o", light)

@@ -125,6 +125,28 @@ def test_pressure_stands_where_the_contact_is(run):
     assert 0.5 < abs(limits).max() < 2  # mm, the radius of the patch is 1.2
 
 
+def test_forces_of_all_contacts_are_drawn_if_none_is_named(mbs, bodies):
+    balls = [
+        ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -v], referencePosition=[v, 0, 0]) for v in (1, 2)
+    ]
+    contacts = [
+        ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), name=name)
+        for ball, name in zip(balls, ("a", ""), strict=True)
+    ]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=4e-6)
+    axes = ep.plot.force(None, result)
+    for contact, label in zip(contacts, ("a", "contact 1"), strict=True):
+        np.testing.assert_array_equal(line(axes, label)[:, 1], contact.force(result))
+    assert len(ep.plot.force(None, result, contact=contacts[0]).lines) == 1
+    with pytest.raises(
+        InputError, match=r"contact: expected one of the run's 2 contacts \('a', one without a name\), as CreatePart"
+    ):
+        ep.plot.force(None, result, result.history(contacts[0]))
+    with pytest.raises(InputError, match="contact: expected one of the run's 2 contacts"):
+        ep.plot.overview(result)
+
+
 def test_what_is_meant_has_to_be_said(run, comparisons):
     result, striker, *_ = run
     for call, message in (

@@ -5,6 +5,7 @@ import dataclasses
 import html
 import json
 import re
+import warnings
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -72,7 +73,7 @@ def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
         1e-6 * stress.pressure, rel=1e-3
     )
     assert cells.row("von Mises stress of the master")[0].endswith("times its yield stress")
-    assert "Beyond first yield: the von Mises stress of the slave reaches" in page
+    assert "the von Mises stress of the slave reaches" in page
     energy = striker.energy(result) + target.energy(result) + contact.energy(result)
     start, end, change = map(float, cells.row("with contacts' [J]"))
     assert (start, end) == pytest.approx((energy[0], energy[-1]), rel=1e-5)
@@ -86,6 +87,20 @@ def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
     (impact_,) = contact.impacts(result)
     numbers = [impact_.peak, impact_.mean_force, impact_.impulse, impact_.speed_before, impact_.speed_after]
     assert [*map(float, listed[2:])] == pytest.approx(numbers, rel=1e-5)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_page_says_each_warning_once(impact, tmp_path, known):
+    """On top as the run gave it; of a run that was read from a file, which has no warnings, beside its contact."""
+    mbs, *_ = impact
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ep.solve_dynamic(mbs, end_time=60e-6, step=0.2e-6)
+    result = result if known else dataclasses.replace(result, warnings=None)
+    page, _ = read(result.report(tmp_path / "run.html"))
+    told = re.findall(r'<details class="warning">.*?</details>', page, flags=re.DOTALL)
+    assert sum("the von Mises stress of the slave reaches" in one for one in told) == 1
+    assert ("Beyond first yield" in page) != known
 
 
 def test_the_page_stands_alone_with_its_figures(impact, tmp_path):

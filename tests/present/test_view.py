@@ -1,6 +1,7 @@
 """Exudyn's renderer: what it would draw, as data, and pictures by its raytracer; neither needs a screen."""
 
 import os
+import sys
 
 import exudyn as exu
 import numpy as np
@@ -165,6 +166,17 @@ def test_a_film_needs_a_screen(impact):
     else:
         with pytest.raises(RunError, match="no screen"):
             ep.view.show(result, times=3, cycles=1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="X11 of Linux")
+@pytest.mark.parametrize("name", [":4711", "no screen of this name"])
+def test_a_screen_that_is_not_there_is_named(impact, monkeypatch, name):
+    """Exudyn's own error would come through, and end the process when Python ends."""
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
+    monkeypatch.setenv("DISPLAY", name)
+    with pytest.raises(RunError, match=r"show: .*ep.view.picture draws without one"):
+        ep.view.show(result, times=3, cycles=1)
 
 
 def test_what_cannot_be_shown(mbs, impact):

@@ -12,6 +12,7 @@ import exudyn_partition as ep
 from exudyn_partition.errors import (
     InputError,
     PartitionWarning,
+    RunError,
     StoppedRunWarning,
 )
 
@@ -122,3 +123,61 @@ def test_the_user_s_settings_are_kept(impact, tmp_path):
         ep.solve_dynamic(mbs, end_time=END, settings=settings)
     with pytest.raises(InputError, match=r"end_time: expected more than start_time, 2 s, got 6e-05 s"):
         ep.solve_dynamic(mbs, end_time=END, start_time=2.0, settings=settings)
+
+
+def add_load(mbs, item, answer):
+    def load(mbs, t, value):
+        return answer()
+
+    marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=0))
+    mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=0.0, loadUserFunction=load))
+
+
+def fail(error):
+    raise error
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+@pytest.mark.parametrize(("answer", "said"), [
+    (lambda: fail(ValueError("no load")), r"ValueError: no load, in the user function \w+::load\w*UserFunction"),
+    (lambda: fail(KeyError(7)), r"KeyError: 7, in the user function \w+::load\w*UserFunction"),
+    (lambda: fail(InputError("load: expected less")), r"load: expected less$"),
+    (lambda: [0.0, 0.0], r"the user function \w+::load\w*UserFunction returned a list of another kind or length"),
+    (lambda: None, r"the user function \w+::load\w*UserFunction returned a NoneType of another kind or length"),
+])  # fmt: skip
+def test_an_error_in_a_user_function_is_told_with_its_place(impact, answer, said, method):
+    mbs, striker, *_ = impact
+    add_load(mbs, striker, answer)
+    mbs.Assemble()
+    with pytest.raises(RunError, match=said):
+        ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6, method=method)
+
+
+def test_a_user_function_may_end_the_program(impact):
+    mbs, *_ = impact
+    mbs.SetPreStepUserFunction(lambda mbs, t: fail(SystemExit(3)) if t > 1e-6 else True)
+    own = mbs.GetPreStepUserFunction()["function"]
+    with pytest.raises(SystemExit, match="3"):
+        ep.solve_dynamic(mbs, end_time=2e-6, step=0.2e-6)
+    assert mbs.GetPreStepUserFunction()["function"] is own
+
+
+@pytest.mark.parametrize("value", [[0, 0], None, "x", [0, 0, float("nan")]])
+def test_a_traction_that_is_none_names_its_function(mbs, arm_body, value):
+    item = ep.CreatePartitionBody(mbs, arm_body)
+    item.CreateSurfaceLoad(mbs, "head", (0, 0, -1.0), loadVectorUserFunction=lambda mbs, t, load: value)
+    mbs.Assemble()
+    with pytest.raises(RunError, match="loadVectorUserFunction: expected"):
+        ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6)
+
+
+@pytest.mark.parametrize("which", [("body", "sCoordinates"), ("body", "sCoordinates_t"), ("contact", "sForce")])
+def test_a_deleted_sensor_is_named(impact, which):
+    """Exudyn gives those behind it other numbers; what they tell would be taken for something else."""
+    mbs, striker, _, contact = impact
+    thing, key = which
+    number = striker[key][0] if thing == "body" else contact[key]
+    mbs.DeleteSensor(number)
+    mbs.Assemble()
+    with pytest.raises(RunError, match=r"has lost its sensor \d+: a sensor was deleted"):
+        ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6)

@@ -1,5 +1,7 @@
 """Results: what they print, of which model and run they are."""
 
+import copy
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -26,6 +28,18 @@ def test_a_result_prints_itself_in_a_line(impact):
     assert repr(result) == "Result(finished: reached 1e-06 s; 2 steps of 5e-07 s, explicit, 3 samples)"
     said = "Result(finished: samples of the model's last run; 2 steps of 5e-07 s, explicit, 3 samples)"
     assert str(ep.collect(impact[0])) == said
+
+
+@pytest.mark.parametrize(("name", "meant"), [
+    ("time", "t for the times of the samples"), ("force", r"force\(result\) of what CreatePartitionContact returns"),
+    ("statuss", "Take status"), ("zzz", "it has .*time_s"),
+])  # fmt: skip
+def test_an_attribute_that_is_not_there_leads_to_what_is_meant(impact, name, meant):
+    result = ep.solve_dynamic(impact[0], end_time=1e-6, step=0.5e-6)
+    for thing in (result, copy.copy(result)):
+        assert not hasattr(thing, name)
+        with pytest.raises(AttributeError, match=f"Result has no attribute '{name}'.*{meant}"):
+            getattr(thing, name)
 
 
 def test_a_result_of_another_model_is_refused(bodies):

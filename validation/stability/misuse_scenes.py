@@ -254,6 +254,45 @@ def run_of_nothing(s):
     run(s.empty())
 
 
+def with_a_load(s, answer):
+    """A run of the upper block, with a traction that a function returns."""
+    mbs = s.empty()
+    item = ep.CreatePartitionBody(mbs, s.body)
+    item.CreateSurfaceLoad(mbs, "pin", (0, 0, -1.0), loadVectorUserFunction=lambda mbs, t, load: answer())
+    run(mbs)
+
+
+@scene
+def load_of_another_length(s):
+    with_a_load(s, lambda: [0, 0])
+
+
+@scene
+def load_of_nothing(s):
+    with_a_load(s, lambda: None)
+
+
+@scene
+def load_that_is_not_finite(s):
+    with_a_load(s, lambda: [0, 0, np.nan])
+
+
+@scene
+def sensor_that_was_deleted(s):
+    mbs = s.empty()
+    item, _ = two(s, mbs)
+    mbs.DeleteSensor(item["sCoordinates"][0])
+    run(mbs)
+
+
+@scene
+def sensor_of_a_contact_that_was_deleted(s):
+    mbs = s.empty()
+    contact = ep.CreatePartitionContact(mbs, *two(s, mbs))
+    mbs.DeleteSensor(contact["sForce"])
+    run(mbs)
+
+
 @scene
 def container_for_a_model(s):
     ep.solve_dynamic(exu.SystemContainer(), end_time=1e-6)

@@ -1,0 +1,60 @@
+"""Exudyn adapter: whether the sensors of bodies and contacts are still those that were made with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..errors import RunError
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..support.foreign import MainSystem, NodeIndex, SensorIndex
+from ..support.optional import require
+
+_KINDS = {"sCoordinates": "Coordinates", "sCoordinates_t": "Coordinates_t"}
+_BY_FUNCTION: dict[str, object] = {"sensorType": "UserFunction"}
+
+
+def check_sensors(mbs: MainSystem) -> None:
+    """Raise if a sensor of a body or contact was deleted; those behind it have other numbers since then.
+
+    Raises
+    ------
+    RunError
+    """
+    bodies, contacts = partition_items(mbs)
+    for what, number, expected in (*_of_bodies(bodies), *_of_contacts(contacts)):
+        known = int(number) < mbs.systemData.NumberOfSensors()
+        entry = mbs.GetSensor(number) if known else {}
+        if "nodeNumber" in entry:  # an index of Exudyn equals no number
+            entry["nodeNumber"] = int(entry["nodeNumber"])
+        if any(entry.get(key) != value for key, value in expected.items()):
+            raise RunError(
+                f"{what} has lost its sensor {int(number)}: a sensor was deleted, and Exudyn then gives others new "
+                "numbers. Delete no sensor of a model with partition bodies: leave it, or make the model anew without "
+                "it"
+            )
+
+
+def _of_bodies(bodies: list[PartitionBody]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
+    """What sensors of bodies belong to, their numbers, and what Exudyn must tell of them."""
+    kinds = require("exudyn").OutputVariableType
+    for place, item in enumerate(bodies):
+        what = f"body {item.name!r}" if item.name else f"body {place}"
+        for key, kind in _KINDS.items():
+            for node, number in zip(item.nodes, item[key], strict=True):
+                yield what, number, _on_node(node) | {"outputVariableType": getattr(kinds, kind)}
+
+
+def _of_contacts(contacts: list[PartitionContact]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
+    """See `_of_bodies`."""
+    for place, contact in enumerate(contacts):
+        what = f"contact {contact.name!r}" if contact.name else f"contact {place}"
+        told = _on_node(contact["nGenericData"]) if "nGenericData" in contact else _BY_FUNCTION
+        yield what, contact["sForce"], told | ({"name": contact.name} if contact.name else {})
+        for key in ("sFriction", "sPlastic"):
+            if key in contact:
+                yield what, contact[key], _BY_FUNCTION
+
+
+def _on_node(node: NodeIndex) -> dict[str, object]:
+    return {"sensorType": "Node", "nodeNumber": int(node)}
