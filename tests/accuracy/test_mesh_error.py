@@ -1,5 +1,6 @@
 """Estimated error of meshes: beside the true one, by body, and what is refused."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import exudyn as exu
@@ -168,6 +169,78 @@ def test_rows_that_carry_force_are_those_inside_the_circle_of_hertz(coarse):
     assert 0.1 < loaded.mean() < 0.6
 
 
+END_OF_FIVE = 3.0  # [s]
+
+
+def of_five_rows():
+    """A body with a rigid motion and three modes, two of one frequency, that hits with five rows in a line; its side.
+
+    Rows share points with the rows beside them.
+    """
+    rng = np.random.default_rng(0)
+    H = np.column_stack([np.ones(5), 0.3 * rng.normal(size=(5, 3))])
+    F = 0.05 * (np.eye(5) + 0.3 * np.exp(-abs(np.subtract.outer(np.arange(5), np.arange(5)))))
+    gap = np.array([0.6, 0.02, 0.0, 0.03, 0.6])
+    impact = Impact(gap, H, F, np.array([0.0, 3.0, 3.0, 5.0]), np.array([-1.0, 0.0, 0.0, 0.0]), 1.0)
+    mean = sp.diags([0.5, 0.5], [0, 1], shape=(5, 6), format="csr")
+    return impact, SimpleNamespace(body=SimpleNamespace(f_cut=1.0, estimate=None), mean=mean, spacing=1.0)
+
+
+def estimated(impact, side, monkeypatch, change):
+    """Estimate where the next order changes so much; `change` takes the numbers of the rows."""
+    monkeypatch.setattr(mesh_error, "_change", lambda finer, side, rows: change(rows))
+    return estimate_of([side], impact, 1.0, END_OF_FIVE, [None])
+
+
+def test_the_estimate_is_the_difference_to_the_impact_that_has_the_changes(monkeypatch):
+    """Changes of modes are far from the contact, those of the flexibility at it."""
+    impact, side = of_five_rows()
+    rng, squares = np.random.default_rng(1), impact.omega**2 * [1.0, 0.9, 0.95, 0.9]
+    gaps, flexibility = 0.02 * rng.normal(size=(5, 4)), 0.01 * np.eye(5)
+
+    def change(rows):
+        return Change(np.eye(4), squares, gaps[rows], flexibility[np.ix_(rows, rows)])
+
+    def off(better):
+        (_, f, v), (_, f_better, v_better) = (each.run(END_OF_FIVE, 1e-3) for each in (impact, better))
+        by_force = np.linalg.norm(f - f_better) / np.linalg.norm(f_better)
+        return by_force, np.linalg.norm(v - v_better) / np.linalg.norm(v_better - v_better[0])
+
+    loaded = impact.loaded(END_OF_FIVE, 1e-3)
+    assert loaded.sum() == 3
+    far = replace(impact, omega=np.sqrt(squares), H=impact.H + gaps)
+    found = estimated(impact, side, monkeypatch, change)
+    assert (found.force, found.velocity) == pytest.approx(off(replace(far, F=impact.F + flexibility)), rel=2e-2)
+    assert found.far[0] == pytest.approx(max(off(far)), rel=2e-2)
+    assert found.local[0] == pytest.approx(max(off(replace(impact, F=impact.F + flexibility))), rel=2e-2)
+    assert found.carrying == 3
+
+
+def test_modes_of_one_frequency_may_be_mixed(monkeypatch):
+    """They are the same body then, in other coordinates, also if it vibrates already."""
+    impact, side = of_five_rows()
+    turn = np.eye(4)
+    turn[1:3, 1:3] = [[0.6, -0.8], [0.8, 0.6]]
+    for velocity in ([-1.0, 0.0, 0.0, 0.0], [-1.0, 0.3, 0.1, 0.2]):
+        impact = replace(impact, velocity=np.array(velocity))
+        mixed = Change(turn, impact.omega**2, np.zeros((5, 4)), 0.0)
+        found = estimated(impact, side, monkeypatch, lambda rows, mixed=mixed: replace(mixed, gaps=mixed.gaps[rows]))
+        assert max(found.force, found.velocity) < 1e-9
+
+
+def test_rows_beside_those_that_carry_are_changed_too(monkeypatch):
+    """A softer body may reach them."""
+    impact, side = of_five_rows()
+    impact, asked = replace(impact, gap=np.array([9.0, 9.0, 0.0, 9.0, 9.0])), []
+
+    def change(rows):
+        asked.extend(rows.tolist())
+        return Change(np.eye(4), impact.omega**2, np.zeros((len(rows), 4)), 0.0)
+
+    estimated(impact, side, monkeypatch, change)
+    assert asked == [1, 2, 3]
+
+
 def on_half_space(fine, coarse, influence):
     """Impact of a rigid sphere on rows of hat functions, (nr, cells), by the contact radius; and coarser means."""
     means = np.linalg.lstsq(fine.T, coarse.T)[0].T * fine.sum(axis=1)
@@ -205,7 +278,9 @@ def test_rows_are_as_wrong_as_the_estimate_says(monkeypatch):
         side = SimpleNamespace(body=body, mean=sp.identity(len(impact.gap), format="csr"), coarse=coarse, spacing=2.0)
         at, force, _ = impact.run(row_spacing.END, row_spacing.END / row_spacing.STEPS)
         error = np.linalg.norm(np.interp(t, at, force[:, 0]) - true) / np.linalg.norm(true)
-        found.append((estimate_of([side], impact, 1.0, row_spacing.END, [None]).rows, error))
+        estimate = estimate_of([side], impact, 1.0, row_spacing.END, [None])
+        assert estimate.rows == estimate.local[0] == max(estimate.force, estimate.velocity)
+        found.append((estimate.rows, error))
     estimated, error = np.sqrt(np.mean(np.square(found), axis=0))
     assert error / 1.5 < estimated < 1.5 * error < 0.01
 

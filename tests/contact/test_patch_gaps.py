@@ -75,6 +75,40 @@ def test_forces_of_followed_rows_belong_to_their_gaps(round_body, flat_body, kin
     np.testing.assert_allclose(force, law.lam @ H, rtol=0, atol=1e-11 * abs(force).max())
 
 
+def test_the_flexibility_is_that_of_the_present_places(round_body, flat_body):
+    """Within what it may change while points move by a hundredth of a facet; for rows that stay the same."""
+    slave, some = floating(round_body), np.arange(5)
+    gaps = PatchGaps(slave, floating(flat_body))
+    first, found = None, None
+    for n in range(31):
+        q = np.r_[moved(slave, [n * 0.006 * gaps.size, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
+        gaps.at(q)
+        if first is None or first[0] is not gaps.row_nodes:
+            first = gaps.row_nodes, gaps.flexibility(some)
+        found = gaps.flexibility(some)
+    fresh = gaps.fresh()
+    fresh.at(q)
+    assert relative(first[1], found) > 0.02
+    nodes = gaps.row_nodes[some]
+    assert relative(found, fresh.flexibility(np.array([list(fresh.row_nodes).index(node) for node in nodes]))) < 0.01
+
+
+@pytest.mark.parametrize(("side", "motion"), [(0, [0, 0, -10.0, 0, 0, 0]), (1, [0, 0, 0, 300.0, -500.0, 0])])
+def test_no_point_comes_nearer_than_closing_says(round_body, flat_body, side, motion):
+    """While the patches are so far apart that no rows are left: the slave falls, or the master turns."""
+    slave, master = floating(round_body, (0, 0, 2e-3)), floating(flat_body)
+    gaps, parts = PatchGaps(slave, master), [np.zeros(slave.n), np.zeros(master.n)]
+    q, step = np.concatenate(parts), 1e-4
+    parts[side][:6] = motion
+    q_t = np.concatenate(parts)
+    gap, rate, _ = gaps.closing(q, q_t, 0.0 * q)
+    assert len(gap) == 1
+    later = gaps.surface_gap(gaps.moved(q, step * q_t))
+    assert gap[0] + step * rate[0] <= later + 1e-6  # contact points are that much above the lowest node
+    assert later < gaps.surface_gap(q) - 1e-5
+    assert rate[0] < 0
+
+
 def paths(round_body, slave):
     """Coordinates of the ball on its way: it comes down, slides over facets, tilts, jumps and leaves."""
     rng = np.random.default_rng(0)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from oracles import floating, inertial, moved
+from scipy.spatial.transform import Rotation
 
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
+from exudyn_partition.contact.tangential import TangentialRows
 from exudyn_partition.errors import InputError, PenetrationError
 from exudyn_partition.frames.floating import FloatingKinematics
 
@@ -42,6 +44,41 @@ def test_a_rigid_surface_that_is_carried(round_body):
     assert at_rest.lam.sum() > 100
     assert law.lam.sum() == pytest.approx(at_rest.lam.sum(), rel=1e-6)
     np.testing.assert_allclose(A.T @ law.resultant(), at_rest.resultant(), rtol=1e-6, atol=1e-6 * at_rest.lam.sum())
+
+
+@pytest.mark.parametrize("surface", [RigidPlane(), RigidCylinder((0, 0, -0.02), (1.0, 0.3, 0), 0.02)])
+def test_rows_change_with_the_motion_of_the_carrier(round_body, surface):
+    """Gaps and ways along the tangents, where the carrier stands far from the origin, shifts and turns."""
+    turn, place = np.array([0.4, 0.2, -0.3]), np.array([0.1, 0.2, 0.3])
+    A = Rotation.from_rotvec(turn).as_matrix()
+    v, w, now = np.array([0.3, -0.2, 0.1]), np.array([-0.5, 0.7, 1.1]), {"t": 0.0}
+
+    def pose():
+        return place + now["t"] * v, Rotation.from_rotvec(now["t"] * w).as_matrix() @ A
+
+    side = floating(round_body, place, turn)
+    gaps = RigidGaps(side, surface, pose=pose, motion=lambda: (v, w))
+    q, rows = moved(side, A @ [0, 0, 3e-6]), TangentialRows(gaps)
+    every = np.arange(len(gaps.at(q)))
+    rows.hold()
+    found = (rows.carrier_rows(every) @ np.r_[v, w]).reshape(-1, 3)
+    np.testing.assert_allclose(found[:, 0], gaps.carrier_rows(every) @ np.r_[v, w], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows.rates(np.zeros(len(q))), found[:, 1:], rtol=0, atol=1e-12)
+    _, rate, _ = gaps.closing(q, np.zeros(len(q)), np.zeros(len(q)))
+    np.testing.assert_allclose(rate[: len(every)], found[:, 0], rtol=0, atol=1e-12)
+    changes = []
+    for now["t"] in (-1e-6, 1e-6):
+        changes.append(np.column_stack([gaps.at(q), rows.way()]))
+    np.testing.assert_allclose((changes[1] - changes[0]) / 2e-6, found, rtol=0, atol=1e-5 * abs(found).max())
+
+
+def test_the_gap_of_a_surface_is_that_of_its_lowest_point(flat_body):
+    """Which lies within a facet, where a small sphere stands before a plate."""
+    surface = inertial(flat_body).surface
+    middle = surface.points[surface.facets[0, :3]].mean(axis=0)
+    sphere = RigidSphere(np.add(middle, [0, 0, 1e-3 + 2e-6]), 1e-3)
+    gap = RigidGaps(inertial(flat_body), sphere).surface_gap(np.zeros(flat_body.n_dofs))
+    assert 2e-6 <= gap < sphere.project(surface.points)[0].min() - 1e-6
 
 
 def test_bad_rigid_surfaces(round_body):
