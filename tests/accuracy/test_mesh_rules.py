@@ -9,9 +9,12 @@ from exudyn_partition.accuracy.mesh_rules import (
     Sizes,
     bending_wavelength,
     count_of_dofs,
+    curvature_for,
     energy_frequency,
     sizes_by_rule,
 )
+from exudyn_partition.fe.walls import Wall
+from exudyn_partition.meshing.netgen_mesh import CURVATURE
 
 LONG_WAVE = 100.0  # frequency at which a bending wave is much longer than the plate is thick [Hz]
 
@@ -41,9 +44,30 @@ def test_thin_plates_get_cubic_elements_and_blocks_do_not():
     # Quadratic elements that few of span a wall become cubic, and no smaller.
     better = Sizes(2, 0.01, 3e-4, "").finer(0.5, None, plate.weakest_wall)
     assert (better.order, better.far) == (3, 0.01)
+    assert better.near == pytest.approx(3e-4 * 0.85 / 0.55)  # at the contact, cubic elements may be that much larger
     finer = stocky.finer(None, 0.5, block.weakest_wall)
     assert (finer.order, finer.far) == (2, stocky.far)
     assert 0.45 * stocky.near <= finer.near <= 0.85 * stocky.near
+
+
+def test_sizes_follow_the_rates_by_which_errors_fall():
+    """Errors fall with powers of 2 far from the contact and 2.5 at it, within what one refinement changes."""
+    old, thick = Sizes(2, 0.01, 3e-4, ""), Wall(np.inf, np.inf, 2, ep.STEEL)
+    for allowed in (0.3, 0.5, 0.65):
+        new = old.finer(allowed, allowed, thick)
+        assert (new.far / old.far) ** 2 == pytest.approx(allowed)
+        assert (new.near / old.near) ** 2.5 == pytest.approx(allowed)
+    assert old.finer(1e-3, None, thick).far == 0.45 * old.far
+    assert old.finer(None, 0.99, thick).near == 0.85 * old.near
+
+
+def test_curved_sides_have_elements_enough_for_the_volume():
+    """A tenth of the tolerance may be missed, which falls with the power 3.5 of their number in a radius."""
+    missed, tolerance = 2e-3, 0.01
+    needed = curvature_for(1.3, missed, tolerance)
+    assert missed * (1.3 / needed) ** 3.5 == pytest.approx(0.1 * tolerance)
+    assert curvature_for(1.3, 1.0, tolerance) == CURVATURE
+    assert curvature_for(2.0, 1e-9, tolerance) == 1.3
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
