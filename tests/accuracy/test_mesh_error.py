@@ -12,7 +12,6 @@ from oracles import SPHERE_MATERIAL
 from scipy.spatial import Delaunay
 
 import exudyn_partition as ep
-from exudyn_partition.accuracy import mesh_error
 from exudyn_partition.accuracy.correction import Change, Finer
 from exudyn_partition.accuracy.mesh_error import estimate_of
 from exudyn_partition.accuracy.modal_pair import impact_of
@@ -182,17 +181,26 @@ def of_five_rows():
     F = 0.05 * (np.eye(5) + 0.3 * np.exp(-abs(np.subtract.outer(np.arange(5), np.arange(5)))))
     gap = np.array([0.6, 0.02, 0.0, 0.03, 0.6])
     impact = Impact(gap, H, F, np.array([0.0, 3.0, 3.0, 5.0]), np.array([-1.0, 0.0, 0.0, 0.0]), 1.0)
-    mean = sp.diags([0.5, 0.5], [0, 1], shape=(5, 6), format="csr")
-    return impact, SimpleNamespace(body=SimpleNamespace(f_cut=1.0, estimate=None), mean=mean, spacing=1.0)
+    return impact, bare_side(sp.diags([0.5, 0.5], [0, 1], shape=(5, 6), format="csr"))
 
 
-def estimated(impact, side, monkeypatch, change):
-    """Estimate where the next order changes so much; `change` takes the numbers of the rows."""
-    monkeypatch.setattr(mesh_error, "_change", lambda finer, side, rows: change(rows))
-    return estimate_of([side], impact, 1.0, END_OF_FIVE, [None])
+def bare_side(mean, **options):
+    """A side of points without a place, on a patch of one node; each of its rows there has its number."""
+    n_rows, n = mean.shape
+    return SimpleNamespace(
+        body=SimpleNamespace(f_cut=1.0, estimate=None), fem=SimpleNamespace(n_dofs=3), mean=mean,
+        on_patch=sp.csr_matrix(np.outer(np.arange(n_rows), [1.0, 0, 0])), patch=SimpleNamespace(nodes=np.zeros(1, int)),
+        corners=np.zeros((n, 3), int), local=np.zeros((n, 2)), normals=np.zeros((n, 3)),
+        **{"spacing": 1.0, **options},
+    )  # fmt: skip
 
 
-def test_the_estimate_is_the_difference_to_the_impact_that_has_the_changes(monkeypatch):
+def changing(change):
+    """What the next order adds to a body: `change` takes the numbers of the rows."""
+    return SimpleNamespace(change=lambda on_nodes, points: change(on_nodes.toarray()[:, 0].astype(int)))
+
+
+def test_the_estimate_is_the_difference_to_the_impact_that_has_the_changes():
     """Changes of modes are far from the contact, those of the flexibility at it."""
     impact, side = of_five_rows()
     rng, squares = np.random.default_rng(1), impact.omega**2 * [1.0, 0.9, 0.95, 0.9]
@@ -209,14 +217,14 @@ def test_the_estimate_is_the_difference_to_the_impact_that_has_the_changes(monke
     loaded = impact.loaded(END_OF_FIVE, 1e-3)
     assert loaded.sum() == 3
     far = replace(impact, omega=np.sqrt(squares), H=impact.H + gaps)
-    found = estimated(impact, side, monkeypatch, change)
+    found = estimate_of([side], impact, 1.0, END_OF_FIVE, [changing(change)])
     assert (found.force, found.velocity) == pytest.approx(off(replace(far, F=impact.F + flexibility)), rel=2e-2)
     assert found.far[0] == pytest.approx(max(off(far)), rel=2e-2)
     assert found.local[0] == pytest.approx(max(off(replace(impact, F=impact.F + flexibility))), rel=2e-2)
     assert found.carrying == 3
 
 
-def test_modes_of_one_frequency_may_be_mixed(monkeypatch):
+def test_modes_of_one_frequency_may_be_mixed():
     """They are the same body then, in other coordinates, also if it vibrates already."""
     impact, side = of_five_rows()
     turn = np.eye(4)
@@ -224,11 +232,12 @@ def test_modes_of_one_frequency_may_be_mixed(monkeypatch):
     for velocity in ([-1.0, 0.0, 0.0, 0.0], [-1.0, 0.3, 0.1, 0.2]):
         impact = replace(impact, velocity=np.array(velocity))
         mixed = Change(turn, impact.omega**2, np.zeros((5, 4)), 0.0)
-        found = estimated(impact, side, monkeypatch, lambda rows, mixed=mixed: replace(mixed, gaps=mixed.gaps[rows]))
+        finer = changing(lambda rows, mixed=mixed: replace(mixed, gaps=mixed.gaps[rows]))
+        found = estimate_of([side], impact, 1.0, END_OF_FIVE, [finer])
         assert max(found.force, found.velocity) < 1e-9
 
 
-def test_rows_beside_those_that_carry_are_changed_too(monkeypatch):
+def test_rows_beside_those_that_carry_are_changed_too():
     """A softer body may reach them."""
     impact, side = of_five_rows()
     impact, asked = replace(impact, gap=np.array([9.0, 9.0, 0.0, 9.0, 9.0])), []
@@ -237,7 +246,7 @@ def test_rows_beside_those_that_carry_are_changed_too(monkeypatch):
         asked.extend(rows.tolist())
         return Change(np.eye(4), impact.omega**2, np.zeros((len(rows), 4)), 0.0)
 
-    estimated(impact, side, monkeypatch, change)
+    estimate_of([side], impact, 1.0, END_OF_FIVE, [changing(change)])
     assert asked == [1, 2, 3]
 
 
@@ -264,7 +273,7 @@ def test_rows_are_as_wrong_as_the_estimate_says(monkeypatch):
     middle = row_spacing.WIDTH * ((2 * np.arange(cells) + 1) / cells - 1)
     monkeypatch.setattr(row_spacing, "CELLS", cells)
     monkeypatch.setattr(row_spacing, "PLACES", np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2))
-    monkeypatch.setattr(mesh_error, "_change", lambda *_: Change(np.eye(1), np.zeros(1), 0.0, 0.0))
+    finer = changing(lambda rows: Change(np.eye(1), np.zeros(1), 0.0, 0.0))  # nothing
     number, kernel = np.indices((cells, cells)).reshape(2, -1), row_spacing.influence()
     influence = kernel[tuple(number[:, :, None] - number[:, None] + cells - 1)]
     rng, t = np.random.default_rng(0), np.linspace(0, row_spacing.END, row_spacing.STEPS + 1)
@@ -274,11 +283,10 @@ def test_rows_are_as_wrong_as_the_estimate_says(monkeypatch):
         triangles = Delaunay(points).simplices
         hats = (row_spacing.hats(*row_spacing.divided(triangles, points, k)).toarray() for k in (2, 1))
         impact, coarse = on_half_space(*(own[own.any(axis=1)] for own in hats), influence)
-        body = SimpleNamespace(f_cut=1.0, estimate=None)
-        side = SimpleNamespace(body=body, mean=sp.identity(len(impact.gap), format="csr"), coarse=coarse, spacing=2.0)
+        side = bare_side(sp.identity(len(impact.gap), format="csr"), coarse=coarse, spacing=2.0)
         at, force, _ = impact.run(row_spacing.END, row_spacing.END / row_spacing.STEPS)
         error = np.linalg.norm(np.interp(t, at, force[:, 0]) - true) / np.linalg.norm(true)
-        estimate = estimate_of([side], impact, 1.0, row_spacing.END, [None])
+        estimate = estimate_of([side], impact, 1.0, row_spacing.END, [finer])
         assert estimate.rows == estimate.local[0] == max(estimate.force, estimate.velocity)
         found.append((estimate.rows, error))
     estimated, error = np.sqrt(np.mean(np.square(found), axis=0))
