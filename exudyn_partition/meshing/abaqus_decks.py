@@ -11,7 +11,7 @@ import numpy as np
 
 from ..support.arrays import Array
 from .abaqus_keywords import Block, blocks
-from .deck_lines import Line
+from .deck_lines import LARGEST, Line
 from .deck_parts import Assembly, Elements, Member, Part, Set, Surface
 from .file_mesh import SOLIDS, SURFACES, FileMesh
 
@@ -23,7 +23,6 @@ _SURFACE = re.compile(r"(?:CPS|CPEG?|CG?AX|STRI|D?S|M3D|SFM3D|R3D)(\d+)[A-Z]*\d?
 _LINE = re.compile(r"(?:[TBR]2D|T3D|B[23]|RB[23]D|RAX|PIPE[23]|ELBOW3|FRAME[23]D|DCOUP[23]D)\d*[A-Z]*$")
 _SOLID_OF = {n: kind for kind, n in SOLIDS.items()}
 _SURFACE_OF = {n: kind for kind, n in SURFACES.items()} | {65: "triangle6"}  # STRI65 has six nodes with five dofs
-_MOST = 2**53  # numbers above are not exact as floats
 # Keywords, without blanks, that make or move nodes and elements and are not followed here.
 _NOT_FOLLOWED = (
     "NGEN", "NFILL", "NMAP", "NCOPY", "ELGEN", "ELCOPY", "PARAMETER", "IMPERFECTION", "SYMMETRICMODELGENERATION",
@@ -91,6 +90,8 @@ class _Deck:
             self.structure.setdefault(block.name, block.line)
         elif block.name in _TAKERS:
             _TAKERS[block.name](self, block)
+        elif _SOLID.match(block.options.get("TYPE", "").upper()):
+            raise block.line.refuse(f"expected *ELEMENT with TYPE={block.options['TYPE']}, got *{block.name}")
 
     def part(self, block: Block) -> None:
         """Open a part."""
@@ -136,7 +137,7 @@ class _Deck:
         if not block.data:
             return
         found = np.array([[*line.numbers, 0.0, 0.0, 0.0][:4] for line in block.data])
-        whole = (found[:, 0] == np.rint(found[:, 0])) & (abs(found[:, 0]) < _MOST)
+        whole = (found[:, 0] == np.rint(found[:, 0])) & (abs(found[:, 0]) <= LARGEST)
         if not (whole & np.isfinite(found).all(axis=1)).all():
             wrong = block.data[int(np.argmin(whole & np.isfinite(found).all(axis=1)))]
             raise wrong.refuse(f"expected a node's whole number and its place, got {wrong.text[:60]!r}")
@@ -205,23 +206,19 @@ def _set(sets: dict[str, Set], name: str, internal: bool = False) -> Set:
 def _members(block: Block) -> Iterator[Member]:
     """Members of a set: numbers and names of sets, mixed, or ranges of numbers."""
     instance = block.options.get("INSTANCE")
-    numbers: list[int] = []
     for line in block.data:
         if "GENERATE" in block.options:
-            numbers.extend(_generated(line))
-            continue
-        for text in line.fields:
-            if text.isdecimal():
-                numbers.append(int(text))
-            else:
+            yield Member(line, instance, _generated(line))
+        elif all(text.isdecimal() for text in line.fields):
+            yield Member(line, instance, np.array(line.integers, dtype=np.int64))
+        else:
+            for text in line.fields:
                 yield _member(line, instance, text)
-    if numbers:
-        yield Member(block.line, instance, np.array(numbers, dtype=np.int64))
 
 
 def _member(line: Line, instance: str | None, text: str) -> Member:
     """Member by its text: a number or a name."""
-    if text.isdecimal():
+    if text.isdecimal() and int(text) <= LARGEST:
         return Member(line, instance, np.array([int(text)]))
     return Member(line, instance, name=text)
 
@@ -232,7 +229,7 @@ def _generated(line: Line) -> range:
     if len(fields) not in (2, 3) or not all(field.isdecimal() for field in fields):
         raise line.refuse(f"GENERATE needs first, last and increment, got {line.text!r}")
     first, last, step = [*map(int, fields), 1][:3]
-    if step < 1 or last < first:
+    if step < 1 or last < first or last > LARGEST:
         raise line.refuse(f"GENERATE needs an ascending range, got {line.text!r}")
     return range(first, last + 1, step)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ..errors import MeshError
 
+LARGEST = 2**53  # whole number; those above are not exact as floats
 OUTSIDE_QUOTES = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
 
 
@@ -58,11 +59,14 @@ class Line(NamedTuple):
         """Its data as whole numbers, without blank ones."""
         try:
             try:
-                return list(map(int, self.text.removesuffix(",").split(",")))
+                found = list(map(int, self.text.removesuffix(",").split(",")))
             except ValueError:
-                return [int(part) for part in self.fields]
+                found = [int(part) for part in self.fields]
         except ValueError as error:
             raise self.refuse(f"expected whole numbers, separated by commas, got {self.text[:60]!r}") from error
+        if max(map(abs, found), default=0) > LARGEST:
+            raise self.refuse(f"expected whole numbers up to {LARGEST}, got {self.text[:60]!r}")
+        return found
 
 
 def _number(text: str) -> float:

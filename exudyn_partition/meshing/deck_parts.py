@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..support.arrays import Array
-from .deck_lines import Line
+from .deck_lines import LARGEST, Line
 from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh
 
 _LOG = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ class Member(NamedTuple):
 
     line: Line
     instance: str | None
-    numbers: Array | None = None
+    numbers: Array | range | None = None  # of a range, those that are there
     name: str = ""
     nodes_of_elements: bool = False  # the name is that of a set of elements, whose nodes are meant
 
@@ -98,8 +98,11 @@ class _Numbering:
         self._order = np.argsort(labels, kind="stable")
         self._labels, self._first = labels[self._order], first
 
-    def rows(self, labels: Array) -> Array:
-        """Rows of numbers, -1 for those that are not there."""
+    def rows(self, labels: Array | range) -> Array:
+        """Rows of numbers, -1 for those that are not there; of a range, of those that are there."""
+        if isinstance(labels, range):
+            first, last = np.searchsorted(self._labels, [labels.start, labels.stop])
+            labels = self._labels[first:last][(self._labels[first:last] - labels.start) % labels.step == 0]
         if not len(self._labels):
             return np.full(np.shape(labels), -1)
         place = np.minimum(np.searchsorted(self._labels, labels), len(self._labels) - 1)
@@ -226,7 +229,7 @@ class Assembly:
                 return self._members(part, own, of_elements=of_elements, above=(*above, key))
         owner, _, inner = member.name.partition(".")
         if owner.upper() in self._instances:
-            numbers = np.array([int(inner)]) if inner.isdecimal() else None
+            numbers = np.array([int(inner)]) if inner.isdecimal() and int(inner) <= LARGEST else None
             member = member._replace(instance=owner, name=inner, numbers=numbers)
             return self._rows(part, member, of_elements=of_elements, above=above)
         raise member.line.refuse(f"there is no set of {kind} {member.name!r}")

@@ -37,6 +37,8 @@ def _binary(section: bytes) -> bytes:
         nonlocal place
         size = struct.calcsize(f"<{kind}")
         first, place = place, place + size * count
+        if place > len(section):
+            raise ValueError("the section of entities ends early")
         return [section[i : i + size] for i in range(first, place, size)]
 
     def number(size: bytes) -> int:

@@ -33,10 +33,9 @@ class Card:
         text = self.field(i)
         if not text and default is not None:
             return default
-        try:
-            return int(text)
-        except ValueError as error:
-            raise self.line.refuse(f"expected a whole number in field {i + 1} of {self.name}, got {text!r}") from error
+        if not re.fullmatch(r"[+-]?\d{1,15}", text, re.ASCII):
+            raise self.line.refuse(f"expected a whole number in field {i + 1} of {self.name}, got {text!r}")
+        return int(text)
 
     def real(self, i: int) -> float:
         """Return field i as a number; zero if it is blank."""

@@ -214,10 +214,7 @@ def _by_kind(name: str, own: list[Card]) -> dict[str, list[tuple[Card, list[int]
                 f"{name} {card.field(1)} has {sum(map(bool, given))} nodes, expected "
                 f"{' or '.join(map(str, sorted(allowed)))}, without a blank between them"
             )
-        try:
-            nodes = list(map(int, given))
-        except ValueError as error:
-            raise card.line.refuse(f"expected numbers of nodes, got {', '.join(given)}") from error
+        nodes = [card.integer(i) for i in range(3, 3 + len(given))]
         found.setdefault(allowed[len(given)], []).append((card, nodes))
     return found
 

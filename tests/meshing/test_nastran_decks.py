@@ -176,7 +176,7 @@ def test_systems_in_systems(tmp_path, axes, by_nodes):
         (["CQUAD4,9,2,7,10,13,16\nPSHELL,2,1,.1\n"], "line 5: expected solid elements alone, got CQUAD4"),
         (["CHEXA,99,1,7,10,13,16\n"], "line 5: CHEXA 99 has 4 nodes, expected 8 or 20"),
         (["CTETRA,99,1,7,10,13,16,19,22\n,,25\n"], "line 5: CTETRA 99 has 7 nodes, expected 4 or 10"),
-        (["CTETRA,99,1,7,10,13,x\n"], "line 5: expected numbers of nodes, got 7, 10, 13, x"),
+        (["CTETRA,99,1,7,10,13,x\n"], "line 5: expected a whole number in field 7 of CTETRA, got 'x'"),
         (["CTETRA,1,1,7,10,13,16\n"], "element 1 is there already"),
         (["CIHEX1,99,1,7,10,13,16,19,22,+\n+,25,28\n"], "line 5: expected CTETRA, .* got CIHEX1, which is not read"),
         (["EGRID,99,1,2,3\n"], "got EGRID, which is not read"),
