@@ -198,6 +198,13 @@ def _from_mesh(
     """FE model with NGSolve's own numbering: vertices, then edges."""
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
+    corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
+    beside = mesh.nv - len(np.unique(corners))
+    if beside:
+        raise MeshError(
+            f"mesh: {beside} of {mesh.nv} vertices belong to no tetrahedron, as those of free edges and faces beside a "
+            "solid. Mesh the solids alone, occ.Compound(shape.solids), or hand over the shape"
+        )
     curve_order = mesh.GetCurveOrder()
     if order > 1 and curve_order > order:
         raise MeshError(
@@ -208,7 +215,6 @@ def _from_mesh(
         mesh.Curve(1)
     try:
         basis = NodalBasis(ngsolve, mesh, order)
-        corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
         points = _places(ngsolve, mesh, basis.numbers(corners), basis.to_hierarchical.shape[0])
         cells = basis.cells(corners, points)
         _check_volume(points, cells)

@@ -4,6 +4,7 @@ import logging
 import re
 
 import netgen.occ as occ
+import ngsolve
 import numpy as np
 import pytest
 from oracles import box
@@ -91,6 +92,15 @@ def test_what_belongs_to_no_solid_is_left_out(tmp_path, caplog, order):
     assert beside.total_mass == pytest.approx(7.8e-3, rel=1e-9)
     left_out = [line for line in caplog.messages if "left out" in line]
     assert left_out == ["shape: left out 1 faces, 5 edges, 6 vertices that belong to no solid"]
+
+
+@pytest.mark.parametrize("beside", [occ.Segment((0, 0, 0.02), (0.01, 0, 0.02)), occ.Rectangle(0.01, 0.01).Face()])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_mesh_with_vertices_of_no_solid(beside, order):
+    shape = occ.Compound([occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), beside.Move(occ.Vec(0, 0, 0.02))])
+    mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=5e-3))
+    with pytest.raises(MeshError, match="vertices belong to no tetrahedron, as those of free edges and faces"):
+        ep.fe_model(mesh, ep.STEEL, order=order)
 
 
 def test_parts_and_materials_are_known_before_meshing(monkeypatch):
