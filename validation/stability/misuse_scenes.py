@@ -7,6 +7,7 @@ from typing import Any
 
 import exudyn as exu
 import netgen.occ as occ
+import ngsolve
 import numpy as np
 
 import exudyn_partition as ep
@@ -50,6 +51,70 @@ def two(s, mbs, **options):
 def steel_box(size=1.0, **options):
     """A bar of 40 mm, times a factor."""
     return ep.fe_model(occ.Box((0, 0, 0), (0.01 * size, 0.01 * size, 0.04 * size)), ep.STEEL, **options)
+
+
+_CUBE = "".join(f"{i + 1}, {i % 2}e-2, {i // 2 % 2}e-2, {i // 4}e-2\n" for i in range(8))
+_ABAQUS = f"*NODE\n{_CUBE}*ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 4, 3, 5, 6, 8, 7\n"
+_NASTRAN = "BEGIN BULK\n" + "".join(f"GRID,{line.replace(',', ',,', 1)}\n" for line in _CUBE.splitlines())
+_NASTRAN += "CHEXA,1,1,1,2,4,3,5,6\n,8,7\n"
+
+
+def deck(said, ending, text):
+    """Add a scene in which a deck is read that is damaged, or has what an FE model of solids leaves out."""
+
+    def read(s):
+        path = s.folder / f"deck.{ending}"
+        path.write_text(text)
+        ep.fe_model(path, ep.STEEL)
+
+    SCENES.append(Wrong(f"deck({said})", read))
+
+
+for said, more in {
+    "a spring": "*ELEMENT, TYPE=SPRINGA, ELSET=S\n9, 1, 2\n",
+    "a mass": "*MASS, ELSET=ALL\n1.\n",
+    "a shell": "*SHELL SECTION, ELSET=ALL\n1e-3\n",
+    "nodes that are generated": "*NGEN\n1, 8, 1\n",
+    "a node in two places": "*NODE\n1, 1., 0., 0.\n",
+    "an element that is there twice": "*ELEMENT, TYPE=C3D8\n1, 1, 2, 4, 3, 5, 6, 8, 7\n",
+    "a node that is not there": "*ELEMENT, TYPE=C3D4\n2, 1, 2, 3, 99\n",
+    "too few nodes": "*ELEMENT, TYPE=C3D8\n2, 1, 2, 3\n",
+    "a misspelt keyword": "*ELEMNT, TYPE=C3D8\n2, 1, 2, 4, 3, 5, 6, 8, 7\n",
+    "a set of no set": "*NSET, NSET=A\nB\n",
+    "a set of itself": "*NSET, NSET=A\nA\n",
+    "a face that is not there": "*SURFACE, NAME=A\nALL, S7\n",
+    "a range that ends early": "*NSET, NSET=A, GENERATE\n8, 1\n",
+    "a file that is not there": "*INCLUDE, INPUT=none.inp\n",
+    "a file that includes itself": "*INCLUDE, INPUT=deck.inp\n",
+    "an instance of no part": "*INSTANCE, NAME=I, PART=P\n*END INSTANCE\n",
+    "text for a number": "*NODE\n9, 1., x, 0.\n",
+}.items():
+    deck(f"Abaqus, {said}", "inp", _ABAQUS + more)
+for said, more in {
+    "a mass": "CONM2,9,1,,0.5\n",
+    "a shell": "CQUAD4,9,2,1,2,4,3\nPSHELL,2,1,.1\n",
+    "an unknown solid": "CIHEX1,9,1,1,2,4,3,5,6\n,8,7\n",
+    "too few nodes": "CHEXA,9,1,1,2,4,3\n",
+    "a system that is not there": "GRID,9,5,1.,1.,1.\n",
+    "a system in itself": "CORD2R,5,5,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\nGRID,9,5,1.,1.,1.\n",
+    "a node in two places": "GRID,1,,1.,1.,1.\n",
+    "repeated cards": "=,*1,==\n",
+    "a continuation of no card": f"{'CHEXA   9':72}+A\n+B      8\n",
+    "text for a number": "GRID,9,,x,1.,1.\n",
+}.items():
+    deck(f"Nastran, {said}", "bdf", _NASTRAN + more + "ENDDATA\n")
+
+
+@scene
+def solids_that_share_no_face(s):
+    boxes = [occ.Box((0.02 * i, 0, 0), (0.02 * i + 0.01, 0.01, 0.01)) for i in range(2)]
+    ep.fe_model(occ.Compound(boxes), ep.STEEL, maxh=5e-3)
+
+
+@scene
+def mesh_of_a_free_edge(s):
+    shape = occ.Compound([occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), occ.Segment((0, 0, 0.02), (0.01, 0, 0.02))])
+    ep.fe_model(ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=5e-3)), ep.STEEL)
 
 
 @scene
