@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError
+from ..fe.facets import nodal_area
 from ..fe.material import Material
 from ..fe.model import FEModel, node_dofs, rigid_modes, same_matrices
 from ..fe.partition import Partition, interface_named, number_of_patch
@@ -36,6 +37,7 @@ from .basis import ReducedBasis
 from .estimate import Estimate
 from .inertia import InertiaIntegrals
 from .loads import patch_slice
+from .matrices import BodyMatrices, ContactRows
 
 _SAME_PLACE = 1e-8  # by the body's size or mass: round-off of meshes that were made twice
 _SAME_ENERGY = 1e-4  # of shapes, which are eigenmodes but for the tolerance of their search
@@ -70,7 +72,7 @@ class ReducedBody:
         Estimated errors, if the body was reduced to a tolerance.
     material : Material or None
         Of several the one with the largest volume; None if the body is from a file of before it was stored.
-    matrices : (4,) array or None
+    fingerprint : (4,) array or None
         `FEModel.matrix_fingerprint` of the FE model, by which `check_fem` knows it; None as for `material`.
     """
 
@@ -87,7 +89,7 @@ class ReducedBody:
     inertia: InertiaIntegrals
     estimate: Estimate | None = None
     material: Material | None = field(default=None, metadata={"added": True})
-    matrices: Array | None = field(default=None, metadata={"added": True})
+    fingerprint: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_type("basis", self.basis, ReducedBasis, "BASES")
@@ -123,9 +125,9 @@ class ReducedBody:
         object.__setattr__(self, "reduce_s", validate_number("reduce_s", self.reduce_s))
         check_floats("centre_of_mass", self.centre_of_mass, (3,))
         read_only(self.points, self.facets, self.centre_of_mass)
-        if self.matrices is not None:
-            check_floats("matrices", self.matrices, (4,))
-            read_only(self.matrices)
+        if self.fingerprint is not None:
+            check_floats("fingerprint", self.fingerprint, (4,))
+            read_only(self.fingerprint)
 
     @property
     def n_dofs(self) -> int:
@@ -219,8 +221,8 @@ class ReducedBody:
 
     def _same_matrices(self, fem: FEModel) -> tuple[bool, bool]:
         """Whether an FE model of the body's mesh has its mass, and its stiffness."""
-        if self.matrices is not None:
-            return same_matrices(fem.matrix_fingerprint, self.matrices)
+        if self.fingerprint is not None:
+            return same_matrices(fem.matrix_fingerprint, self.fingerprint)
         away = np.linalg.norm(fem.centre_of_mass - self.centre_of_mass)
         mass = abs(fem.total_mass - self.total_mass) <= _SAME_PLACE * self.total_mass
         mass = mass and bool(away <= _SAME_PLACE * np.ptp(self.points, axis=0).max())
@@ -401,6 +403,41 @@ class ReducedBody:
         """
         interface = interface_named(self.partition, name, "name")
         return interface.motion @ self.rows(interface.nodes)
+
+    def matrices(self) -> BodyMatrices:
+        """Matrices of the body for other codes: mass, stiffness, and rows of its patches, interfaces and loads.
+
+        Returns
+        -------
+        BodyMatrices
+        """
+        contacts = {}
+        for number, patch in enumerate(self.partition.patches):
+            moved = self.rows(patch.nodes)
+            if patch.axes == "normal":
+                directions = patch.node_normals
+                starts = np.arange(0, 3 * len(directions) + 1, 3)
+                moved = sp.csr_matrix((directions.ravel(), np.arange(directions.size), starts)) @ moved
+            else:
+                directions = np.tile(np.eye(3), (len(patch.nodes), 1))
+            contacts[patch.name or str(number)] = ContactRows(
+                points=self.points[patch.nodes],
+                directions=directions,
+                area=nodal_area(self.points, patch.facets)[patch.nodes],
+                rows=moved,
+                flexibility=None if self.basis.flexibility is None else self.flexibility(number),
+            )
+        loads = {load.name: self.rows(load.nodes).T @ load.forces.ravel() for load in self.partition.loads}
+        interfaces = {joint.name: np.asarray(self.interface_rows(joint.name)) for joint in self.partition.interfaces}
+        return BodyMatrices(
+            mass=sp.csr_matrix(self.mass),
+            stiffness=sp.csr_matrix(self.stiffness),
+            rigid=self.rigid,
+            coordinates=self.labels,
+            contacts=contacts,
+            interfaces=interfaces,
+            loads=loads,
+        )
 
     @property
     def labels(self) -> tuple[str, ...]:

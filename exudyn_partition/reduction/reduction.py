@@ -379,7 +379,7 @@ def _body(
         estimate=estimate,
         inertia=inertia,
         material=fem.material,
-        matrices=fem.matrix_fingerprint,
+        fingerprint=fem.matrix_fingerprint,
     )
 
 

@@ -79,7 +79,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults
     said = [
         f"body {item.name!r}, {item.frame} frame at {item.position.tolist()}, sensors "
         f"{[*map(int, item['sCoordinates']), *map(int, item['sCoordinates_t'])]}, "
-        f"content {digest(replace(item.body.without_inside(), material=None, matrices=None))}"
+        f"content {digest(replace(item.body.without_inside(), material=None, fingerprint=None))}"
         for item in bodies
     ]
     said += [

@@ -71,9 +71,9 @@ def test_the_same_model_made_anew_is_taken(fem, body):
 @pytest.mark.parametrize("inside", [True, False])
 def test_a_body_of_before_is_compared_by_what_it_has(fem, body, tmp_path, inside):
     """Its file has no fingerprint of the matrices: mass and, where the shapes are known, their energy are compared."""
-    replace(body, matrices=None).save(tmp_path / "old.npz", inside=inside)
+    replace(body, fingerprint=None).save(tmp_path / "old.npz", inside=inside)
     old = ep.load_body(tmp_path / "old.npz")
-    assert old.matrices is None
+    assert old.fingerprint is None
     old.check_fem(fem)
     for name in ("material", "modulus", "Poisson's ratio", "density", "order"):
         with pytest.raises(InputError, match="fem: expected the"):

@@ -1,0 +1,133 @@
+"""Matrices of a reduced body, for codes other than Exudyn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.files import filling, replacing, writable
+from ..support.optional import require
+
+_LEGEND = """\
+SI units. Coordinates q are those of a body whose frame does not move; the list below says what each is. Shapes have
+unit modal mass, so that their coordinates are in m sqrt(kg); those of nodes are in m.
+Equations of motion: mass q_tt + stiffness q = forces.
+A contact's rows q are the displacements of its nodes along its directions [m]. Forces lam [N] on the nodes along these
+directions are the forces rows' lam. Besides, they move the nodes by flexibility lam [m], which the coordinates lack.
+Directions are the outward normals, or x, y, z of each node.
+An interface's rows q are its mean translation [m] and rotation [rad]; rows' are the forces of a unit force and moment.
+A load is the forces of a unit of it: of 1 Pa, or of 1 N/m along a line."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRows:
+    """A contact patch by the coordinates of its body.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        Its nodes, undeformed [m].
+    directions : (r, 3) array
+        In the body's axes: outward normals, r = k, or x, y, z of each node, r = 3 k.
+    area : (k,) array
+        Of each node under a uniform pressure [m2].
+    rows : (r, n) array or csr matrix
+        Displacements of the nodes along the directions, by the coordinates.
+    flexibility : (r, r) array or None
+        What forces on the nodes along the directions move there, beyond the coordinates [m/N]; None if the basis has
+        none.
+    """
+
+    points: Array
+    directions: Array
+    area: Array
+    rows: Array | sp.csr_matrix
+    flexibility: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMatrices:
+    """Matrices of a reduced body; see `legend` for units and meaning.
+
+    Parameters
+    ----------
+    mass, stiffness : (n, n) csr matrix
+    rigid : (n, 6) array
+        Coordinates of unit translations and of unit rotations about the centre of mass.
+    coordinates : tuple of str
+        What each of the n coordinates is.
+    contacts : dict of str to ContactRows
+        By the names of the patches, or their numbers.
+    interfaces : dict of str to (6, n) array
+    loads : dict of str to (n,) array
+    """
+
+    mass: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    rigid: Array
+    coordinates: tuple[str, ...]
+    contacts: Mapping[str, ContactRows] = field(default_factory=dict)
+    interfaces: Mapping[str, Array] = field(default_factory=dict)
+    loads: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def legend(self) -> str:
+        """What the matrices are, in which units."""
+        return _LEGEND
+
+    def arrays(self) -> dict[str, object]:
+        """All of them by flat names, as `save` writes them: mass, ..., contact_NAME_rows, interface_NAME, load_NAME."""
+        found: dict[str, object] = {"mass": self.mass, "stiffness": self.stiffness, "rigid": self.rigid}
+        for name, contact in self.contacts.items():
+            for key in ("points", "directions", "area", "rows", "flexibility"):
+                if (value := getattr(contact, key)) is not None:
+                    found[f"contact_{name}_{key}"] = value
+        found |= {f"interface_{name}": rows for name, rows in self.interfaces.items()}
+        found |= {f"load_{name}": force for name, force in self.loads.items()}
+        return found
+
+    def save(self, path: str | Path) -> Path:
+        """Write to a file of MATLAB, `.mat`, or to a folder of Matrix Market files, one for each array.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ending with `.mat`, or a folder, which is made if it is not there; `legend.txt` there says what they are.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If it has another ending, or no file can stand there.
+        OutputError
+            If the system cannot write.
+        """
+        path, io = Path(path), require("scipy.io")
+        said = "\n".join([self.legend, "", *(f"{i}: {label}" for i, label in enumerate(self.coordinates))])
+        if path.suffix == ".mat":
+            with replacing(writable(path)) as file:
+                named = {_plain(name): value for name, value in self.arrays().items()}
+                io.savemat(file, {"legend": said, **named})
+        elif not path.suffix:
+            with filling(path, last="legend.txt") as new:
+                for name, value in self.arrays().items():
+                    matrix = value if sp.issparse(value) else np.atleast_2d(np.asarray(value))
+                    io.mmwrite(new / f"{_plain(name)}.mtx", matrix, precision=17)
+                (new / "legend.txt").write_text(said, encoding="utf-8")
+        else:
+            raise InputError(f"path: expected a file that ends with .mat, or a folder, got {str(path)!r}")
+        return path
+
+
+def _plain(name: str) -> str:
+    """Name with letters, digits and underscores alone, as MATLAB takes them."""
+    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
