@@ -69,7 +69,9 @@ def study(how, sets, workers, keep):
     else:
         import distributed
 
-        with distributed.Client(n_workers=workers, threads_per_worker=1) as client:
+        # Dask's dashboard shows code and data, and takes no password: it listens on this machine alone.
+        own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+        with distributed.Client(n_workers=workers, threads_per_worker=1, **own) as client:
             for done in distributed.as_completed(client.map(impact, sets, pure=False)):
                 keep(done.result())
 

@@ -177,7 +177,10 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--table", action="store_true", help="with what each coordinate is")
 
     one = command("estimate", _estimate, "Estimate an impact by Hertz, and what it asks of a model.")
-    three, said = ("MASS", "RADIUS", "MATERIAL"), "mass [kg], or a body file; radius of the surface [m]; material"
+    three, said = (
+        ("MASS", "RADIUS", "MATERIAL"),
+        "mass [kg], or a body file; radius of the surface [m], negative if hollow; material",
+    )
     one.add_argument("--first", required=True, nargs=3, metavar=three, help=said)
     said = "the same; inf for a mass that is held or a flat surface (default: a rigid wall)"
     one.add_argument("--second", default=("inf", "inf", "rigid"), nargs=3, metavar=three, help=said)
@@ -362,11 +365,16 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     return 0, {key: None if value == math.inf else value for key, value in result.items()}
 
 
+def _radius(text: str) -> float:
+    """Radius of a surface [m], below zero of a hollow one."""
+    return -_limit(text[1:]) if text.startswith("-") else _limit(text)
+
+
 def _hertz_body(option: str, values: Sequence[str]) -> tuple[float, float, Material | None]:
     mass, radius, material = values
     try:
         number = load_body(mass).total_mass if mass.endswith(".npz") else _limit(mass)
-        return number, _limit(radius), None if material == "rigid" else _material(material)
+        return number, _radius(radius), None if material == "rigid" else _material(material)
     except (ValueError, argparse.ArgumentTypeError) as error:
         if isinstance(error, PartitionError):
             raise

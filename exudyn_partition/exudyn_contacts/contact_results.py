@@ -271,20 +271,34 @@ class ContactResults(PlasticResults):
     def nodal_forces(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
 
-        The contact is evaluated again at the stored coordinates, in their order; with friction or plastic zones the
-        forces are those that the run kept.
+        The contact is evaluated again at the stored coordinates, in their order; with friction or plastic zones, and
+        where a body of another kind carries the rigid surface, the forces are those that the run kept.
 
         Raises
         ------
         InputError
-            If the forces are multipliers, or a body of another kind carries the rigid surface.
+            If the forces are multipliers.
         """
+        if self.law.gaps.carried:
+            return self._kept_of_carried(result)
         if self.friction is not None or self.yielding is not None:
             return self._kept_on_nodes(result)
         if not self.elastic:
             raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
         forces = [laws[self._place_in_group].nodal_forces() for laws in self._again(result)]
         return [np.array(side) for side in zip(*forces, strict=True)]
+
+    def _kept_of_carried(self, result: RunSamples) -> list[Array]:
+        """See `nodal_forces`; what carries the rigid surface has moved it, and a result does not have its motion."""
+        validate_result(result)
+        run, sides = result.kept(self), self.law.gaps.sides
+        forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in sides]
+        closed = {t for t, *_ in run.samples}
+        for i, t in enumerate(result.t):
+            if t in closed:
+                for on_side, now in zip(forces, run.on_nodes[t], strict=True):
+                    on_side[i] = now
+        return forces
 
     def depth(self, result: RunSamples) -> float:
         """Depth that the deepest row had been pressed to at the first sample, before it gave way [m]."""

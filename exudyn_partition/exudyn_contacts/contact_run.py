@@ -44,6 +44,9 @@ class ContactRun:
     ----------
     tangential : dict of float to ((na, 3) array, (na,) int8 array)
         With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
+    on_nodes : dict of float to list of (np, 3) arrays
+        Where another body carries the rigid surface: forces on the nodes of the patch in space [N], by the time; they
+        are not known from the bodies' coordinates alone.
     plastic_strains : dict of int to StrainHistory
         Plastic strain of each zone, by the number of its side.
     areas : (np,) array
@@ -79,6 +82,7 @@ class ContactRun:
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
+        self.on_nodes: dict[float, list[Array]] = {}
         self.plastic_strains = {} if law.yielding is None else {i: StrainHistory(z.zone) for i, z in law.yielding.zones}
         self.edge: tuple[float, Array] | None = None
         # Impulses of normal forces, sum and vector, and vector of tangential ones: so far, of the last step, to come.
@@ -229,6 +233,8 @@ class ContactRun:
                 self._stored[t] = law.stored()
             if law.friction is not None:
                 self.tangential[t] = law.traction[closed], law.state[closed]
+            if law.gaps.carried:
+                self.on_nodes[t] = law.nodal_forces()
 
     def look_for_edge(self, t: float) -> None:
         """Note when and where a row at the edge of its patch closes first."""

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from ..errors import InputError
 from ..fe.material import Material
 from ..support.arrays import Array
-from ..support.checks import read_only, validate_positive, validate_type
+from ..support.checks import read_only, validate_number, validate_positive, validate_type
 from .spectrum import truncation_frequency
 from .yielding import Stress
 
@@ -135,13 +135,25 @@ def _validate_limit(name: str, value: float, unit: str) -> float:
     return _positive(name, value, unit)
 
 
+def _curvature(name: str, radius: float) -> float:
+    """Curvature [1/m] of a surface of a radius [m], below zero of a hollow one, zero of a plane."""
+    if isinstance(radius, float) and radius == math.inf:
+        return 0.0
+    unit = "m, or math.inf for a plane; below zero for a hollow"
+    number = validate_number(name, radius, f"a number in {unit}")
+    return math.copysign(1 / _positive(name, abs(number), unit), number)
+
+
 def _combined(
     radius_1: float, radius_2: float, material_1: Material, material_2: Material | None
 ) -> tuple[float, float]:
-    radii = (("radius_1", radius_1), ("radius_2", radius_2))
-    curvature = sum(1 / _validate_limit(name, radius, "m, or math.inf for a plane") for name, radius in radii)
-    if curvature == 0:
-        raise InputError("radius_1, radius_2: two planes have no Hertz contact; one radius must be finite")
+    curvature = _curvature("radius_1", radius_1) + _curvature("radius_2", radius_2)
+    if not curvature > 0:
+        raise InputError(
+            "radius_1, radius_2: expected surfaces that touch at a point: one of a finite radius, with a plane, with "
+            "another, or with a wider hollow, whose radius is below zero, but not two planes or what fits all over; got "
+            f"{radius_1!r} and {radius_2!r}"
+        )
     validate_type("material_1", material_1, Material, "Material()")
     if material_2 is not None:
         validate_type("material_2", material_2, Material, "Material()")
@@ -161,7 +173,8 @@ def contact_radius(
     force : float
         P [N].
     radius_1, radius_2 : float
-        Radii of the surfaces [m], `math.inf` for a plane.
+        Radii of the surfaces [m], `math.inf` for a plane; below zero where a surface is hollow, as a socket of a ball
+        is. Hertz's contact is small beside both: it ends where the radius of a ball comes near to that of its socket.
     material_1, material_2 : Material
         Their materials; None for a rigid second body.
 
@@ -173,7 +186,7 @@ def contact_radius(
     Raises
     ------
     InputError
-        If a number is not above zero, or both radii are infinite.
+        If the force is not above zero, or the surfaces do not touch at a point, as two planes.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
     return float((3 * _positive("force", force, "N") * R / (4 * E)) ** (1 / 3))

@@ -159,3 +159,36 @@ def test_a_load_presses_a_plane_on_a_sphere(mbs, marble, kind, patches):
     force = mbs.GetSensorValues(contacts["north"]["sForce"])[0]
     assert force == pytest.approx(load - weak * down, rel=1e-8)
     assert down == pytest.approx(len(patches) * (force / HERTZ) ** (2 / 3), rel=0.06)
+
+
+@pytest.mark.parametrize(("friction", "spin"), [(None, 0.0), (None, 500.0), (0.3, 500.0)])
+def test_forces_on_nodes_are_known_after_the_run(mbs, round_body, friction, spin):
+    """What carries the plane has moved and turned it; the sum of the forces is that of the sensors."""
+    inertia = InertiaCuboid(7800, [0.02] * 3)
+    rotates = {"nodeType": exu.NodeType.RotationRotationVector, "initialAngularVelocity": [spin, 0, 0]}
+    carrier = mbs.CreateRigidBody(referencePosition=[0, 0, -HEAD], inertia=inertia, **rotates)
+    ball = ep.CreatePartitionBody(mbs, round_body, name="ball", initialVelocity=[0, 0, -1.0])
+    plane = ep.RigidPlane((0, 0, HEAD))
+    contact = ep.CreatePartitionContact(mbs, ball, plane, masterBody=carrier, friction=friction)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=10e-6, step=0.1e-6)
+    total = contact.nodal_forces(result)[0].sum(axis=1)
+    assert abs(total).max() > 10.0
+    np.testing.assert_allclose(total, contact.force_on_slave(result), atol=1e-12 * abs(total).max())
+
+
+def test_a_point_near_the_contact_moves_as_on_a_plane_that_stands_still(bodies, ball):
+    """Of a carrier that is much heavier than the ball: with the static answer to the forces on nodes."""
+    found = []
+    for mass in (None, 1e9):
+        mbs = exu.SystemContainer().AddSystem()
+        item, carrier = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -1.0]), None
+        if mass:
+            free = {"nodeType": exu.NodeType.RotationRotationVector}
+            carrier = mbs.CreateRigidBody(inertia=InertiaCuboid(mass, [1.0] * 3), **free)
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), masterBody=carrier)
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=10e-6, step=0.1e-6)
+        point = bodies[0].points[bodies[0].partition.patch_nodes[0]]
+        found.append(item.displacement(result, point, fem=ball[0]))
+    np.testing.assert_allclose(found[1], found[0], atol=1e-6 * abs(found[0]).max())

@@ -50,3 +50,22 @@ def test_nothing_private_is_reached_for_and_the_search_path_stays(path):
 )
 def test_the_rule_finds_each_way(code):
     assert [*reached_for(ast.parse(code))]
+
+
+def opened(tree):
+    """Lines of calls that start a cluster of Dask's on this machine without saying that only it may listen."""
+    for node in ast.walk(tree):
+        name = getattr(node.func, "attr", "") or getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
+        if name == "LocalCluster" or (name == "Client" and not node.args):
+            text = ast.unparse(node)
+            if "**own" not in text and not ("host='127.0.0.1'" in text and "dashboard_address='127.0.0.1:" in text):
+                yield node.lineno
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_dashboards_of_clusters_listen_on_this_machine_alone(path):
+    """Dask's listens to the whole network by default, and shows code and data."""
+    text = path.read_text()
+    assert not [*opened(ast.parse(text))]
+    if "**own" in text:
+        assert '{"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}' in text

@@ -185,6 +185,24 @@ def test_equation_30():
     assert radius == pytest.approx(0.47e-3, abs=0.005e-3)
 
 
+@pytest.mark.parametrize(("ball", "socket"), [(0.01, 0.0101), (0.01, 0.02), (0.002, 1.0)])
+def test_a_ball_in_its_socket_is_a_larger_ball_on_a_plane(ball, socket):
+    """Johnson, Contact Mechanics, section 4.2: 1 / R = 1 / R1 + 1 / R2, with a concave surface's radius below zero."""
+    R, E = 1 / (1 / ball - 1 / socket), STEEL.plane_strain_modulus / 2
+    assert hertz.contact_radius(50.0, ball, -socket, STEEL, STEEL) == pytest.approx((3 * 50.0 * R / (4 * E)) ** (1 / 3))
+    assert hertz.contact_radius(50.0, -socket, ball, STEEL, STEEL) == pytest.approx((3 * 50.0 * R / (4 * E)) ** (1 / 3))
+    found, plane = (hertz.impact(0.1, 0.5, *radii, STEEL, STEEL) for radii in ((ball, -socket), (R, math.inf)))
+    assert found.peak_force == pytest.approx(plane.peak_force, rel=1e-9)
+    assert found.duration == pytest.approx(plane.duration, rel=1e-9)
+    assert found.peak_pressure == pytest.approx(1.5 * found.peak_force / (math.pi * found.contact_radius**2), rel=1e-9)
+
+
+@pytest.mark.parametrize("radii", [(0.01, -0.01), (0.01, -0.009), (-0.01, -0.02), (-0.01, math.inf), (math.inf, -0.01)])
+def test_surfaces_that_fit_touch_at_no_point(radii):
+    with pytest.raises(InputError, match="radius_1, radius_2: expected surfaces that touch at a point"):
+        hertz.contact_radius(1.0, *radii, STEEL)
+
+
 def test_planes_have_no_hertz_contact():
     with pytest.raises(InputError, match="two planes"):
         hertz.contact_radius(1.0, math.inf, math.inf, STEEL)
@@ -242,6 +260,8 @@ IMPACT = {
 @pytest.mark.parametrize("name", IMPACT)
 @pytest.mark.parametrize("value", ["x", True, math.nan, -1, 1e-300, 1e300, [1], np.ones(2), 1j], ids=str)
 def test_what_is_no_impact_is_named(name, value):
+    if name.startswith("radius") and value == -1:
+        value = 0  # a hollow has a radius below zero
     with pytest.raises(InputError, match=f"^{name}: expected "):
         hertz.impact(**{**IMPACT, name: value})
 

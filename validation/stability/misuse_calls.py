@@ -254,6 +254,8 @@ _refine = Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones"
 _runnable = _ready.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": _new.right})
 _settings = Kind({"text": "x", "number": 1, "dict": {}, "a model": Made(lambda s: s.mbs)}, None)
 
+# Hollows are right; one that fits the other surface is not, for they would touch all over.
+_radius = v.limit.but("negative", **{"hollow of the other's radius": -0.01, "narrower hollow": -0.005})(0.01)
 CALLS = {
     "Material": call(
         E=v.positive(1e9),
@@ -699,8 +701,8 @@ CALLS = {
     ),
     "hertz.contact_radius": call(
         force=v.positive,
-        radius_1=v.limit,
-        radius_2=v.limit,
+        radius_1=_radius,
+        radius_2=_radius,
         material_1=v.material,
         material_2=v.material.or_none,
         swaps=False,
@@ -711,8 +713,8 @@ CALLS = {
     "hertz.impact": call(
         mass=v.limit,
         speed=v.positive,
-        radius_1=v.limit(0.01),
-        radius_2=v.limit(0.01),
+        radius_1=_radius,
+        radius_2=_radius,
         material_1=v.material,
         material_2=v.material.or_none,
         impedance=v.limit,
