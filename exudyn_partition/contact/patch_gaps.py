@@ -26,6 +26,7 @@ from ..algebra.complementarity import ROUNDING, Complementarity
 from ..algebra.products import largest_change, moved, weighted_rows
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from ..support.twins import Known, copied
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, facing, rows_of
@@ -36,6 +37,8 @@ from .pairings import LinearGaps, Pairing, drift_rows
 from .side import Side
 
 if TYPE_CHECKING:
+    from typing import Self
+
     from ..surfaces.moving_kernels import Followed
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
@@ -93,6 +96,12 @@ class PatchGaps(Gaps):
         if self.moving or self.held is not self._start:
             self._hold(self._start, self._start_q)
             self.moving = not self._linear
+
+    def twin(self, known: Known) -> Self:
+        """See `support.twins`; what compiled loops follow is set up anew."""
+        result = copied(self, known)
+        result._rows_followed = None
+        return result
 
     # Frozen pairs.
 

@@ -17,6 +17,7 @@ from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
+from ..support.twins import Known, copied
 from .contact_run import ContactRun
 
 State = tuple[Array, Array, Array]  # coordinates, velocities and accelerations
@@ -64,6 +65,13 @@ class MultiplierStep:
             self._answer = self._answered = np.zeros(joints.n)
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
+
+    def go_on(self, earlier: MultiplierStep, known: Known, t: float) -> None:
+        """Go on at time t [s], from the end of a run in which `earlier` did the same; `known` has twins of its laws."""
+        own = {"contacts": self.contacts, "joints": self.joints, "_dofs": self._dofs, "_stepped_to": t}
+        vars(self).update(vars(copied(earlier, known)) | own)
+        if self._looked_from is not None:
+            self._looked_from = t
 
     @property
     def iterations(self) -> int:

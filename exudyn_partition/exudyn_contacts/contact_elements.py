@@ -136,7 +136,7 @@ def all_at_once(mbs: MainSystem, contacts: Sequence[PartitionContact], runs: Run
     nothing = [0.0] * len(dofs)
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
-        f = runs.now(mbs).force_at_once(mbs)
+        f = runs.now(mbs).force_at_once(mbs, t)
         if f is None:
             return nothing
         if floating:
@@ -166,7 +166,7 @@ def _pushed(mbs: MainSystem, inverse_mass: Array, runs: Runs) -> Iterator[None]:
 
     def after_step(mbs: MainSystem, t: float) -> bool:
         nonlocal last
-        f = runs.now(mbs).force_at_once(mbs)
+        f = runs.now(mbs).force_at_once(mbs, t)
         if f is not None:
             acceleration, data = inverse_mass * f, mbs.systemData
             data.GetODE2Coordinates_tt(copy=False)[:] += acceleration

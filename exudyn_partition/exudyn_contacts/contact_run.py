@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Sequence
 
@@ -89,6 +90,8 @@ class ContactRun:
         self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
         self._stepped_to = t
         self._start, self._at = -np.inf, t
+        self._force: Array | None = None  # of the last evaluation
+        self._goes_on_at: float | None = None  # when the run that this one goes on from ended
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
 
     @property
@@ -119,6 +122,12 @@ class ContactRun:
         self.together, self._members, self._place = together, members, members.index(self)
         self._remembering = [member for member in members if member.law.remembers]
 
+    def go_on(self, earlier: ContactRun, t: float) -> None:
+        """Go on from the end of an earlier run at time t [s]; this one's law is the twin of that one's."""
+        for name in ("_start", "_at", "_force", "_impulse", "_last", "_rest", "_stepped_to"):
+            setattr(self, name, copy.copy(getattr(earlier, name)))
+        self._goes_on_at = t
+
     def at_once(self, group: GroupRun) -> None:
         """Leave the forces to the group, which finds those of all members at once."""
         self._group = group
@@ -128,6 +137,11 @@ class ContactRun:
 
         `q` are the contact's coordinates, if Exudyn has handed them to a user function.
         """
+        if self._force is None or t != self._goes_on_at:  # the law has evaluated that state already
+            self._force = self._evaluated(mbs, t, q)
+        return self._force
+
+    def _evaluated(self, mbs: MainSystem, t: float, q: Coordinates | None) -> Array:
         if self.together is not None:
             for member in self._remembering:
                 member.follow(start_of_step(mbs), t)
@@ -218,7 +232,7 @@ class ContactRun:
             law.yielding.check()
             for side, zone in law.yielding.zones:
                 self.plastic_strains[side].keep(t, zone.present.strain)
-        if law.ahead:
+        if law.ahead and t != self._goes_on_at:  # which was checked there, and looking moves pairs
             self._check_step(t)
             law.check(self.of(q()))
         if closed.size:

@@ -6,15 +6,18 @@ import contextlib
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
-from ..contact.formulations.formulation import Law, Method
+import numpy as np
+
+from ..contact.formulations.formulation import Method, Together
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import latest_solver, method_of, registered
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
+from ..support.twins import Known, twin
 from .central_differences import MultiplierStep
 from .contact_results import ContactResults
 from .contact_run import ContactRun, GroupRun
@@ -23,6 +26,7 @@ from .run_record import RunRecord, sensors_keep_all
 _log = logging.getLogger(__name__)
 
 RUNS = "exudynPartitionRun"  # key in mbs.sys
+_ROUND_OFF = 1e-12  # of times that are the same
 
 
 class ModelRun:
@@ -41,10 +45,17 @@ class ModelRun:
         Joints of the model, if explicit steps close them together with the contacts.
     keep : bool
         Whether the record keeps the ends of steps. It need not if Exudyn's sensors do.
+    earlier : ModelRun, optional
+        The run that this one goes on from. It stays as it ended.
 
     Attributes
     ----------
     record : RunRecord
+    method : {"explicit", "implicit", "static"}
+    at : float
+        Time at which contacts were evaluated last [s].
+    ended : (float, (nq,) array) or None
+        Time [s] and the model's coordinates at the end, or when the sensors were read last.
     idle : bool
         Whether there is nothing to do ahead of steps.
     """
@@ -57,14 +68,20 @@ class ModelRun:
         method: Method,
         joints: Joints | None,
         keep: bool,
+        earlier: ModelRun | None = None,
     ) -> None:
-        self._contacts, self._stepping_s = [*contacts], 0.0
-        self._runs = {
-            id(contact): ContactRun(
-                contact.name, contact.law.for_run(method), contact.slices(mbs), t, method, _place_told(mbs, contact)
-            )
-            for contact in contacts
-        }
+        self._contacts, self._stepping_s, self._began = [*contacts], 0.0, t
+        self.method, self.at = method, t
+        self.ended: tuple[float, Array] | None = None
+        known: Known = {}
+        self._runs: dict[int, ContactRun] = {}
+        for contact in contacts:
+            last = None if earlier is None else earlier.find(contact)
+            law = contact.law.for_run(method) if last is None else twin(last.law, known)
+            place = _place_told(mbs, contact)
+            self._runs[id(contact)] = run = ContactRun(contact.name, law, contact.slices(mbs), t, method, place)
+            if last is not None:
+                run.go_on(last, t)
         self._evaluated: list[ContactRun | GroupRun] = [*self._runs.values()]
         self._all_ask = all(run.place_told is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
@@ -73,7 +90,9 @@ class ModelRun:
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
             if group[0].together is not None:
-                together = group[0].together.for_run([member.law for member in members])
+                before = None if earlier is None else earlier._together(group)
+                laws = [member.law for member in members]
+                together = group[0].together.for_run(laws) if before is None else twin(before, known)
                 for member in members:
                     member.join(together, members)
             if joints is None and members[0].law.ahead:
@@ -84,6 +103,30 @@ class ModelRun:
                 run.joined = True
             self._steppers.append(MultiplierStep(ahead, joints))
         self.idle = not self._steppers
+        self._served = {self._served_by(stepper): stepper for stepper in self._steppers}
+        last_served = {} if earlier is None else earlier._served
+        for served, stepper in self._served.items():
+            if served in last_served:
+                stepper.go_on(last_served[served], known, t)
+        self._counted = 0, 0  # what laws have counted in the run that this one goes on from
+        self._counted = self.active_set_iterations, self.pair_searches
+
+    def _served_by(self, stepper: MultiplierStep) -> tuple[int, ...]:
+        """Whether it closes joints, and the identities of its contacts."""
+        members = {id(run): key for key, run in self._runs.items()}
+        return int(stepper.joints is not None), *(members[id(run)] for run in stepper.contacts)
+
+    def _together(self, group: Sequence[ContactResults]) -> Together | None:
+        """What found the forces of these contacts, if they were all of a group."""
+        found = [run for contact in group if (run := self.find(contact)) is not None]
+        same = len(found) == len(group) and all(run.together is found[0].together for run in found)
+        return found[0].together if same else None
+
+    def ended_at(self, t: float, method: Method, q: Array) -> bool:
+        """Whether the run had this method and ended at time t [s], at the model's coordinates q, (nq,)."""
+        if self.ended is None or self.method != method or not np.array_equal(self.ended[1], q):
+            return False
+        return max(abs(self.ended[0] - t), abs(self.at - t)) <= _ROUND_OFF * abs(t)
 
     @property
     def contact_s(self) -> float:
@@ -94,12 +137,13 @@ class ModelRun:
     @property
     def active_set_iterations(self) -> int:
         """Iterations of all contacts' active sets so far."""
-        return sum(run.law.iterations for run in self._runs.values()) + sum(s.iterations for s in self._steppers)
+        by_laws = sum(run.law.iterations for run in self._runs.values())
+        return by_laws + sum(stepper.iterations for stepper in self._steppers) - self._counted[0]
 
     @property
     def pair_searches(self) -> int:
         """Searches of the pairs of all points so far."""
-        return sum(run.law.searches for run in self._runs.values())
+        return sum(run.law.searches for run in self._runs.values()) - self._counted[1]
 
     def of(self, contact: ContactResults) -> ContactRun:
         """State of a contact.
@@ -122,26 +166,20 @@ class ModelRun:
         """State of a contact; None if it was not in the model when the run began."""
         return self._runs.get(id(contact))
 
-    def go_on(self, mbs: MainSystem, earlier: Sequence[Mapping[int, Law]]) -> dict[int, Law]:
-        """Let contacts that remember go on from where earlier runs ended, if the model's initial state is that.
+    def resume(self, initial: Array, earlier: Sequence[ModelRun]) -> ModelRun | None:
+        """Let contacts that remember go on from where earlier runs of any method ended, if that is the initial state.
 
-        Return the laws of the runs that they go on from; `earlier` has those that come into question.
+        `initial`, (nq,), are the model's initial coordinates. Return the first of the runs that a contact goes on from.
         """
-        remembering = {key: run for key, run in self._runs.items() if run.law.remembers}
-        if not remembering:
-            return {}
-        initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        found = {}
-        for key, run in remembering.items():
-            for laws in earlier:
-                if key not in found and key in laws and run.law.resume(laws[key], run.of(initial)):
-                    found[key] = laws[key]
+        found = None
+        for contact in self._contacts:
+            run = self.of(contact)
+            for before in earlier if run.law.remembers else ():
+                last = before.find(contact)
+                if last is not None and run.law.resume(last.law, run.of(initial)):
+                    found = found or before
+                    break
         return found
-
-    @property
-    def laws(self) -> dict[int, Law]:
-        """Laws of the contacts, by the identity of each contact."""
-        return {key: run.law for key, run in self._runs.items()}
 
     def evaluate_at_once(self, contacts: Sequence[ContactResults]) -> None:
         """Find the forces of these contacts by `force_at_once` alone; they are whole groups of the model."""
@@ -152,8 +190,9 @@ class ModelRun:
         grouped = set(map(id, contacts))
         self._evaluated = [*self._groups, *(run for key, run in self._runs.items() if key not in grouped)]
 
-    def force_at_once(self, mbs: MainSystem) -> Array | None:
-        """Generalised forces of these contacts, (nq,), in the model's present state; None if all are open."""
+    def force_at_once(self, mbs: MainSystem, t: float) -> Array | None:
+        """Generalised forces of these contacts, (nq,), in the model's present state at t [s]; None if all are open."""
+        self.at = t
         q = mbs.systemData.GetODE2Coordinates(copy=False)
         found = [(group.force(q), group.pushes) for group in self._groups]
         self.tell(mbs)
@@ -198,7 +237,7 @@ class ModelRun:
         With `joined`, these are the multipliers of joints and contacts together; without, those of contacts alone.
         A second call for the same step does nothing.
         """
-        begin = time.perf_counter()
+        begin, self.at = time.perf_counter(), t
         for stepper in self._steppers:
             if (stepper.joints is not None) == joined:
                 stepper.before_step(mbs, t)
@@ -213,7 +252,7 @@ class ModelRun:
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Correct velocities for the joints at the end of a step."""
-        for stepper in self._steppers:
+        for stepper in self._steppers if t > self._began else ():
             stepper.after_step(mbs, t)
 
     def forget_loops(self) -> None:
@@ -223,7 +262,10 @@ class ModelRun:
 
     def forget_joints(self) -> None:
         """Let go of the joints after the run: they hold the model, and results must not."""
+        jointed = [stepper for stepper in self._steppers if stepper.joints is not None]
         self._steppers = [stepper for stepper in self._steppers if stepper.joints is None]
+        for stepper in jointed:
+            stepper.joints = None
 
 
 class Runs:
@@ -240,7 +282,7 @@ class Runs:
         self._left_to_sensors = False
         self._at_once: Sequence[ContactResults] = ()
         self._now: ModelRun | None = None
-        self._origin: dict[int, Law] = {}
+        self._origin: ModelRun | None = None  # that the present run goes on from
         self._solver: MainSolver = None
         self._latest = -math.inf
 
@@ -260,6 +302,7 @@ class Runs:
             run = model.of(contact)
         if model.record.on:
             model.keep_last_step(mbs, t)
+        model.at = t
         return run
 
     def see(self, mbs: MainSystem, t: float) -> ModelRun:
@@ -271,7 +314,9 @@ class Runs:
         if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
             self._now = self.begin(mbs, t)
         self._latest = t
-        self._now.keep(t, lambda: mbs.systemData.GetODE2Coordinates(copy=False))
+        q = mbs.systemData.GetODE2Coordinates()
+        self._now.ended = t, q
+        self._now.keep(t, lambda: q)
         if not self._now.idle:
             self._now.tell(mbs)
         return self._now
@@ -285,9 +330,12 @@ class Runs:
             method = "explicit" if solver is None else method_of(solver)
         contacts: list[ContactResults] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
-        last, self._now = self._now, ModelRun(mbs, contacts, t, method, self.joints, keep)
+        initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
+        earlier = [run for run in (self._now, self._origin) if run is not None]
+        same = next((run for run in earlier if run.ended_at(t, method, initial)), None)
+        self._now = ModelRun(mbs, contacts, t, method, self.joints, keep, same)
         self._now.evaluate_at_once(self._at_once)
-        self._origin = self._now.go_on(mbs, [{} if last is None else last.laws, self._origin])
+        self._origin = same or self._now.resume(initial, earlier)
         self._now.tell(mbs)
         return self._now
 
@@ -305,6 +353,11 @@ class Runs:
     def last(self, mbs: MainSystem) -> ModelRun | None:
         """The last run; None if the model had no contacts in it."""
         return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
+
+    def end(self, mbs: MainSystem) -> None:
+        """Keep that the present run has ended as the model stands now; a model without contacts has no such sensors."""
+        if self._now is not None:
+            self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
 
     @contextlib.contextmanager
     def sensors_alone(self) -> Iterator[None]:

@@ -140,11 +140,21 @@ def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, progress: Progress) -> Iterator[Watch]:
-    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after."""
+def watched(
+    mbs: MainSystem,
+    start_time: float,
+    end_time: float,
+    step: float,
+    progress: Progress,
+    accelerations: Array | None = None,
+) -> Iterator[Watch]:
+    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after.
+
+    `accelerations`, (nq,), are set ahead of the first step, if there are any.
+    """
     last_start = None
     own_function = user_function(mbs.GetPreStepUserFunction())
-    runs = runs_of(mbs)
+    runs, kinds = runs_of(mbs), require("exudyn").ConfigurationType
     next_report = start_time
 
     def before_step(mbs: MainSystem, t: float) -> bool:
@@ -155,6 +165,9 @@ def watched(mbs: MainSystem, start_time: float, end_time: float, step: float, pr
         start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
         if start > end_time - _OVER * step:
             return False
+        if last_start is None and accelerations is not None:
+            for configuration in (kinds.StartOfStep, kinds.Current):
+                mbs.systemData.SetODE2Coordinates_tt(accelerations, configuration)
         run = runs.now(mbs)
         if not run.idle:
             run.before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts

@@ -20,7 +20,7 @@ from ..errors import (
     RunError,
     StepSizeError,
 )
-from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -32,6 +32,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
 from .hooks import begun, cause, controlled, multipliers_at_work, residual, watched
 from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
@@ -55,6 +56,7 @@ def solve_dynamic(
     *,
     end_time: float,
     start_time: float | None = None,
+    go_on: bool = False,
     step: float | None = None,
     method: Integrator = "explicit",
     sample_period: float | None = None,
@@ -78,12 +80,17 @@ def solve_dynamic(
     end_time : float
         When the run ends [s].
     start_time : float, optional
-        When the run begins [s], from the model's initial values. To go on from where the last run ended, make its state
-        the initial one: `mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(),
-        exu.ConfigurationType.Initial)`. Default: `settings.timeIntegration.startTime`, which is 0 by default.
+        When the run begins [s], from the model's initial values. Default: `settings.timeIntegration.startTime`, which
+        is 0 by default.
+    go_on : bool
+        Go on from where the last run ended, dynamic or static, as if both were one: with its time, after a static run
+        with `start_time`, its coordinates, velocities and accelerations, and with all that contacts remember: pairs,
+        where rows stick, plastic strains, multipliers, the energy taken so far. With the same method and step, the run
+        is that of one call, to round-off. The model's initial values stay what they were.
     step : float, optional
-        [s]. Default: 25 steps a period of the highest `f_cut`, and 32 in the first impact as bodies fly at the start
-        (`step_control.impact_step`), where patches are flat more; explicit at most 0.9 of `stability_limit`.
+        [s]. Default: of a run that goes on with the same method, that of the last run. Else 25 steps a period of the
+        highest `f_cut`, and 32 in the first impact as bodies fly at the start (`step_control.impact_step`), where
+        patches are flat more; explicit at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
         Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
         motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
@@ -121,9 +128,9 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     InputError
-        If an option is out of range, or would have no effect; if a joint is attached to a node that was reduced away,
-        or the initial velocities violate a joint or drive; if the model has constraints that explicit steps cannot
-        take: of velocities, or of Euler parameters.
+        If an option is out of range, or would have no effect; if there is no run to go on from; if a joint is attached
+        to a node that was reduced away, or the initial velocities violate a joint or drive; if the model has
+        constraints that explicit steps cannot take: of velocities, or of Euler parameters.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
@@ -137,9 +144,11 @@ def solve_dynamic(
     ContactPatchWarning
         If a contact reached the edge of its patch.
     """
-    with interruptible():  # from before the first step until after the last look at the results
+    last = _end_of(mbs, start_time) if validate_flag("go_on", go_on) else None
+    with interruptible(), started_from(mbs, last):  # from before the first step until after the last look at results
         result, open_joints = _run(
             mbs,
+            last,
             end_time=end_time,
             start_time=start_time,
             step=step,
@@ -163,6 +172,7 @@ def solve_dynamic(
 
 def _run(
     mbs: MainSystem,
+    last: RunEnd | None,
     *,
     end_time: float,
     start_time: float | None,
@@ -177,7 +187,10 @@ def _run(
     settings: SimulationSettings,
     progress: Progress | None,
 ) -> tuple[Result, OpenJoints]:
-    """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start."""
+    """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start.
+
+    `last` is where the run goes on from, if it was asked to.
+    """
     exu = require("exudyn")
     validate_choice("method", method, INTEGRATORS)
     validate_flag("adaptive", adaptive)
@@ -189,8 +202,9 @@ def _run(
     for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
-    start = _start(start_time, end_time, settings)
-    step = _checked_step(mbs, step, method)
+    begin_at = start_time if last is None or last.method == "static" else last.t
+    start = _start(begin_at, end_time, settings)
+    step = _checked_step(mbs, last.step if step is None and last and last.method == method else step, method)
     steps = _count(end_time - start, step)
     step = (end_time - start) / steps
     settings = _own_settings(mbs, method) if settings is None else settings
@@ -220,6 +234,10 @@ def _run(
         integration.adaptiveStepRecoverySteps = steps
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
+    end = origin_of(mbs, start, method, last)
+    if control is not None and end is not None:
+        control.go_on(end.pace)
+
     _log.info("%s steps of %.4g s to %.6g s, %s", steps, step, end_time, "adaptive" if adaptive else "equal")
     status, message = "finished", f"reached {end_time:.6g} s"
     runs = runs_of(mbs)
@@ -230,7 +248,8 @@ def _run(
         runs.sensors_alone(),
         multipliers_at_work(mbs, method),
         begun(mbs, start, method),
-        watched(mbs, start, end_time, step, report) as watch,
+        accelerated(mbs, end, settings) as accelerations,
+        watched(mbs, start, end_time, step, report, accelerations) as watch,
         controlled(mbs, control, settings, end_time),
     ):
         begin = time.perf_counter()
@@ -241,6 +260,7 @@ def _run(
                 raise RunError(f"mbs: Exudyn cannot run the model: {cause(error)}{open_joints}") from error
             status, message = "unstable", f"the solver stopped: {cause(error)}"
         time_s = time.perf_counter() - begin
+    keep_end(mbs, control, end)
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
@@ -251,6 +271,17 @@ def _run(
     elif status == "finished" and progress is not None:
         progress(1.0)
     return replace(result, status=status, message=message), open_joints
+
+
+def _end_of(mbs: MainSystem, start_time: float | None) -> RunEnd:
+    """Where a run is to go on from."""
+    validate_model(mbs)
+    end = last_end(mbs)
+    if start_time is not None and end.method != "static":
+        raise InputError(
+            f"start_time: a run that goes on begins where the last one ended, at {end.t:.6g} s; leave it out"
+        )
+    return end
 
 
 def _start(start_time: float | None, end_time: float, settings: SimulationSettings | None) -> float:

@@ -22,6 +22,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from .continuation import keep_end
 from .hooks import begun, cause, held, kept_apart, residual, watched
 from .joint_checks import check_start
 from .result import Result, called, samples
@@ -108,6 +109,7 @@ def solve_static(
             settings=settings,
             progress=progress,
         )
+        keep_end(mbs)
         with noted() as warned:
             result = reviewed(mbs, result)
             if result.status == "finished":

@@ -175,10 +175,24 @@ class StepControl:
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved = unresolved
         self._was_open = [False] * len(contacts)
-        self._largest_energy = 0.0
+        self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
+
+    @property
+    def pace(self) -> tuple[float, float]:
+        """The step to take next [s], as it was asked for last, and the largest kinetic energy so far [J]."""
+        return self._next, self._largest_energy
+
+    def go_on(self, pace: tuple[float, float]) -> None:
+        """Go on with the `pace` of an earlier run."""
+        self._at_least, self._largest_energy = pace
 
     def next_step(self, last: float) -> float:
         """Return the step to take after one of `last`, both in s, from the state that it ended in."""
+        last, self._at_least = max(last, self._at_least / GROWTH), 0.0
+        self._next = self._allowed_step(last)
+        return self._next
+
+    def _allowed_step(self, last: float) -> float:
         limit = self.longest
         for i, contact in enumerate(self.contacts):
             self._was_open[i] = not self._law_of(contact).index.size

@@ -43,7 +43,7 @@ _ZIP_START = b"PK\x03\x04"
 PACK_FROM = 4096  # bytes of an array: below, planes save nothing worth it
 _LEVEL = 1  # of deflate: 6 takes twice the time and makes files 1 % smaller
 _MOST_DEFLATED = 1100  # times as much as a deflated member holds is the most that it can unpack to
-_MOST_UNPACKED, _FREE = 50, 1 << 27  # times a file's size, and bytes: what is larger than both is no file of ours
+_MOST_UNPACKED, ALWAYS = 50, 1 << 27  # times a file's size, and bytes: what is larger than both is no file of ours
 # Errors that zipfile, NumPy and JSON raise for a damaged file.
 _DAMAGE = (
     OSError,
@@ -321,7 +321,7 @@ def check_sizes(archive: zipfile.ZipFile, size: int) -> None:
     members = archive.infolist()
     if sum(info.compress_size for info in members) > size:
         raise ValueError("its members claim to be larger than the file")
-    if (unpacked := sum(info.file_size for info in members)) > max(_FREE, _MOST_UNPACKED * size):
+    if (unpacked := sum(info.file_size for info in members)) > max(ALWAYS, _MOST_UNPACKED * size):
         raise ValueError(f"its {size} bytes would unpack to {unpacked}")
 
 

@@ -109,7 +109,7 @@ def _locked(folder: Path, name: str, make: Callable[[Path], None]) -> Iterator[P
         with contextlib.ExitStack() as stack:
             if fcntl is not None:
                 try:
-                    _lock(stack.enter_context(_opened(path)), fcntl.LOCK_EX)
+                    lock(stack.enter_context(_opened(path)), fcntl.LOCK_EX)
                 except FileNotFoundError:
                     continue
                 if not path.exists():  # somebody took it for left over before it was locked
@@ -129,7 +129,7 @@ def _opened(path: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
-def _lock(descriptor: int, kind: int) -> bool:
+def lock(descriptor: int, kind: int) -> bool:
     """Lock an open file or folder until it is closed, or the process ends; whether that was possible."""
     try:
         fcntl.flock(descriptor, kind)
@@ -151,7 +151,7 @@ def _delete_unlocked(path: Path) -> None:
         path.unlink()
         return
     with _opened(path) as descriptor:
-        if _lock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB):
+        if lock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB):
             shutil.rmtree(path) if stat.S_ISDIR(os.fstat(descriptor).st_mode) else path.unlink()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..fe.shapes import TABLES, corners_of, shape_functions
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from ..support.twins import Known, copied
 from .points import ContactPoints, at_points
 from .rows import EDGE_TOLERANCE
 from .surface import Projection, Surface, closest_points, cross, newton_step
@@ -121,6 +122,15 @@ class MovingPairs:
         assert loops is not None
         rows: Followed = loops.followed(self.moving(points, index), *choice)
         return rows
+
+    def twin(self, known: Known) -> MovingPairs:
+        """See `support.twins`; compiled loops have arrays of their own."""
+        self._keep()
+        result, points = copied(self, known), self._points
+        if points is not None:
+            result._points = None
+            result.moving(points, self._index)
+        return result
 
     def _keep(self) -> None:
         """Keep what is known of the points that compiled loops have followed."""

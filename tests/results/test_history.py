@@ -71,7 +71,7 @@ def test_numbers_beyond_single_precision_survive(history, scale, tmp_path):
 
 
 def test_a_small_file_that_would_unpack_to_much_is_refused_before(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "_FREE", 1 << 20)
+    monkeypatch.setattr(archive, "ALWAYS", 1 << 20)
     path, zeros = tmp_path / "bomb", np.zeros(1 << 18)
     np.savez_compressed(path.open("wb"), format=1, t=zeros, force=zeros, info="{}")
     tracemalloc.start()

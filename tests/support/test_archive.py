@@ -96,7 +96,7 @@ def test_sizes_are_checked_before_memory_is_asked_for(tmp_path):
 
 def test_a_file_that_would_unpack_to_much_is_refused_before(tmp_path, monkeypatch):
     """750 MB of zeros in a file of 0.7 MB were unpacked, and refused then."""
-    monkeypatch.setattr(archive, "_FREE", 1 << 20)
+    monkeypatch.setattr(archive, "ALWAYS", 1 << 20)
     path = tmp_path / "sample.npz"
     PACKED.save(path, replace(sample(), array=np.zeros(1 << 18)))
     tracemalloc.start()

@@ -189,7 +189,7 @@ def test_what_killed_processes_left_is_deleted_and_what_others_write_is_not(tmp_
 
 
 def test_a_temporary_file_that_was_deleted_before_it_was_locked_is_made_again(tmp_path, monkeypatch):
-    lock, deleted = files._lock, []
+    lock, deleted = files.lock, []
 
     def late(descriptor, kind):
         if not deleted:
@@ -197,7 +197,7 @@ def test_a_temporary_file_that_was_deleted_before_it_was_locked_is_made_again(tm
             deleted[0].unlink()
         return lock(descriptor, kind)
 
-    monkeypatch.setattr(files, "_lock", late)
+    monkeypatch.setattr(files, "lock", late)
     with replacing(tmp_path / "file", "w") as file:
         file.write("whole")
     assert (tmp_path / "file").read_text() == "whole"

@@ -599,6 +599,7 @@ CALLS = {
         mbs=_runnable,
         end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
         start_time=v.number.or_none.but(**{"beyond the end": 1.0, "1e-30": -1e30}),
+        go_on=v.flag,
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
         method=v.choice("explicit"),
         sample_period=v.positive.or_none,

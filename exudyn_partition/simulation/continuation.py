@@ -1,0 +1,167 @@
+"""Where a run ended, and runs that go on from there as if they were one."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..contact.formulations.formulation import Method
+from ..errors import InputError
+from ..exudyn_bodies.model import latest_solver, method_of
+from ..exudyn_contacts.model_run import runs_of
+from ..support.arrays import Array
+from ..support.foreign import MainSystem, SimulationSettings
+from ..support.optional import require
+from .step_control import StepControl
+
+_KEY = "exudynPartitionEnd"  # in mbs.sys
+_SOLVERS = "dynamicSolver", "staticSolver"
+_ROUND_OFF = 1e-12  # of times that are the same
+
+
+@dataclass(frozen=True, eq=False)
+class RunEnd:
+    """Where a run ended.
+
+    Parameters
+    ----------
+    t : float
+        [s]
+    method : {"explicit", "implicit", "static"}
+    step : float
+        [s]
+    state : list
+        The model's, as Exudyn's `GetSystemState` returns it: coordinates and velocities come first.
+    q_tt : (n,) array
+        Accelerations.
+    algorithmic : (n,) array
+        Accelerations that generalized-alpha goes on with; of other solvers, `q_tt`.
+    pace : (float, float)
+        The step that an adaptive run would take next [s], and the largest kinetic energy that it has seen [J].
+    solvers : tuple
+        Of the model then, which a later run replaces.
+    """
+
+    t: float
+    method: Method
+    step: float
+    state: list[Any]
+    q_tt: Array
+    algorithmic: Array
+    pace: tuple[float, float]
+    solvers: tuple[int, ...]
+
+    @classmethod
+    def of(cls, mbs: MainSystem, control: StepControl | None = None) -> RunEnd:
+        """Where the model's last run ended, if it stands there.
+
+        Raises
+        ------
+        InputError
+            If there was none.
+        """
+        solver = latest_solver(mbs)
+        if solver is None:
+            raise InputError(
+                "go_on: the model has not been run yet, or was changed since; run it first, or leave go_on out"
+            )
+        data, method = mbs.systemData, method_of(solver)
+        q_tt = np.array(data.GetODE2Coordinates_tt())
+        algorithmic = np.array(solver.GetAAlgorithmic()) if method == "implicit" else q_tt
+        return cls(
+            t=float(data.GetTime()),
+            method=method,
+            step=solver.it.maxStepSize,
+            state=data.GetSystemState(),
+            q_tt=q_tt,
+            algorithmic=algorithmic,
+            pace=(0.0, 0.0) if control is None else control.pace,
+            solvers=_solvers(mbs),
+        )
+
+    def is_start(self, mbs: MainSystem, start: float, method: Method) -> bool:
+        """Whether a run with this method that begins at `start` [s] in the model's initial state goes on from here."""
+        initial = mbs.systemData.GetSystemState(require("exudyn").ConfigurationType.Initial)
+        same_time = abs(start - self.t) <= _ROUND_OFF * abs(start)
+        motion = zip(initial[:2], self.state[:2], strict=True)
+        return method == self.method and same_time and all(np.array_equal(one, other) for one, other in motion)
+
+
+def keep_end(mbs: MainSystem, control: StepControl | None = None, origin: RunEnd | None = None) -> None:
+    """Keep where a run has ended: what comes after it may move the model elsewhere; and where it went on from."""
+    if latest_solver(mbs) is not None:
+        runs_of(mbs).end(mbs)
+        mbs.sys[_KEY] = RunEnd.of(mbs, control), origin
+
+
+def last_end(mbs: MainSystem) -> RunEnd:
+    """Where the last run ended.
+
+    Raises
+    ------
+    InputError
+        If there was none.
+    """
+    kept, _ = mbs.sys.get(_KEY, (None, None))
+    return kept if kept is not None and kept.solvers == _solvers(mbs) else RunEnd.of(mbs)
+
+
+def origin_of(mbs: MainSystem, start: float, method: Method, last: RunEnd | None) -> RunEnd | None:
+    """Where a run goes on from that begins at `start` [s] in the model's initial state; None if it does not.
+
+    `last` is where the last run ended, if it is known.
+    """
+    ends: tuple[RunEnd | None, ...] = last, *mbs.sys.get(_KEY, ())
+    return next((end for end in ends if end is not None and end.is_start(mbs, start, method)), None)
+
+
+def _solvers(mbs: MainSystem) -> tuple[int, ...]:
+    return tuple(id(mbs.sys.get(key)) for key in _SOLVERS)
+
+
+@contextlib.contextmanager
+def started_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
+    """Let the model start where a run ended; after it, its initial state is what it was. None changes nothing."""
+    if end is None:
+        yield
+        return
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    own = data.GetSystemState(initial)
+    if [len(part) for part in own] != [len(part) for part in end.state]:
+        raise InputError("go_on: the model has other coordinates than in its last run; run it from the start")
+    data.SetSystemState(end.state, initial)
+    try:
+        yield
+    finally:
+        data.SetSystemState(own, initial)
+
+
+@contextlib.contextmanager
+def accelerated(mbs: MainSystem, end: RunEnd | None, settings: SimulationSettings) -> Iterator[Array | None]:
+    """Let a run go on with the accelerations in which the last one ended; None changes nothing.
+
+    Exudyn begins each run with accelerations of its own: in explicit steps with those of the velocities at the end of
+    the step before, not at its middle, and in generalized-alpha without what its filter remembers.
+
+    Yields
+    ------
+    (n,) array or None
+        Accelerations that are to be set ahead of the first step.
+    """
+    if end is None:
+        yield None
+        return
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    alpha, own = settings.timeIntegration.generalizedAlpha, np.array(data.GetODE2Coordinates_tt(initial))
+    flags = alpha.computeInitialAccelerations, alpha.resetAccelerations
+    data.SetODE2Coordinates_tt(end.algorithmic, initial)  # these are what generalized-alpha takes from there
+    alpha.computeInitialAccelerations = alpha.resetAccelerations = False
+    try:
+        yield end.q_tt
+    finally:
+        alpha.computeInitialAccelerations, alpha.resetAccelerations = flags
+        data.SetODE2Coordinates_tt(own, initial)

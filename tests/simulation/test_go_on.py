@@ -1,0 +1,261 @@
+"""Runs in two parts are the run of one call, whatever contacts, joints and solvers remember."""
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import exudyn.utilities as utilities
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import MARBLE_RADIUS as R
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, StoppedRunWarning
+
+ROUND_OFF = 1e-9  # m/s
+INITIAL = exu.ConfigurationType.Initial
+
+
+def model():
+    return exu.SystemContainer().AddSystem()
+
+
+@pytest.fixture(scope="module")
+def yielding():
+    """The coarse ball of a soft metal, with all three directions."""
+    shape = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)
+    soft = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
+    fem = ep.fe_model(shape, soft, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.5e-3)])
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
+
+
+def slides(body, *, frame="inertial", friction=0.3, formulation="compliance", damping=None):
+    """A ball that hits a plane at an angle."""
+    mbs = model()
+    options = {"initialVelocity": [0.5, 0, -1.0], "referencePosition": [0, 0, 1e-6], "damping": damping}
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, **options)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=friction, formulation=formulation)
+    mbs.Assemble()
+    return mbs, [item], [contact]
+
+
+def hits(pair, *, frame="inertial", formulation="compliance", **options):
+    """A ball that hits a block or a plate."""
+    mbs, (ball, base) = model(), pair
+    striker = ep.CreatePartitionBody(
+        mbs, ball, frame=frame, initialVelocity=[0.3, 0, -1.0], referencePosition=[0, 0, base.points[:, 2].max() + 1e-6]
+    )
+    target = ep.CreatePartitionBody(mbs, base, frame=frame)
+    contact = ep.CreatePartitionContact(mbs, striker, target, formulation=formulation, **options)
+    mbs.Assemble()
+    return mbs, [striker, target], [contact]
+
+
+def row(marble):
+    """Three balls in a row, whose patches move each other."""
+    mbs, balls = model(), []
+    for i in range(3):
+        position, velocity = [0, 0, (2 * R + 1e-7) * i], [0, 0, -0.5 * (i == 2)]
+        balls.append(
+            ep.CreatePartitionBody(mbs, marble, name=str(i), referencePosition=position, initialVelocity=velocity)
+        )
+    patches = {"slavePatch": "south", "masterPatch": "north"}
+    contacts = [ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], **patches) for i in range(2)]
+    mbs.Assemble()
+    return mbs, balls, contacts
+
+
+def in_two(made, cut, end, go_on, **options):
+    """The second part of a run that ends at `cut` and goes on to `end`."""
+    mbs = made[0]
+    ep.solve_dynamic(mbs, end_time=cut, **options)
+    if go_on:
+        return ep.solve_dynamic(mbs, end_time=end, go_on=True, **options)
+    mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), INITIAL)
+    return ep.solve_dynamic(mbs, end_time=end, start_time=cut, **options)
+
+
+def assert_one_run(make, cut, end, velocity=ROUND_OFF, ways=(True, False), **options):
+    """At all samples of the second part; forces by the momentum that they change."""
+    mbs, bodies, contacts = make()
+    whole = ep.solve_dynamic(mbs, end_time=end, **options)
+    assert whole.status == "finished"
+    for go_on in ways:
+        made = make()
+        result = in_two(made, cut, end, go_on, **options)
+        later = slice(len(whole.t) - len(result.t), None)
+        np.testing.assert_allclose(result.t, whole.t[later], rtol=1e-12)
+        for body, other in zip(made[1], bodies, strict=True):
+            mass = body.body.total_mass
+            np.testing.assert_allclose(
+                body.momentum(result) / mass, other.momentum(whole)[later] / mass, rtol=0, atol=velocity
+            )
+        for contact, other in zip(made[2], contacts, strict=True):
+            force = other.force(whole)[later]
+            assert force[0] > 1
+            np.testing.assert_allclose(contact.force(result)[1:], force[1:], atol=1e3 * velocity * force.max())
+            taken = other.dissipated_energy(whole)[later]
+            np.testing.assert_allclose(contact.dissipated_energy(result), taken, rtol=1e3 * velocity, atol=1e-15)
+    return mbs
+
+
+COMPLIANT = [
+    {"frame": "floating"}, {"frame": "floating", "friction": 1.5}, {"friction": ep.Coulomb(0.4, 0.2, decay=0.1)},
+    {"formulation": "penalty", "frame": "floating"}, {"friction": None, "damping": 0.05},
+]  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("options", COMPLIANT)
+def test_friction_and_damping(round_body, options):
+    """With friction, velocities were off by 1e-5 m/s."""
+    assert_one_run(lambda: slides(round_body, **options), 20e-6, 32e-6, step=0.25e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("options", COMPLIANT[2:])
+def test_generalized_alpha_goes_on_with_what_its_filter_remembers(round_body, options):
+    """Exudyn begins with other accelerations: 6e-8 m/s. Its Newton's method leaves 1e-8 of the residual."""
+    step = {"step": 0.25e-6, "method": "implicit", "spectral_radius": 0.6}
+    assert_one_run(lambda: slides(round_body, **options), 20e-6, 30e-6, 5e-9, **step)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("options", [{}, {"frame": "floating", "friction": 0.3}])
+def test_pairs_of_two_bodies_that_slide(round_body, flat_body, options):
+    assert_one_run(lambda: hits((round_body, flat_body), **options), 20e-6, 30e-6, step=0.25e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_plastic_patches(yielding, friction):
+    """With friction, velocities were off by 4e-3 m/s."""
+    assert_one_run(lambda: slides(yielding, friction=friction), 12e-6, 20e-6, step=0.25e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_multipliers(pair_of):
+    """Those of the step that begins at the cut are in the velocities there."""
+    limit = ep.stability_limit(hits(pair_of("free"), formulation="lagrange")[0])
+    step = 4e-6 / np.ceil(4e-6 / (0.5 * limit))
+    assert_one_run(lambda: hits(pair_of("free"), formulation="lagrange"), 4e-6, 8e-6, step=step)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_contacts_that_move_each_other(marble):
+    assert_one_run(lambda: row(marble), 14e-6, 20e-6, step=0.1e-6)
+
+
+def test_joints_in_explicit_steps():
+    """A pendulum: its reactions go on too."""
+    reactions = []
+    for cut in (None, 0.1):
+        mbs = model()
+        inertia = utilities.InertiaCuboid(1000, [1.0, 0.1, 0.1])
+        body = mbs.CreateRigidBody(
+            inertia=inertia,
+            nodeType=exu.NodeType.RotationRotationVector,
+            referencePosition=[0.5, 0, 0],
+            gravity=[0, -9.81, 0],
+        )
+        joint = mbs.CreateRevoluteJoint(itemNumbers=[mbs.CreateGround(), body], position=[0, 0, 0], axis=[0, 0, 1])
+        kind = exu.OutputVariableType.ForceLocal
+        sensor = mbs.AddSensor(items.SensorObject(objectNumber=joint, outputVariableType=kind, storeInternal=True))
+        mbs.Assemble()
+        if cut is not None:
+            ep.solve_dynamic(mbs, end_time=cut, step=1e-3)
+        result = ep.solve_dynamic(mbs, end_time=0.2, step=1e-3, go_on=cut is not None)
+        reactions.append(result.sensor(sensor)[-99:])
+    np.testing.assert_allclose(reactions[1], reactions[0], rtol=1e-9, atol=1e-9 * abs(reactions[0]).max())
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_model_stays_as_it_was_and_each_run_can_be_repeated(round_body):
+    mbs, (ball,), (contact,) = slides(round_body, frame="floating")
+    options = {"step": 0.25e-6}
+    first = ep.solve_dynamic(mbs, end_time=20e-6, **options)
+    before = contact.slip_path(first)
+    second = ep.solve_dynamic(mbs, end_time=30e-6, go_on=True, **options)
+    assert (contact.slip_path(first) == before).all()
+    assert contact.slip_path(second).sum() > before.sum()
+    third = ep.solve_dynamic(mbs, end_time=30e-6, **options)  # from the model's own start, without a memory
+    assert third.t[0] == 0.0
+    moved = ball.coordinates(first)  # its last step is longer by a rounding
+    np.testing.assert_allclose(ball.coordinates(third)[: len(first.t)], moved, atol=1e-9 * abs(moved).max())
+    np.testing.assert_allclose(ball.coordinates_t(third)[-1], ball.coordinates_t(second)[-1], rtol=1e-9, atol=1e-9)
+    ep.solve_dynamic(mbs, end_time=20e-6, **options)
+    mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), INITIAL)
+    again = [ep.solve_dynamic(mbs, end_time=30e-6, start_time=20e-6, **options) for _ in range(3)]
+    for result in again[1:]:
+        np.testing.assert_array_equal(ball.coordinates_t(result), ball.coordinates_t(again[0]))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_run_that_was_stopped_goes_on(round_body):
+    """With its step, to the end that was asked for at first."""
+    mbs, (ball,), _ = slides(round_body)
+    whole = ep.solve_dynamic(mbs, end_time=30e-6)
+    mbs.SetPreStepUserFunction(lambda mbs, t: t < 15e-6)
+    with pytest.warns(StoppedRunWarning):
+        stopped = ep.solve_dynamic(mbs, end_time=30e-6)
+    mbs.SetPreStepUserFunction(0)
+    rest = ep.solve_dynamic(mbs, end_time=30e-6, go_on=True)
+    assert rest.t[0] == stopped.t[-1] < 16e-6
+    assert rest.step == pytest.approx(whole.step, rel=1e-9)
+    np.testing.assert_allclose(ball.momentum(rest)[-1], ball.momentum(whole)[-1], rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_adaptive_steps_go_on_with_their_length(mbs, round_body, method):
+    """In free flight the second part begins with the long step that the first one had."""
+    ball = ep.CreatePartitionBody(mbs, round_body, referencePosition=[0, 0, 1e-4], initialVelocity=[0, 0, -0.5])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.3)
+    mbs.Assemble()
+    options = {"adaptive": True, "method": method, "step": 0.25e-6}
+    whole = ep.solve_dynamic(mbs, end_time=300e-6, **options)
+    first = ep.solve_dynamic(mbs, end_time=100e-6, **options)
+    rest = ep.solve_dynamic(mbs, end_time=300e-6, go_on=True, **options)
+    assert np.diff(rest.t)[0] > 0.7 * np.diff(first.t)[-3:].max()
+    assert contact.force(rest).max() == pytest.approx(contact.force(whole).max(), rel=2e-3)
+    assert ball.momentum(rest)[-1, 2] == pytest.approx(ball.momentum(whole)[-1, 2], rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_static_preload_goes_on(mbs, round_body, method):
+    """What statics pressed stays at rest, from time zero on, and the model's own start is that before the press."""
+    weight, spring = 50.0, 1e5
+    ball = ep.CreatePartitionBody(mbs, round_body, gravity=[0, 0, -weight / round_body.total_mass])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.3)
+    momentum = np.asarray(round_body.mass @ round_body.rigid)
+    soft = spring / round_body.total_mass * momentum @ np.linalg.solve(round_body.rigid.T @ momentum, momentum.T)
+    hidden = items.VObjectGenericODE2(show=False)
+    mbs.AddObject(
+        items.ObjectGenericODE2(nodeNumbers=ball.nodes, stiffnessMatrix=exu.MatrixContainer(soft), visualization=hidden)
+    )
+    mbs.Assemble()
+    ep.solve_static(mbs)
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.25e-6, method=method, go_on=True)
+    assert result.t[0] == 0.0
+    sunk = ball.rigid_motion(ball.coordinates(result))[:, 2]
+    assert sunk[0] < -5e-7
+    np.testing.assert_allclose(contact.force(result), weight + spring * sunk[0], rtol=1e-5)
+    assert not np.any(mbs.systemData.GetODE2Coordinates(INITIAL))
+
+
+def test_what_cannot_go_on_is_refused(round_body):
+    mbs, *_ = slides(round_body)
+    with pytest.raises(InputError, match="go_on: the model has not been run yet"):
+        ep.solve_dynamic(mbs, end_time=1e-6, go_on=True)
+    ep.solve_dynamic(mbs, end_time=1e-6, step=0.25e-6)
+    with pytest.raises(InputError, match="start_time: a run that goes on begins where the last one ended, at 1e-06 s"):
+        ep.solve_dynamic(mbs, end_time=2e-6, start_time=0.0, go_on=True)
+    with pytest.raises(InputError, match=r"end_time: expected more than .*1e-06 s, got 1e-06 s"):
+        ep.solve_dynamic(mbs, end_time=1e-6, go_on=True)
+    with pytest.raises(InputError, match="go_on: expected True or False"):
+        ep.solve_dynamic(mbs, end_time=2e-6, go_on="yes")
+    zero = {name: [0] for name in ("referenceCoordinates", "initialCoordinates", "initialCoordinates_t")}
+    mbs.AddNode(items.NodeGenericODE2(numberOfODE2Coordinates=1, **zero))
+    mbs.Assemble()
+    with pytest.raises(InputError, match="go_on: the model has other coordinates than in its last run"):
+        ep.solve_dynamic(mbs, end_time=2e-6, go_on=True)
