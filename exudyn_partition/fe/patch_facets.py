@@ -76,13 +76,21 @@ def named_facets(fem: FEModel, argument: str, name: str) -> Array:
     ------
     InputError
         If no boundary has this name.
+    EmptyRegionError
+        If none of its faces is on the surface.
     """
     if not fem.boundaries:
         raise InputError(
             f"{argument}: expected numbers, for no boundary of this mesh has a name, got {name!r}. Name faces of the "
             "shape, or surface elements or sets of nodes of the file"
         )
-    return fem.boundaries[validate_choice(argument, name, fem.boundaries)]
+    facets = fem.boundaries[validate_choice(argument, name, fem.boundaries)]
+    if not len(facets):
+        raise EmptyRegionError(
+            f"{argument}: expected a boundary on the body's surface, but no face of {name!r} is there; it lies inside "
+            "the body, as between two of its regions, or beside it"
+        )
+    return facets
 
 
 def chosen_facets(fem: FEModel, faces: Faces) -> Array:

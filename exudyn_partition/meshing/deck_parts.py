@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import MeshError
 from ..support.arrays import Array
 from .deck_lines import LARGEST, Line
 from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh
@@ -162,6 +163,14 @@ class Assembly:
 
     def mesh(self, path: Path) -> FileMesh:
         """Mesh of all parts, with their surfaces and sets, and the materials of their sections."""
+        bodies = [
+            p.name or "no part" for p in self._placed if any(b.kind in SOLIDS for s in p.scopes for b in s.elements)
+        ]
+        if len(bodies) > 1:
+            raise MeshError(
+                f"{path}: expected one body, got solid elements of {len(bodies)} parts in place, which share no node: "
+                f"{', '.join(map(repr, bodies))}. Export each alone, and connect the bodies in Exudyn"
+            )
         cells = {kind: np.concatenate([rows for _, _, rows in found]) for kind, found in self._of_kind.items()}
         _tell_of_integration(path, [block for _, block, _ in self._blocks])
         faces: dict[str, list[Array]] = {}

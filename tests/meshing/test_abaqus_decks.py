@@ -8,7 +8,7 @@ import pytest
 from oracles import SIZE, hexahedra
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.errors import EmptyRegionError, InputError, MeshError
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 PAIR = 0.01 * np.vstack([CUBE, np.add(CUBE[4:], [0, 0, 1])]), np.array([np.arange(8), np.arange(4, 12)])
@@ -232,6 +232,40 @@ def test_what_is_not_read_is_named_by_its_line(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(MeshError, match=message):
         ep.fe_model(path, ep.STEEL)
+
+
+def test_several_instances_are_refused_by_their_names(tmp_path):
+    line = "*INSTANCE, NAME=bar-1, PART=bar\n"
+    path = tmp_path / "deck.inp"
+    path.write_text(INSIDE.replace(line, line + "*END INSTANCE\n" + line.replace("bar-1", "bar-2") + "1., 0., 0.\n"))
+    with pytest.raises(MeshError, match="solid elements of 2 parts in place, which share no node: 'bar-1', 'bar-2'"):
+        ep.fe_model(path, ep.STEEL)
+
+
+def test_an_instance_of_a_rigid_surface_is_left_out(tmp_path):
+    path = tmp_path / "deck.inp"
+    rigid = "*PART, NAME=r\n" + MESH.replace("C3D8", "R3D4").partition("*ELEMENT")[0]
+    rigid += "*ELEMENT, TYPE=R3D4, ELSET=R\n" + "".join(numbers([i, *face]) for i, face in enumerate(SKIN))
+    path.write_text(
+        rigid + "*END PART\n" + INSIDE + "*INSTANCE, NAME=r-1, PART=r\n0., 0., 9.\n*END INSTANCE\n"
+        + SET.replace("FOOT", "FOOT, INSTANCE=bar-1")
+    )  # fmt: skip
+    fem = ep.fe_model(path, ep.STEEL)
+    np.testing.assert_array_equal(fem.points, POINTS)
+    np.testing.assert_array_equal(fem.boundaries["FOOT"], feet(fem))
+
+
+def test_a_named_face_inside_the_body(tmp_path):
+    path = tmp_path / "deck.inp"
+    path.write_text(MESH + "*SURFACE, NAME=inside\n1, S2\n")
+    fem = ep.fe_model(path, ep.STEEL)
+    for call, argument in (
+        (ep.Partition.surface, "faces"),
+        (ep.Partition.load, "faces"),
+        (ep.Partition.interface, "nodes"),
+    ):
+        with pytest.raises(EmptyRegionError, match=f"{argument}: .* no face of 'inside' is there; it lies inside"):
+            call(*(fem, "inside") if call == ep.Partition.surface else (fem, "name", "inside"))
 
 
 def test_a_file_that_is_no_deck(tmp_path):
