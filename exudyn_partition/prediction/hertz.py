@@ -151,7 +151,7 @@ def _combined(
     if not curvature > 0:
         raise InputError(
             "radius_1, radius_2: expected surfaces that touch at a point: one of a finite radius, with a plane, with "
-            "another, or with a wider hollow, whose radius is below zero, but not two planes or what fits all over; got "
+            "another, or with a wider hollow, whose radius is below zero; not two planes, or what fits all over; got "
             f"{radius_1!r} and {radius_2!r}"
         )
     validate_type("material_1", material_1, Material, "Material()")

@@ -52,20 +52,40 @@ def test_the_rule_finds_each_way(code):
     assert [*reached_for(ast.parse(code))]
 
 
+LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+
+
 def opened(tree):
-    """Lines of calls that start a cluster of Dask's on this machine without saying that only it may listen."""
+    """Lines of calls that start a cluster of Dask's on this machine without saying that only it may listen.
+
+    They say so by keywords, or by a dict of them that the code names.
+    """
+    dicts = {
+        target.id: node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
     for node in ast.walk(tree):
         name = getattr(node.func, "attr", "") or getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
         if name == "LocalCluster" or (name == "Client" and not node.args):
-            text = ast.unparse(node)
-            if "**own" not in text and not ("host='127.0.0.1'" in text and "dashboard_address='127.0.0.1:" in text):
+            given = {keyword.arg: getattr(keyword.value, "value", None) for keyword in node.keywords if keyword.arg}
+            for keyword in node.keywords:
+                if keyword.arg is None and isinstance(keyword.value, ast.Name):
+                    given |= ast.literal_eval(dicts[keyword.value.id])
+            if not given.items() >= LOOPBACK.items():
                 yield node.lineno
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_dashboards_of_clusters_listen_on_this_machine_alone(path):
-    """Dask's listens to the whole network by default, and shows code and data."""
-    text = path.read_text()
-    assert not [*opened(ast.parse(text))]
-    if "**own" in text:
-        assert '{"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}' in text
+def test_clusters_listen_on_this_machine_alone(path):
+    """Dask's dashboard listens to the whole network by default, and shows code and data."""
+    assert not [*opened(ast.parse(path.read_text()))]
+
+
+@pytest.mark.parametrize(
+    "code", ["Client()", "distributed.Client(n_workers=2)", "LocalCluster(2, host='127.0.0.1')", "LocalCluster(2)"]
+)
+def test_the_rule_finds_each_cluster(code):
+    assert [*opened(ast.parse(code))]
