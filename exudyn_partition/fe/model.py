@@ -14,9 +14,17 @@ from typing import Literal, get_args
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import LockingError, MeshError, UnitsWarning
+from ..errors import InputError, LockingError, MeshError, UnitsWarning
 from ..support.arrays import Array, Vector
-from ..support.checks import check_indices, read_only, validate_array, validate_whole
+from ..support.checks import (
+    check_indices,
+    read_only,
+    validate_array,
+    validate_text,
+    validate_type,
+    validate_whole,
+)
+from .consistency import check_elements, check_symmetric, largest_entry, plain_matrix
 from .facets import check_neighbours, facet_corners, part_sizes
 from .material import Material, Regions
 from .places import nearest_node
@@ -60,9 +68,10 @@ class FEModel:
     cells : (ne, 4), (ne, 10), (ne, 20) or (ne, 8) int array
         Tetrahedra, linear, quadratic or cubic, or linear hexahedra, in VTK order with positive volume.
     mass, stiffness : (3n, 3n) csr matrix
-        Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z.
+        Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z. Other sparse formats and dense arrays
+        are converted.
     cell_mass : (ne,) array
-        Mass of each element [kg].
+        Mass of each element [kg], density times volume.
     material : Material
         The material that the matrices were made with; of several, the one with the largest volume.
     boundaries : dict of str to int array
@@ -73,8 +82,10 @@ class FEModel:
     Raises
     ------
     MeshError
-        If shapes of arrays do not fit together, rigid motion strains the body, the body is in several parts, or
-        elements overlap, occur twice or share a face with two others.
+        If shapes of arrays do not fit together, a matrix is not symmetric, rigid motion strains the body, the body is
+        in several parts, or elements are inverted, overlap, occur twice or share a face with two others.
+    InputError
+        If points, cells, material, mass and stiffness are not of one model; see `fe.consistency`.
     LockingError
         If elements are linear and the material is nearly incompressible.
     """
@@ -89,6 +100,9 @@ class FEModel:
     regions: Regions | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
+        validate_type("material", self.material, Material, "ep.Material()")
+        if self.regions is not None:
+            validate_type("regions", self.regions, Regions, "fe_model()")
         points = validate_array("points", self.points, (None, 3))
         object.__setattr__(self, "points", points)
         expected = "integers, (ne, 4), (ne, 10), (ne, 20) or (ne, 8)"
@@ -102,19 +116,24 @@ class FEModel:
         object.__setattr__(self, "cells", cells)
         object.__setattr__(self, "cell_mass", validate_array("cell_mass", self.cell_mass, (len(cells),)))
         if not (self.cell_mass > 0).all():
-            raise MeshError(f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative")
+            raise MeshError(
+                f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative; expected "
+                "density times volume of each"
+            )
         if self.cells.shape[1] not in CELL_FACES:
             raise MeshError(
                 "cells: expected tetrahedra with 4, 10 or 20 nodes or hexahedra with 8, got "
                 f"{self.cells.shape[1]} nodes"
             )
-        for name, matrix in (("mass", self.mass), ("stiffness", self.stiffness)):
-            if matrix.shape != (3 * len(points),) * 2:
-                raise MeshError(f"{name}: expected shape {(3 * len(points),) * 2}, got {matrix.shape}")
-            if not np.isfinite(matrix.data).all():
-                raise MeshError(f"{name}: holds numbers that are not finite")
+        for name in ("mass", "stiffness"):
+            matrix = plain_matrix(name, getattr(self, name), 3 * len(points))
             if not (matrix.diagonal() > 0).all():
-                raise MeshError(f"{name}: {np.count_nonzero(matrix.diagonal() <= 0)} diagonal entries are not positive")
+                raise MeshError(
+                    f"{name}: {np.count_nonzero(matrix.diagonal() <= 0)} diagonal entries are not positive, expected "
+                    "those of a body that nothing holds, whose nodes all have mass and stiffness"
+                )
+            check_symmetric(name, matrix)
+            object.__setattr__(self, name, matrix)
         read_only(self.cells)
         if self.regions is not None and len(self.regions.number) != len(cells):
             raise MeshError(f"regions: expected one for each of {len(cells)} elements, got {len(self.regions.number)}")
@@ -137,13 +156,22 @@ class FEModel:
                 f"{', '.join(map(str, parts[:5]))}{', ...' if len(parts) > 5 else ''} elements. Merge coincident nodes "
                 "where they touch, or make one FE model of each"
             )
-        scale = abs(self.stiffness).max() * np.ptp(points, axis=0).max()
+        scale = largest_entry(self.stiffness) * np.ptp(points, axis=0).max()
         strain_force = abs(self.stiffness @ self.rigid_modes).max()
         if strain_force > 1e-8 * scale:
             raise MeshError(
                 f"stiffness: rigid motion gives forces of {strain_force:.3g}, expected none; is a node held, or the "
                 "order of dofs not x y z x y z?"
             )
+        self._check_boundaries()
+        if len(cells):
+            check_elements(points, cells, self.cell_mass, self.mass, self.stiffness, self.elastic)
+
+    def _check_boundaries(self) -> None:
+        if not isinstance(self.boundaries, dict):
+            raise InputError(f"boundaries: expected a dict of names, got {type(self.boundaries).__name__}")
+        for name, rows in self.boundaries.items():
+            check_indices(f"boundaries[{validate_text('boundaries', name)!r}]", rows, (None,), len(self.facets))
 
     def warn_if_units_slipped(self) -> None:
         """Warn (`UnitsWarning`) of a material that no solid has, or of an unlikely size, shape, frequency or mass."""

@@ -154,6 +154,9 @@ def test_what_is_missing_or_does_not_fit_is_named(both):
     for changed, error, message in (
         ({"massMatrix": None}, InputError, "fem: has no sparse massMatrix"),
         ({"stiffnessMatrix": sp.identity(3, format="csr")}, MeshError, "fem: stiffnessMatrix has shape"),
+        ({"massMatrix": fem.massMatrix * 1j}, MeshError, "fem: massMatrix: expected real numbers, got complex128"),
+        ({"massMatrix": sp.triu(fem.massMatrix)}, MeshError, "fem: massMatrix: expected a symmetric matrix"),
+        ({"stiffnessMatrix": sp.tril(fem.stiffnessMatrix)}, MeshError, "fem: stiffnessMatrix: expected a symmetric"),
         ({"nodes": {}}, InputError, "fem: expected nodes with positions only, got none"),
         ({"elements": []}, MeshError, "fem: expected elements of one kind, Tet4, Tet10, Hex8, got none"),
         ({"elements": [{"Name": "a", "Hex20": elements}]}, MeshError, "expected elements of one kind, .* got Hex20"),

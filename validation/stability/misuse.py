@@ -44,7 +44,7 @@ KNOWN: dict[str, str] = {}
 _REMEDY = re.compile(
     r"expected|there is no|cannot|belongs to|only|is no |nearest|no effect|needs|at most|at least|must |is it |"
     r"\b(take|give|make|call|choose|check|move|enlarge|refine|lower|coarsen|restore|use|run|join|compute|put|add|set|"
-    r"leave|name|ask|pip install)\b",
+    r"leave|name|ask|remove|pip install)\b",
     re.IGNORECASE,
 )
 

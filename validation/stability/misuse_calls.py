@@ -94,6 +94,39 @@ _rows = Kind({**v.NOTHING, "array": np.zeros(3), "of another mesh": sp.csr_matri
 _rows = _rows(Made(lambda s: sp.csr_matrix((1, s.fem.n_dofs))))
 _not_own = {"another mesh": Made(lambda s: s.other_fem), "another material": Made(lambda s: s.softer)}
 _not_own |= {"another density": Made(lambda s: s.heavier), "elsewhere": Made(lambda s: s.moved)}
+
+
+def _matrix_of(right):
+    """Wrong values of a matrix of an FE model."""
+    return Kind(
+        {
+            **v.NOTHING,
+            "zeros": Made(lambda s: 0 * right(s)),
+            "times 1000": Made(lambda s: 1000 * right(s)),
+            "complex": Made(lambda s: right(s) * (1 + 0.1j)),
+            "complex list of lists": Made(lambda s: sp.lil_matrix(right(s)) * 1j),
+            "one triangle": Made(lambda s: sp.triu(right(s), format="csr")),
+            "an entry on one side": Made(
+                lambda s: right(s) + sp.csr_matrix(([1e-3 * right(s).max()], ([0], [5])), right(s).shape)
+            ),
+            "one row changed": Made(lambda s: sp.diags(1 + (np.arange(s.fem.n_dofs) == 7)) @ right(s)),
+            "not square": Made(lambda s: right(s)[:-3]),
+            "truth values": Made(lambda s: right(s).astype(bool)),
+            "dense of text": Made(lambda s: right(s).toarray().astype(str)),
+            "other order of dofs": Made(lambda s: _by_axes(right(s))),
+            "of another mesh": Made(lambda s: sp.identity(3)),
+            "nan": Made(lambda s: right(s) * v.nan),
+        },
+        Made(right),
+    )
+
+
+def _by_axes(matrix):
+    """The same with all dofs x first, then y, then z."""
+    order = np.arange(matrix.shape[0]).reshape(-1, 3).T.ravel()
+    return matrix[order][:, order]
+
+
 _fem, _own_fem = v.fem.or_none.but(**_not_own), v.fem.but(**_not_own)
 _t, _x = np.linspace(0, 1, 101), np.sin(np.linspace(0, np.pi, 101)) ** 2
 _signal_t = v.samples.but(descending=_t[::-1], uneven=_t**2, two=[0.0, 1.0])(_t)
@@ -353,6 +386,59 @@ CALLS = {
         )(np.arange(12)),
         axes=v.choice("normal"),
         name=v.text("rim"),
+    ),
+    "FEModel": call(
+        points=Kind(
+            {
+                **v.NOTHING,
+                "twice": Made(lambda s: 2 * s.fem.points),
+                "some": Made(lambda s: s.fem.points[:-1]),
+                "in another order": Made(lambda s: s.fem.points[::-1]),
+                "masked": Made(lambda s: np.ma.array(s.fem.points, mask=s.fem.points > 0.02)),
+                "of a unit": Made(lambda s: v.WithUnit.of(s.fem.points)),
+            },
+            Made(lambda s: s.fem.points),
+        ),
+        cells=Kind(
+            {
+                **v.NOTHING,
+                "halves": Made(lambda s: s.fem.cells + 0.5),
+                "from 1": Made(lambda s: s.fem.cells + 1),
+                "one missing": Made(lambda s: s.fem.cells[1:]),
+                "one twice": Made(lambda s: np.vstack([s.fem.cells[1:], s.fem.cells[1:2]])),
+                "mirrored": Made(lambda s: s.fem.cells[:, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]),
+                "of another mesh": Made(lambda s: s.fem.cells[:, ::-1]),
+                "corners alone": Made(lambda s: s.fem.cells[:, :4]),
+            },
+            Made(lambda s: s.fem.cells),
+        ),
+        mass=_matrix_of(lambda s: s.fem.mass),
+        stiffness=_matrix_of(lambda s: s.fem.stiffness),
+        cell_mass=v.samples.but(
+            **{
+                "times 1000": Made(lambda s: 1000 * s.fem.cell_mass),
+                "some": Made(lambda s: s.fem.cell_mass[1:]),
+                "negative": Made(lambda s: -s.fem.cell_mass),
+                "of others": Made(lambda s: np.roll(s.fem.cell_mass, 1) * np.where(np.arange(len(s.fem.cells)), 1, 2)),
+            }
+        )(Made(lambda s: s.fem.cell_mass)),
+        material=v.material.but(
+            aluminium=ep.ALUMINIUM, **{"other nu": Made(lambda s: ep.Material(E=210e9, nu=0.29, rho=7800.0))}
+        ),
+        boundaries=Kind(
+            {
+                "None": None,
+                "text": "x",
+                "list": ["top"],
+                "no names": {1: np.arange(3)},
+                "beyond": {"top": np.array([10**6])},
+                "halves": {"top": np.array([0.5])},
+                "names of names": {"top": "x"},
+            },
+            Made(lambda s: {"top": np.arange(3)}),
+        ),
+        regions=Kind({"text": "x", "a material": ep.STEEL, "numbers": np.arange(3)}, None),
+        swaps=False,
     ),
     "Partition.patch": call(of=lambda s: s.part, key=v.patch),
     "Partition.find_interface": call(of=lambda s: s.part, name=v.choice("pin")),
@@ -856,7 +942,6 @@ _MADE_BY_US = "made by the library, whose functions check what it is made of"
 _EVERY_STEP = "called by Exudyn's solvers in every step, with what they have"
 _INSIDE = "takes what the library has checked, in loops"
 NOT_CALLED = {
-    "FEModel": _MADE_BY_US,
     "Partition": _MADE_BY_US,
     "Estimate": _MADE_BY_US,
     "ImpactDesign": _MADE_BY_US,

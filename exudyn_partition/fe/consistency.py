@@ -1,0 +1,193 @@
+"""Whether points, elements, material, mass and stiffness of an FE model belong together.
+
+Any element, of whatever formulation, has the mass of its volume and the energy of a uniform strain, if its sides are
+straight. So sums of the matrices, and products with a few motions, tell whether they are those of the elements.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import InputError, MeshError
+from ..support.arrays import Array
+from ..support.checks import validate_array
+from .material import Material, Regions
+from .shapes import integration_gradients, integration_weights
+
+EQUAL = 1e-4  # relative difference of mass, or of the energy of uniform strain, that files of few digits may make
+_OF_AN_ELEMENT = 1e-2  # the same of one element with curved sides, which codes integrate with different points
+_AT_A_NODE = 2e-2  # the same of the force of a uniform strain at a node, by the largest of an element around it
+_CENTRE = 0.05  # of mass, by the body's size: that of nodes is not quite that of curved elements
+_SYMMETRIC = 1e-8  # round-off, by the largest entry
+# Uniform strains xx, yy, zz, yz, xz, xy as gradients of motions, (6, 3, 3), and what they are called.
+_STRAINS = np.zeros((6, 3, 3))
+_STRAINS[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
+_STRAINS[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = _STRAINS[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 0.5
+_CALLED = [f"strain along {axis}" for axis in "xyz"] + [f"shear of {axes}" for axes in ("yz", "xz", "xy")]
+_ALL = np.array([0.8, -0.5, 0.6, 0.9, -0.4, 0.6])  # a strain that has all of them
+Elastic = Material | Regions
+
+
+def plain_matrix(name: str, matrix: Any, n: int) -> sp.csr_matrix:
+    """Return an (n, n) matrix as csr of floats with sorted entries, each once; sparse in any format, or dense.
+
+    Raises
+    ------
+    MeshError
+        If it is no matrix, has another shape, or entries that are no real, finite numbers.
+    """
+    if isinstance(matrix, np.ndarray):
+        matrix = sp.csr_matrix(validate_array(name, matrix, (n, n)))
+    if not sp.issparse(matrix):
+        raise MeshError(f"{name}: expected a sparse matrix, as scipy.sparse.csr_matrix, got {type(matrix).__name__}")
+    if matrix.shape != (n, n):
+        raise MeshError(f"{name}: expected shape {(n, n)}, three dofs a node, got {matrix.shape}")
+    if matrix.dtype.kind not in "iuf":
+        raise MeshError(f"{name}: expected real numbers, got {matrix.dtype}; give damping to CreatePartitionBody")
+    plain = sp.csr_matrix(matrix, dtype=float)
+    if not plain.has_canonical_format:
+        plain = plain.copy()  # the user's is not changed
+        plain.sum_duplicates()
+    if not np.isfinite(plain.data).all():
+        bad = np.count_nonzero(~np.isfinite(plain.data))
+        raise MeshError(f"{name}: expected finite numbers, got {bad} that are not; assemble it anew")
+    return plain
+
+
+def check_symmetric(name: str, matrix: sp.csr_matrix, tolerance: float = _SYMMETRIC) -> None:
+    """Raise `MeshError` unless a matrix is symmetric, within a tolerance by its largest entry."""
+    weights = 1.0 + 0.5 * np.sin(np.arange(matrix.shape[0]))  # none is zero, so that no entry is missed
+    off = abs(matrix @ weights - matrix.T @ weights)
+    if off.max(initial=0.0) > tolerance * largest_entry(matrix):
+        row = int(off.argmax())
+        raise MeshError(
+            f"{name}: expected a symmetric matrix, row and column {row} ({'xyz'[row % 3]} of node {row // 3}) differ. "
+            "Is only one triangle of it stored? Then add the other one: A + A.T - diag(A)"
+        )
+
+
+def largest_entry(matrix: sp.csr_matrix) -> float:
+    """Largest absolute value of a matrix; abs(matrix) would copy it."""
+    return float(max(matrix.data.max(initial=0.0), -matrix.data.min(initial=0.0)))
+
+
+def check_elements(
+    points: Array, cells: Array, cell_mass: Array, mass: sp.csr_matrix, stiffness: sp.csr_matrix, elastic: Elastic
+) -> None:
+    """Compare the matrices with the elements, and with their elasticity and density.
+
+    Parameters are those of `FEModel`.
+
+    Raises
+    ------
+    MeshError
+        If an element has no positive volume.
+    InputError
+        If masses, energies of uniform strain, or its forces at nodes differ.
+    """
+    volume, gradients = _integrals(points, cells)
+    bad = np.flatnonzero(volume <= 0)
+    if len(bad):
+        where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
+        raise MeshError(
+            f"cells: {len(bad)} of {len(volume)} elements are inverted or have no volume, the first is element "
+            f"{bad[0]} at ({where}). Expected nodes in VTK order, which gives positive volumes; exchange two corners"
+        )
+    _check_mass(mass, cell_mass, elastic.rho * volume, points, points[cells].mean(axis=1))
+    lame, shear = (np.broadcast_to(x, len(volume)) for x in (elastic.lame, elastic.shear_modulus))
+    motions = np.einsum("na,vab->nbv", points - points.mean(axis=0), _STRAINS).reshape(-1, 6)
+    forces = stiffness @ motions
+    _check_energies(motions.T @ forces, volume, lame, shear, elastic)
+    strain = np.einsum("v,vab->ab", _ALL, _STRAINS)
+    spherical, deviatoric = lame * np.trace(strain), 2 * shear
+    of_cells = gradients @ (spherical[:, None, None] * np.eye(3) + deviatoric[:, None, None] * strain)
+    _check_forces(points, cells, (forces @ _ALL).reshape(-1, 3), of_cells)
+
+
+def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: Array, centres: Array) -> None:
+    """Compare masses of elements, (ne,) [kg], with density times volume; their sum and centre with the mass matrix."""
+    total = float(cell_mass.sum())
+    off = abs(cell_mass - expected) / expected
+    if off.max() > _OF_AN_ELEMENT or abs(total - expected.sum()) > EQUAL * total:
+        worst = int(off.argmax())
+        raise InputError(
+            f"cell_mass: expected density times volume, {expected.sum():.6g} kg in all, got {total:.6g} kg; element "
+            f"{worst} has {cell_mass[worst]:.4g} kg for {expected[worst]:.4g} kg. Are points, cells and material those "
+            "that the matrices were made with, in the same units?"
+        )
+    for axis, name in enumerate("xyz"):
+        along = np.zeros(mass.shape[0])
+        along[axis::3] = 1.0
+        moved = float(along @ (mass @ along))
+        if abs(moved - total) > EQUAL * total:
+            raise InputError(
+                f"mass: a motion along {name} moves {moved:.6g} kg by the mass matrix, but the elements have "
+                f"{total:.6g} kg by cell_mass, {total / moved:.4g} times as much. Expected the matrix of these points, "
+                "cells and material, in the same units"
+            )
+    away = np.linalg.norm((mass @ np.ones(mass.shape[0])).reshape(-1, 3).mean(axis=1) @ points - cell_mass @ centres)
+    if away > _CENTRE * total * np.ptp(points, axis=0).max():
+        raise InputError(
+            f"mass: its centre lies {away / total:.4g} m from that of the elements, expected the same; is the order of "
+            "nodes another, or the order of dofs not x y z x y z?"
+        )
+
+
+def _check_energies(energies: Array, volume: Array, lame: Array, shear: Array, elastic: Elastic) -> None:
+    """Compare twice the energies of uniform strains, (6, 6) [J], with those of the elements."""
+    traces = np.einsum("vaa->v", _STRAINS)
+    products = np.einsum("vab,wab->vw", _STRAINS, _STRAINS)
+    expected = (lame @ volume) * np.outer(traces, traces) + 2 * (shear @ volume) * products
+    off = (abs(energies - expected) > EQUAL * expected.max()).any(axis=1)
+    if off.any():
+        first, per = int(off.argmax()), 2 * volume.sum()
+        raise InputError(
+            f"material: a uniform {_CALLED[first]} stores {energies[first, first] / per:.6g} J/m3 by the stiffness "
+            f"matrix, but {expected[first, first] / per:.6g} J/m3 by E = {_spread(elastic.E)} Pa and nu = "
+            f"{_spread(elastic.nu)}. Expected the material, and the units, that the matrices were made with"
+        )
+
+
+def _check_forces(points: Array, cells: Array, found: Array, of_cells: Array) -> None:
+    """Compare forces of a uniform strain at nodes, (n, 3) [N], with those of the elements around, (ne, k, 3) [N]."""
+    nodes, n = cells.ravel(), len(points)
+    expected = np.column_stack([np.bincount(nodes, f.ravel(), n) for f in of_cells.transpose(2, 0, 1)])
+    off = np.sqrt(((found - expected) ** 2).sum(axis=1))
+    largest = np.sqrt((of_cells**2).sum(axis=2).max(axis=1))
+    if off.max() <= _AT_A_NODE * largest.min():
+        return
+    scale = np.zeros(n)
+    np.maximum.at(scale, cells, largest[:, None])
+    wrong = np.flatnonzero(off > _AT_A_NODE * scale)
+    if len(wrong):
+        node = int(wrong[(off[wrong] / scale[wrong]).argmax()])
+        raise InputError(
+            f"stiffness: at {len(wrong)} nodes, as node {node} at {points[node]} m, the force of a uniform strain "
+            f"differs by {off[node]:.3g} N from that of the elements around it, of which one makes {scale[node]:.3g} "
+            "N. Is an element missing in cells, a modulus at the wrong place, or a node's number another?"
+        )
+
+
+def _integrals(points: Array, cells: Array) -> tuple[Array, Array]:
+    """Volumes of elements, (ne,) [m3], and integrals of the gradients of their shape functions, (ne, k, 3) [m2]."""
+    k = cells.shape[1]
+    x, volume, gradients = points[cells], np.zeros(len(cells)), np.zeros((*cells.shape, 3))
+    for weight, slopes in zip(integration_weights(k), integration_gradients(k), strict=True):
+        r, s, t = (np.tensordot(x, slope, (1, 0)).T for slope in slopes.T)  # tangents, (3, ne)
+        areas = np.stack([_cross(s, t), _cross(t, r), _cross(r, s)])
+        volume += weight * (r * areas[0]).sum(axis=0)
+        gradients += weight * np.tensordot(slopes, areas, (1, 0)).transpose(2, 0, 1)
+    return volume, gradients
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Products of vectors, (3, n)."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _spread(values: float | Array) -> str:
+    low, high = np.min(values), np.max(values)
+    return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
