@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from ..contact.plasticity.zone_run import ZoneMotion, deformed_at_rest
-from ..errors import InputError
+from ..errors import InputError, UnitsWarning
 from ..fe.partition import number_of_patch
 from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of
 from ..frames.floating import FloatingKinematics
@@ -26,9 +27,11 @@ from ..support.optional import require
 from .markers import EXUDYN_COLOUR
 from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
+from .unchanged import made
 from .user_functions import RIGID, Functions, coupling_functions, inertia_functions
 
 _ORIGIN = (0.0, 0.0, 0.0)
+_EARTH, _NEAR_EARTH = 9.81, 5e-3  # m/s2, and by how much less or more people take
 _ORTHONORMAL = 1e-9  # defect of a rotation matrix that counts as round-off
 # Exudyn composes rotation vectors with an error of 1e-16 over their size: 1e-8 rad near zero, where most bodies start.
 # With this start, a rotation about a coordinate axis has an error of 1e-14 rad at every angle. With a larger one,
@@ -136,6 +139,11 @@ def CreatePartitionBody(
         If `mbs` is no model, an argument is out of range, or the model has an item of that name. Also if the frame is
         floating and the body has no inertia about some axis; if something is given by two names; or if an argument has
         no effect.
+
+    Warns
+    -----
+    UnitsWarning
+        If a damping ratio is above 1, or gravity is that of the earth in other units than the material's.
     """
     validate_model(mbs)
     if not isinstance(body, ReducedBody):
@@ -182,6 +190,9 @@ def CreatePartitionBody(
         loss = None if damping is None else damping_of(floating, damping)
         item = _add_floating(mbs, floating, name, velocity, angular_velocity, inertiaTerms, loss)
     item.damping = loss
+    if damping is not None:
+        _warn_if_overdamped(body, damping, loss)
+    _warn_of_gravity(body, acceleration)
     if plasticStates is not None:
         _set_plastic_states(mbs, item, plasticStates)
     if acceleration.any():
@@ -195,6 +206,7 @@ def CreatePartitionBody(
             mbs.AddSensor(items.SensorNode(nodeNumber=n, outputVariableType=kind, storeInternal=True))
             for n in item.nodes
         ]
+    item.as_made = made(mbs, item)
     registry(mbs).bodies[int(item["oGenericODE2"])] = item
     if superElement:
         item._super_element(mbs, color, offsets)
@@ -230,6 +242,40 @@ def _damping(damping: Ratios | None, of_mass: float, of_stiffness: float) -> Rat
     if damping is not None:
         raise InputError(f"damping: expected one kind of damping, got {damping!r} and {' and '.join(named)}")
     return Rayleigh(of_mass, of_stiffness)
+
+
+def _warn_if_overdamped(body: ReducedBody, damping: Ratios, loss: Damping | None) -> None:
+    """Warn of ratios above one, which no structure has; Rayleigh damping may damp high modes so, but not all."""
+    omega = body.basis.omega[body.basis.omega > 0]
+    if isinstance(damping, Rayleigh):
+        ratios = damping.alpha / (2 * omega) + damping.beta * omega / 2
+        ratio, said = ratios.min(initial=np.inf), "the ratios of all modes, from"
+    else:
+        rates = loss.rates[6:] if isinstance(loss, ModeDamping) else np.zeros(0)
+        ratio, said = (rates / (2 * body.basis.omega[6:])).max(initial=0.0), "a ratio of"
+    if 1 < ratio < np.inf:
+        warnings.warn(
+            f"damping: {said} {ratio:.4g}, above 1, lets nothing swing; structures have 0.001 to 0.1. Is it in per "
+            "cent? 2 % are 0.02. Go on if that is meant",
+            UnitsWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_gravity(body: ReducedBody, acceleration: Array) -> None:
+    """Warn of the earth's gravity in m/s2 where the body is in mm, and the other way round."""
+    if body.material is None:
+        return
+    in_mm = body.material.in_millimetres
+    slip = _EARTH if in_mm else 1e3 * _EARTH
+    if abs(np.linalg.norm(acceleration) / slip - 1) < _NEAR_EARTH:
+        units = ("m", "millimetres") if in_mm else ("mm", "SI units")
+        warnings.warn(
+            f"gravity: {np.linalg.norm(acceleration):.6g} is that of the earth in {units[0]}/s2, and the material, rho="
+            f"{body.material.rho:.6g}, is in {units[1]}; expected {_EARTH * (1e3 if in_mm else 1):g} there",
+            UnitsWarning,
+            stacklevel=3,
+        )
 
 
 def _look(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..errors import InputError
@@ -19,6 +21,7 @@ from .body_results import BodyResults, Kinematics
 from .markers import add_interface_marker, add_point_marker, add_super_element, add_tied_marker
 from .model import registered
 from .surface_loads import loaded_area, surface_load
+from .unchanged import check_unchanged, made
 
 
 class PartitionBody(BodyResults):
@@ -34,7 +37,8 @@ class PartitionBody(BodyResults):
 
     `point_markers` has the points of node and point markers outside of rigid interfaces, by the markers' numbers.
     `offset_markers` names the interfaces whose markers have offsets. `frame_markers` hold the rigid node of an inertial
-    frame. `kinematics` is the motion of the body in space; `kinematics.at(nodes)` is that of nodes.
+    frame. `as_made` has what no run may find changed. `kinematics` is the motion of the body in space;
+    `kinematics.at(nodes)` is that of nodes.
     """
 
     def __init__(
@@ -52,6 +56,7 @@ class PartitionBody(BodyResults):
         self.plastic_states: dict[int, PlasticState] = {}
         self.frame_markers: list[int] = []
         self.offset_markers: set[str] = set()
+        self.as_made: dict[str, Any] = {}
 
     @property
     def frame(self) -> Frame:
@@ -205,6 +210,7 @@ class PartitionBody(BodyResults):
             if offsets is not None:
                 names = [interface.name for interface in self.body.partition.interfaces]
                 self.offset_markers = {name for name, offset in zip(names, offsets, strict=True) if offset.any()}
+            self.as_made = made(mbs, self)
             add_guard(mbs, self, check_model)
         return self["oFFRFreducedOrder"]
 
@@ -214,5 +220,7 @@ class PartitionBody(BodyResults):
 
 
 def check_model(mbs: MainSystem) -> None:
-    """Raise if an item of the model would have no effect in a run."""
-    check_attachments(mbs, [*registered(mbs).bodies.values()])
+    """Raise if an item of the model would have no effect in a run, or was changed since it was made."""
+    bodies = [*registered(mbs).bodies.values()]
+    check_attachments(mbs, bodies)
+    check_unchanged(mbs, bodies)

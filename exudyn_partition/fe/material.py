@@ -12,6 +12,9 @@ from ..errors import InputError
 from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, read_only, validate_array, validate_number, validate_positive
 
+# Densities of solids, 10 to 25e3 kg/m3, and speeds of waves in bars, 10 to 2e4 m/s, where lengths are in mm: in t, kg
+# or g by mm3 with mm/s, and in kg or g by mm3 with mm/ms.
+_MILLIMETRES = (((1e-11, 2.5e-2), (1e4, 2e7)), ((1e-8, 2.5e-2), (10.0, 2e4)))
 _YIELD_STRAINS = 1e-6, 1.0  # yield stress by Young's modulus: less than soft crystals have, more than rubber
 
 
@@ -118,6 +121,12 @@ class Material:
     def plane_strain_modulus(self) -> float:
         """E / (1 - nu^2) [Pa], the modulus of Hertz contact."""
         return self.E / (1 - self.nu**2)
+
+    @property
+    def in_millimetres(self) -> bool:
+        """Whether its numbers are those of a solid in mm, with t, kg or g and s, or with kg or g and ms."""
+        speed = self.bar_wave_speed
+        return any(low <= self.rho <= high and slow <= speed <= fast for (low, high), (slow, fast) in _MILLIMETRES)
 
     @property
     def bar_wave_speed(self) -> float:

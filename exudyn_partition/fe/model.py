@@ -53,6 +53,7 @@ _ROUND_OFF = 1e-8  # of sums over matrices that were assembled twice, maybe on a
 _LINEAR_NU = 0.49  # Poisson's ratio up to which linear elements are usable
 _LOWEST_PLAUSIBLE_HZ = 10.0  # a steel bar of 260 m
 _LARGEST_PLAUSIBLE_MASS = 2e3  # kg; a steel part of 0.05 kg in inches, taken for metres, has 3000 kg
+_SMALLEST_IN_MM = 0.3  # where lengths are in mm: a part of 30 mm in metres has 0.03; few balls of bearings are smaller
 _SMALLEST_PLAUSIBLE = 1e-4  # m; a part of 30 mm scaled by 1e-3 twice has 30 um
 _SLENDEREST_PLAUSIBLE = 2000  # length by thickness; a wire of 0.2 mm drawn 1 long for 1 mm has 5000
 
@@ -186,9 +187,18 @@ class FEModel:
                 stacklevel=3,
             )
             return
+        size = np.ptp(self.points, axis=0).max()
+        if not dimensionless and self.material.in_millimetres and size < _SMALLEST_IN_MM:
+            warnings.warn(
+                f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, whose E="
+                f"{self.material.E:.6g} and rho={self.material.rho:.6g} are those of a solid in millimetres. If the "
+                "geometry is in metres, scale it by 1e3 (scale=1e3 of fe_model), or give the material in SI units: "
+                "steel has E=210e9 and rho=7800. Go on if that is its size",
+                UnitsWarning,
+                stacklevel=3,
+            )
         if self.material.E < _SOFTEST_SI or self.material.rho < _LIGHTEST_SI:
             return  # another system of units, mm-t-s or dimensionless
-        size = np.ptp(self.points, axis=0).max()
         lowest = speed / (2 * size)
         thickness = 3.5 * np.sqrt(np.linalg.eigvalsh(np.cov(self.points.T))[1])  # as of a rectangle, the second side
         if size < _SMALLEST_PLAUSIBLE or size > _SLENDEREST_PLAUSIBLE * thickness:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import EmptyRegionError, InputError
+from ..errors import EmptyRegionError, InputError, UnitsWarning
 from ..support.arrays import Array, Vector
 from ..support.checks import (
     check_floats,
@@ -34,6 +35,8 @@ from .patches import (
     plastic_region,
 )
 from .selection import Cylinder, Plane, selected_facets
+
+_TOO_LARGE = 10.0  # radius of a ball, by the size of the body within it
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,6 +232,11 @@ class Partition:
             If the ball holds no node, no surface facet, or lies outside the body.
         InputError
             If an argument has a wrong shape or is not finite.
+
+        Warns
+        -----
+        UnitsWarning
+            If a radius is ten times the size of the body.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("axes", axes, AXES)
@@ -239,6 +247,7 @@ class Partition:
             raise InputError(f"contact_radius: expected at most radius = {radius:.4g} m, got {reach:.4g} m")
         if plastic_radius is not None:
             plastic_radius = validate_positive("plastic_radius", plastic_radius, "m")
+        _warn_of_size(fem, radius=radius, plastic_radius=plastic_radius)
         distance = np.linalg.norm(fem.points - center, axis=1)
         nodes = np.flatnonzero(distance <= radius)
         if not len(nodes):
@@ -443,6 +452,19 @@ def check_one_line(partition: Partition, patch: int, argument: str) -> None:
         )
 
 
+def _warn_of_size(fem: FEModel, **radii: float | None) -> None:
+    """Warn of radii [m] far beyond the body, which are as good as infinite."""
+    size = float(np.linalg.norm(np.ptp(fem.points, axis=0)))
+    for name, radius in radii.items():
+        if radius is not None and radius > _TOO_LARGE * size:
+            warnings.warn(
+                f"{name}: {radius:g} m is {radius / size:.3g} times the size of the body, {size:.4g} m, so that all of "
+                "it lies within. Is it in millimetres? Give it in metres",
+                UnitsWarning,
+                stacklevel=3,
+            )
+
+
 def number_of_patch(partition: Partition, key: int | str | None, argument: str) -> int:
     """Do the work of `Partition.patch`; messages name the argument as the caller wrote it."""
     names = [patch.name for patch in partition.patches]
@@ -450,7 +472,7 @@ def number_of_patch(partition: Partition, key: int | str | None, argument: str) 
         return 0
     if isinstance(key, str) and key and key in names:
         return names.index(key)
-    if isinstance(key, int | np.integer) and not isinstance(key, bool) and 0 <= key < len(names):
+    if isinstance(key, int | np.integer) and not isinstance(key, bool | np.timedelta64) and 0 <= key < len(names):
         return int(key)
     raise InputError(
         f"{argument}: expected the name or number of one of the {len(names)} contact patches {names}, got {key!r}"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import KDTree
 
-from ..errors import ContactPatchWarning, ModelLimitWarning, YieldWarning
+from ..errors import ContactPatchWarning, ModelLimitWarning, UnitsWarning, YieldWarning
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.plastic_results import SIDES
@@ -28,6 +28,7 @@ _OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the
 _ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
 _DAMPING_RADIUS = 0.5  # spectral radius, up to which steps damp ringing
 _HIGH, _DAMPED = 0.7, 0.2  # of f_cut, and the ratio above it that damps ringing
+_FAR, _NEARER = 20.0, 0.01  # distance by the bodies' size that may be a slip of units, and share of it travelled
 _LISTED = 5  # most contacts that a warning lists
 _LOOKED_AT = 64  # most samples at which bodies' velocities, and places beside their patches, are looked at
 _BESIDE, _DEEP = 500, 1e-3  # nodes that are looked at beside a patch; depth of one, by the body's size
@@ -185,9 +186,37 @@ def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
             )
 
 
+def _warn_of_far(contact: PartitionContact, result: Result) -> bool:
+    """A surface that is far away by the size of the bodies, and stays there, may be given in other units."""
+    if contact.law.gaps.carried or contact.force(result).any():
+        return False
+    ends = result.at(result.t[[0, -1]])
+    places = [
+        item.kinematics.at(nodes).place(item.coordinates(ends))
+        for item, nodes in ((item, item.body.partition.patches[number].nodes) for item, number in contact.sides)
+    ]
+    if isinstance(contact.master, PartitionBody):
+        away = [float(KDTree(theirs).query(own)[0].min()) for own, theirs in zip(*places, strict=True)]
+    else:
+        away = [float(contact.master.project(own)[0].min()) for own in places[0]]
+    size = max(float(np.ptp(item.body.points, axis=0).max()) for item, _ in contact.sides)
+    if away[-1] < _FAR * size or away[-1] < (1 - _NEARER) * away[0]:
+        return False
+    warnings.warn(
+        f"{called(contact)} never closed: its slave's patch was {away[0]:.4g} m away from what it is to meet, "
+        f"{away[0] / size:.3g} times the size of the bodies, and came {max(away[0] - away[-1], 0.0):.3g} m nearer. Is "
+        "a place or a radius in millimetres? Give it in metres, as the bodies are, or leave this contact out",
+        UnitsWarning,
+        stacklevel=6,
+    )
+    return True
+
+
 def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
     """Bodies that turn may face each other later; those that never do may have been placed wrongly."""
     gaps = contact.law.gaps
+    if _warn_of_far(contact, result):
+        return
     if not gaps.faced and not contact.force(result).any():
         patch = gaps.slave.surface
         warnings.warn(

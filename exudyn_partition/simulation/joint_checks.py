@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import FrameType
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,6 +27,7 @@ from ..support.progress import Progress
 from .result import Result
 from .sensor_checks import check_sensors
 
+_SOLVERS = "exudyn.solver"  # Exudyn's module whose functions run models
 _APART = 0.05  # of the smallest body: how far a joint may be open at the start
 _VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
 _ROUND_OFF = 1e-13  # the same at rest, relative to the speed of a body's size in a period of f_cut
@@ -175,11 +178,24 @@ def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progres
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     validate_model(mbs)
+    _refuse_within_a_run(mbs)
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
     check_sensors(mbs)
     return check_joints(mbs, partition_items(mbs)[0])
+
+
+def _refuse_within_a_run(mbs: MainSystem) -> None:
+    """A solver that a user function of a run starts would change the state beneath that run."""
+    frame: FrameType | None = sys._getframe()
+    while frame is not None:
+        if frame.f_globals.get("__name__") == _SOLVERS and frame.f_locals.get("mbs") is mbs:
+            raise RunError(
+                "mbs: a run of this model is under way, and one of its user functions starts another one, which would "
+                "change its state. Let the first one end, or make a model of its own by AddSystem()"
+            )
+        frame = frame.f_back
 
 
 def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints:

@@ -56,5 +56,5 @@ def test_uniform_strain_is_answered_as_before(model):
 def test_cubic_elements_and_bodies_without_zones_keep_their_stiffness(model):
     cubic = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=12e-3, order=3)
     assert with_mean_dilatation(cubic, cubic.cells, MATERIAL) is cubic
-    elastic = dataclasses.replace(model[0], material=ep.STEEL)
+    elastic = dataclasses.replace(model[0], material=dataclasses.replace(model[0].material, hardening=None))
     assert with_free_zones(elastic, ep.Partition.ball(elastic, (0, 0, 4e-3), 2e-3)) is elastic

@@ -123,7 +123,7 @@ def test_wrong_friction(pair):
         (-0.1, "0 to 10"),
         (np.nan, "friction"),
         ("0.3", "expected a coefficient"),
-        (True, "bool"),
+        (True, "True: truth values are no numbers"),
     ):
         with pytest.raises(InputError, match=message):
             simulate(pair, 0.0, friction)

@@ -9,6 +9,7 @@ import exudyn as exu
 import netgen.occ as occ
 import ngsolve
 import numpy as np
+import scipy.sparse as sp
 
 import exudyn_partition as ep
 from exudyn_partition import cli
@@ -145,6 +146,86 @@ def modulus_in_megapascal(s):
 @scene
 def density_in_grams(s):
     ep.fe_model(s.shape, ep.Material(E=210e9, nu=0.3, rho=7.8), maxh=8e-3)
+
+
+@scene
+def material_in_millimetres_and_geometry_in_metres(s):
+    ep.fe_model(s.shape, ep.Material(E=210e3, nu=0.3, rho=7.8e-9), maxh=8e-3)
+
+
+@scene
+def material_in_millimetres_and_milliseconds_and_geometry_in_metres(s):
+    ep.fe_model(s.shape, ep.Material(E=210.0, nu=0.3, rho=7.8e-6), maxh=8e-3)
+
+
+@scene
+def gravity_in_millimetres(s):
+    ep.CreatePartitionBody(s.empty(), s.body, gravity=[0, 0, -9810])
+
+
+def far(s, surface):
+    mbs = s.empty()
+    ep.CreatePartitionContact(mbs, ep.CreatePartitionBody(mbs, s.body, initialVelocity=[0, 0, -1]), surface)
+    run(mbs)
+
+
+@scene
+def a_plane_metres_away(s):
+    far(s, ep.RigidPlane((0, 0, -2.0)))
+
+
+@scene
+def a_sphere_in_millimetres(s):
+    far(s, ep.RigidSphere((0, 0, -40.0), 10.0))
+
+
+@scene
+def a_ball_larger_than_the_body(s):
+    ep.Partition.ball(s.fem, (0, 0, 0), 4.0)
+
+
+def changed(name):
+    """A scene in which a matrix of a body's object is changed after it was made."""
+
+    def change(s):
+        mbs = s.apart()
+        number = s.striker["oGenericODE2"]
+        twice = exu.MatrixContainer(sp.csr_matrix(2 * sp.identity(s.body.n_dofs)))
+        mbs.SetObjectParameter(number, name, twice)
+        run(mbs)
+
+    SCENES.append(Wrong(f"scene(changed {name})", change))
+
+
+for matrix in ("massMatrix", "stiffnessMatrix", "dampingMatrix"):
+    changed(matrix)
+
+
+def moved(s):
+    """A model with a body whose node was moved after it was made."""
+    mbs = s.apart()
+    node = s.striker["nModal"]
+    place = mbs.GetNodeParameter(node, "referenceCoordinates")
+    mbs.SetNodeParameter(node, "referenceCoordinates", [place[0] + 1e-3, *place[1:]])
+    mbs.Assemble()
+    return mbs
+
+
+@scene
+def changed_reference_coordinates(s):
+    ep.solve_dynamic(moved(s), end_time=4 * STEP)
+
+
+@scene
+def changed_reference_coordinates_and_statics(s):
+    ep.solve_static(moved(s))
+
+
+@scene
+def a_run_within_a_run(s):
+    mbs = s.apart()
+    mbs.SetPreStepUserFunction(lambda mbs, t: bool(ep.solve_dynamic(mbs, end_time=4 * STEP)) or True)
+    run(mbs)
 
 
 @scene
