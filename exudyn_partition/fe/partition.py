@@ -247,7 +247,6 @@ class Partition:
             raise InputError(f"contact_radius: expected at most radius = {radius:.4g} m, got {reach:.4g} m")
         if plastic_radius is not None:
             plastic_radius = validate_positive("plastic_radius", plastic_radius, "m")
-        _warn_of_size(fem, radius=radius, plastic_radius=plastic_radius)
         distance = np.linalg.norm(fem.points - center, axis=1)
         nodes = np.flatnonzero(distance <= radius)
         if not len(nodes):
@@ -257,6 +256,7 @@ class Partition:
                 f"{show(fem.points.max(axis=0))} m, and the largest elements have edges of {fem.max_size:.4g} m. Move "
                 "the center, enlarge the radius or refine the mesh there"
             )
+        _warn_of_size(fem, radius=radius, plastic_radius=plastic_radius)
         chosen, line, rim = ball_facets(fem, center, reach, direction, nodes)
         facets = fem.facets[chosen]
         material, plastic = fem.material_beneath(chosen), None

@@ -59,11 +59,11 @@ def film(
     validate_result(result)
     ending = validate_choice("path", path.suffix.lower(), _ENDINGS)
     pixels = [2 * (side // 2) for side in validate_pixels(size)]  # H.264 takes even numbers
-    validate_positive("period", period, "s")
+    period = validate_positive("period", period, "s")
     if scale is not None:
-        validate_scale(scale)
+        scale = validate_scale(scale)
     if end is not None:
-        validate_positive("end", end)
+        end = validate_positive("end", end)
     towards = validate_array("direction", direction, (3,))
     if not towards.any():
         raise InputError("direction: expected where the viewer is, seen from the bodies, got zeros")

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
-from ..support.checks import validate_integer, validate_positive, validate_result, validate_text
+from ..support.checks import validate_callable, validate_integer, validate_result, validate_text
 from ..support.files import replacing, writable
 from ..support.foreign import JSON
 from ..support.optional import require
@@ -96,15 +96,17 @@ def scene_of(
     """Make the page of a run; see `Result.scene`."""
     validate_result(result)
     validate_text("title", title)
-    validate_integer("height", height, 100, 10_000)
+    height = validate_integer("height", height, 100, 10_000)
     if scale is not None:
-        validate_scale(validate_positive("scale", scale))
+        scale = validate_scale(scale)
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
     with shown(progress, "moving bodies") as report:
         motion = motion_of(result, bodies, colours=colours, frames=frames, progress=report)
     middle = np.mean(motion.bounds, axis=0)
     grey = rigid_surfaces(result.contacts, np.vstack([body.at(0) for body in motion.bodies]))
     blob = _Blob()
-    facts = _facts(motion, title, motion.visible_scale if scale is None else float(scale))
+    facts = _facts(motion, title, motion.visible_scale if scale is None else scale)
     facts["bodies"] = [_packed(body, middle, motion, blob) for body in motion.bodies]
     facts["rigid"] = [_packed_surface(surface, middle, blob) for surface in grey]
     facts["spots"] = [(spot - middle).tolist() for spot in motion.spots]

@@ -27,7 +27,7 @@ from ..present.scene import Scene, scene_of
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.attributes import no_attribute
-from ..support.checks import validate_array, validate_integer, validate_type
+from ..support.checks import validate_array, validate_integer, validate_text, validate_type
 from ..support.files import writable
 from ..support.foreign import MainSystem, SensorIndex
 from ..support.progress import Progress
@@ -395,7 +395,7 @@ class Result:
             If an argument has a wrong type or is out of range, or no file can stand at the path.
         """
         target = None if path is None else writable(path)
-        title = title or ("" if target is None else target.stem)
+        title = validate_text("title", title) or ("" if target is None else target.stem)
         made = scene_of(
             self, bodies, colours=colours, frames=frames, scale=scale, title=title, height=height, progress=progress
         )

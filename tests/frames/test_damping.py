@@ -103,6 +103,7 @@ def test_rigid_motion_is_not_damped(bar, frame, keeps_nodes):
     assert np.allclose(damping.force(any_motion), (damping.matrix() @ any_motion.T).T, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:damping. a ratio of 2, above 1")
 @pytest.mark.parametrize("ratio", [0.0, 0.1, 2.0])
 def test_explicit_steps_are_stable_up_to_the_limit_and_not_beyond(bar, ratio):
     body, _ = bar

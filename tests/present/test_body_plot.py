@@ -44,7 +44,7 @@ def test_selected_facets_have_their_colour(block):
 def test_bodies_stand_where_they_are(mbs, bodies):
     ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
     ep.CreatePartitionBody(mbs, bodies[1])
-    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, -1.0)))
+    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, -0.1)))
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
     axes = ep.plot.bodies(result, 5e-6, direction=(1, 0, 0), scale=1.0, end=2.0)
