@@ -24,12 +24,13 @@ from ..present.film import film
 from ..present.motion import Colour
 from ..present.report_page import write_report
 from ..present.scene import Scene, scene_of
+from ..present.tables import dataframe, dataset
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.attributes import no_attribute
 from ..support.checks import validate_array, validate_integer, validate_text, validate_type
 from ..support.files import writable
-from ..support.foreign import MainSystem, SensorIndex
+from ..support.foreign import DataFrame, Dataset, MainSystem, SensorIndex
 from ..support.progress import Progress
 from .sensor_checks import check_sensors
 from .stored_run import FILE, StoredRun, check_items, described
@@ -400,6 +401,36 @@ class Result:
             self, bodies, colours=colours, frames=frames, scale=scale, title=title, height=height, progress=progress
         )
         return made if target is None else made.save(target)
+
+    def to_dataframe(self) -> DataFrame:
+        """Histories of contacts and bodies as a table of pandas: force, gap, energy, momentum, with names and units.
+
+        Rows are the times; `attrs` says how the run ended. `to_csv`, `to_hdf` and the like of the table write files.
+
+        Returns
+        -------
+        pandas.DataFrame
+
+        Raises
+        ------
+        MissingPackageError
+            If pandas is not installed: `pip install "exudyn-partition[tables]"`.
+        """
+        return dataframe(self)
+
+    def to_xarray(self) -> Dataset:
+        """The same as a data set of xarray, with dimensions t, contact, body and axis, and units as attributes.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        MissingPackageError
+            If xarray is not installed: `pip install "exudyn-partition[tables]"`.
+        """
+        return dataset(self)
 
     def history(self, contact: PartitionContact, points: Mapping[str, tuple[Any, ...]] | None = None) -> History:
         """Forces of a contact and velocities of named points, to compare, plot and save.

@@ -43,5 +43,7 @@ Figure = _Unknown  # matplotlib.figure.Figure
 Plotter = _Unknown  # pyvista.Plotter
 PolyData = _Unknown  # pyvista.PolyData
 Actor = _Unknown  # pyvista.Actor
+DataFrame = _Unknown  # pandas.DataFrame
+Dataset = _Unknown  # xarray.Dataset
 ProgressBar = _Unknown  # rich.progress.Progress
 JSON = _Unknown  # a value in the types of JSON, from a file
