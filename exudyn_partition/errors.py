@@ -78,7 +78,7 @@ class MeshQualityWarning(PartitionWarning):
 
 
 class ContactPatchWarning(PartitionWarning):
-    """A contact that reaches the edge of its patch, or slides further than frozen pairs allow."""
+    """A contact that reaches the edge of its patch or beyond, never meets it, or misses a corner of it."""
 
 
 class SelectionWarning(PartitionWarning):

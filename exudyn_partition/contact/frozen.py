@@ -131,7 +131,7 @@ class FrozenContacts:
         Rows at the edge of their patch.
     told : (n, 6) array
         Of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N], and the
-        smallest gap, zero if it is closed [m].
+        smallest gap of the rows, without the contact's own flexibility [m].
     stored : (n,) array
         Energy that each contact stores [J].
     whole : bool

@@ -354,8 +354,7 @@ def forces_of_frozen(
                 for k in range(3):
                     tell[2 + k] += push * normals[i, k]
                 stored[j] -= 0.5 * push * h[start + i]
-        if tell[1] == 0.0:
-            tell[5] = least
-        else:
+        tell[5] = least
+        if tell[1] > 0.0:
             for k in range(n):
                 force[dofs[k]] += own[k]

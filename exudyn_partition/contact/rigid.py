@@ -228,13 +228,13 @@ class RigidGaps(Gaps):
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
-        (nodes,) = self.dented(self._sides_of_all, q, dents)
+        (nodes,) = self.dented([self.whole], q, dents)
         return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
 
     @property
-    def _sides_of_all(self) -> Sequence[Side]:
-        """The side with all nodes of its patch."""
-        return self.sides
+    def whole(self) -> Side:
+        """The slave with all facets of its patch."""
+        return self.slave
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; without accelerations of the body that carries the surface, which are not known here."""

@@ -187,6 +187,6 @@ class WanderingRigidGaps(RigidGaps):
         return np.append(gap, self._beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
 
     @property
-    def _sides_of_all(self) -> Sequence[Side]:
-        """See `RigidGaps`."""
-        return (self._whole,)
+    def whole(self) -> Side:
+        """See `RigidGaps.whole`."""
+        return self._whole

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -20,8 +21,9 @@ from ..prediction.yielding import Stress
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import MainSystem
+from ..surfaces.rows import PENETRATION_TOLERANCE
 from .friction_results import RunSamples
-from .plastic_results import PlasticResults
+from .plastic_results import PlasticResults, dent_motion
 
 # Energies of contacts that are solved together, by the list of these, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
@@ -118,10 +120,16 @@ class ContactResults(PlasticResults):
         return result.sensor_of(self, self["sForce"])[:, 1].astype(int)
 
     def gap(self, result: RunSamples) -> Array:
-        """Smallest gap, (n,) [m]: zero in contact; infinite where no point faces the master or is near it.
+        """Smallest gap of the surfaces, (n,) [m]; negative where they lie within each other.
 
-        Integrated rows have mean gaps around nodes: a convex tip touches when the first mean closes, after its lowest
-        point by the order of a facet's size squared over the radius.
+        It is that of the lowest point, as the coordinates move the surfaces, with dents, but without what the contact's
+        own flexibility or layer yields: in contact minus the depth to which they are pressed. Multipliers hold gaps at
+        zero; theirs is zero in contact up to the tolerance of meshes. Infinite where no point faces the master.
+
+        Where the surfaces are not known after the run, and where no point faces the master, it is the smallest gap of
+        the rows, which the sensor `sForce` has: of a rigid surface that another body carries, and of results from files
+        if a body yields. Integrated rows have mean gaps around nodes: a convex tip closes the first one later than its
+        lowest point touches, by the order of a facet's size squared over the radius.
 
         Raises
         ------
@@ -129,7 +137,36 @@ class ContactResults(PlasticResults):
             If the result is none, or of another model.
         """
         validate_result(result)
-        return result.sensor_of(self, self["sForce"])[:, 5]
+        gap = result.sensor_of(self, self["sForce"])[:, 5].copy()
+        if (surface := self._gap_of_surface(result)) is None:
+            return gap
+        found = np.array([surface(sample) for sample in range(len(gap))])
+        known = np.isfinite(found)
+        if not self.compliant:  # in contact, zero up to tolerance
+            known &= (gap != 0.0) | (found < -PENETRATION_TOLERANCE * self.law.gaps.size)
+        return np.where(known, found, gap)
+
+    def depth(self, result: RunSamples) -> float:
+        """Largest depth of the surfaces within each other in the run [m], see `gap`; zero if they did not touch.
+
+        Raises
+        ------
+        InputError
+            If the result is none, or of another model.
+        """
+        return float(max(-self.gap(result).min(initial=0.0), 0.0))
+
+    def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
+        """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
+        gaps = self.law.gaps
+        if gaps.carried:
+            return None
+        try:
+            dents = dent_motion(self, result)
+        except InputError:  # of a file, or with too many states of the zones to be kept
+            return None
+        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
+        return functools.cache(lambda sample: gaps.surface_gap(q[sample], dents(sample)))
 
     def row_forces(self, result: RunSamples) -> sp.csr_matrix:
         """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
@@ -299,11 +336,6 @@ class ContactResults(PlasticResults):
                 for on_side, now in zip(forces, run.on_nodes[t], strict=True):
                     on_side[i] = now
         return forces
-
-    def depth(self, result: RunSamples) -> float:
-        """Depth that the deepest row had been pressed to at the first sample, before it gave way [m]."""
-        laws = next(iter(self._again(result)))
-        return -laws[self._place_in_group].least_gap
 
     def _again(self, result: RunSamples) -> Iterator[Sequence[Law]]:
         """Laws of the contacts that are solved together, at each time of `result`."""

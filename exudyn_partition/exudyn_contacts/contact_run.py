@@ -60,6 +60,8 @@ class ContactRun:
         Time in the contact's force so far [s].
     joined : bool
         Whether the multipliers are found together with those of joints.
+    goes_on : bool
+        Whether the run begins where the last one ended.
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class ContactRun:
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self.together: Together | None = None
         self._group: GroupRun | None = None
-        self.joined = False
+        self.joined = self.goes_on = False
         self.time_s = 0.0
         self.areas = law.node_areas
         self._members: list[ContactRun] = [self]
@@ -212,8 +214,8 @@ class ContactRun:
             return values
         law = self.law
         if law.index.size:
-            total = float(law.lam.take(law.index).sum())
-            values = [total, float(law.index.size), *law.resultant().tolist(), 0.0]
+            total, gap = float(law.lam.take(law.index).sum()), float(law.least_gap) if law.compliant else 0.0
+            values = [total, float(law.index.size), *law.resultant().tolist(), gap]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
         return values + self._impulse[:4].tolist() if law.ahead else values

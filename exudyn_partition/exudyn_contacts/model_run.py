@@ -181,6 +181,15 @@ class ModelRun:
                     break
         return found
 
+    @property
+    def stepped(self) -> bool:
+        """Whether the run has made steps."""
+        return self.ended is not None and self.ended[0] > self._began
+
+    def ended_in(self, q: Array) -> bool:
+        """Whether the run ended at the model's coordinates q, (nq,), at whatever time."""
+        return self.ended is not None and np.array_equal(self.ended[1], q)
+
     def evaluate_at_once(self, contacts: Sequence[ContactResults]) -> None:
         """Find the forces of these contacts by `force_at_once` alone; they are whole groups of the model."""
         for group in {id(contact.group): contact.group for contact in contacts}.values():
@@ -284,7 +293,7 @@ class Runs:
         self._now: ModelRun | None = None
         self._origin: ModelRun | None = None  # that the present run goes on from
         self._solver: MainSolver = None
-        self._latest = -math.inf
+        self._latest, self._goes_on = -math.inf, False
 
     def now(self, mbs: MainSystem) -> ModelRun:
         """The present run, to evaluate contacts in. If there is none, a run begins."""
@@ -332,8 +341,12 @@ class Runs:
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         earlier = [run for run in (self._now, self._origin) if run is not None]
+        if self._now is not None and self._now.stepped:  # else a run begins again, before its first step
+            self._goes_on = self._now.ended_in(initial)
         same = next((run for run in earlier if run.ended_at(t, method, initial)), None)
         self._now = ModelRun(mbs, contacts, t, method, self.joints, keep, same)
+        for contact in contacts:
+            self._now.of(contact).goes_on = self._goes_on
         self._now.evaluate_at_once(self._at_once)
         self._origin = same or self._now.resume(initial, earlier)
         self._now.tell(mbs)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,7 +27,8 @@ class PartitionContact(ContactResults):
 
     Keys: `oContact`, the force element; `oCommon`, where contacts are coupled, the element that applies the forces of
     all of them in runs by `solve_dynamic` and `solve_static`; `sForce`, a sensor of the total normal force [N], the
-    number of closed rows, the force on the slave [N] and the smallest gap [m]; of multipliers also the impulses so far
+    number of closed rows, the force on the slave [N] and the smallest gap of the rows [m], without the contact's own
+    flexibility, so that it is negative in contact, or zero of multipliers; of multipliers also the impulses so far
     in an explicit run, total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in
     space [N], the number of rows that stick, of those that slip, the energy that friction has taken and what the
     contact stores [J]. `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest
@@ -119,7 +119,7 @@ class PartitionContact(ContactResults):
         force, t = self.force(result), result.t
         if result.method == "static":
             raise InputError("result: expected one of dynamics; a static answer has no impacts")
-        spans, gap, times = closed_spans(force), self._surface_gap(result), []
+        spans, gap, times = closed_spans(force), self._gap_of_surface(result) if self.compliant else None, []
         for k, (first, last) in enumerate(spans):
             start = crossing(t, gap, first, spans[k - 1][1] if k else -1)
             times.append((start, crossing(t, gap, last, spans[k + 1][0] if k + 1 < len(spans) else len(t))))
@@ -223,18 +223,6 @@ class PartitionContact(ContactResults):
     def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
         """First and last sample with a force, of each time of uninterrupted contact."""
         return closed_spans(self.force(result))
-
-    def _surface_gap(self, result: RunSamples) -> Callable[[int], float] | None:
-        """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
-        gaps = self.law.gaps
-        if not self.compliant or gaps.carried:
-            return None
-        try:
-            dents = self._dents_of(result)
-        except InputError:  # of a file, or with too many states of the zones to be kept
-            return None
-        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
-        return functools.cache(lambda sample: gaps.surface_gap(q[sample], dents(sample)))
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

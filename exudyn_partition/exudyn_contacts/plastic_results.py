@@ -73,29 +73,6 @@ class PlasticResults(FrictionResults):
         kept = result.kept(self).plastic_strains
         return [kept.get(side) for side in range(len(self.sides))]
 
-    def _dents_of(self, result: RunSamples) -> Callable[[int], list[Array] | None]:
-        """What plastic strain has moved the nodes of each patch by, beyond the coordinates, by the sample.
-
-        See `Side.dent`; None where nothing can yield.
-
-        Raises
-        ------
-        InputError
-            See `strain_histories`, and `StrainHistory.numbers`.
-        """
-        if self.yielding is None:
-            return lambda sample: None
-        histories, sides = self.strain_histories(result), self.law.gaps.sides
-        known = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
-
-        def dents(sample: int) -> list[Array]:
-            found = [np.zeros(side.surface.points.shape) for side in sides]
-            for side, kept, numbers in known:
-                found[side] = sides[side].dent(kept.strain(int(numbers[sample])))
-            return found
-
-        return dents
-
     def dents(self, result: RunSamples) -> dict[str, float]:
         """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".
 
@@ -151,3 +128,27 @@ class PlasticResults(FrictionResults):
             )
         validate_result(result)
         return result.sensor_of(self, self["sPlastic"])
+
+
+def dent_motion(contact: PlasticResults, result: RunSamples) -> Callable[[int], list[Array] | None]:
+    """What plastic strain has moved the nodes of each patch by, beyond the coordinates, by the sample.
+
+    See `Side.dent`; None where nothing can yield.
+
+    Raises
+    ------
+    InputError
+        See `PlasticResults.strain_histories`, and `StrainHistory.numbers`.
+    """
+    if contact.yielding is None:
+        return lambda sample: None
+    histories, sides = contact.strain_histories(result), contact.law.gaps.sides
+    known = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
+
+    def dents(sample: int) -> list[Array]:
+        found = [np.zeros(side.surface.points.shape) for side in sides]
+        for side, kept, numbers in known:
+            found[side] = sides[side].dent(kept.strain(int(numbers[sample])))
+        return found
+
+    return dents

@@ -17,6 +17,7 @@ from ..exudyn_contacts.run_record import Solver
 from ..frames.damping import ModeDamping
 from ..results.impacts import Ringing, rings_by_facets
 from ..support.foreign import MainSystem
+from .penetration_review import warn_of_penetration
 from .result import Result, called
 
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
@@ -24,8 +25,6 @@ _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
 _SAMPLES_AN_IMPACT = 4  # fewer do not tell its force
 _FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
 _ASIDE = np.radians(30)  # of a patch's line of contact
-_OVERLAP = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
-_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
 _DAMPING_RADIUS = 0.5  # spectral radius, up to which steps damp ringing
 _HIGH, _DAMPED = 0.7, 0.2  # of f_cut, and the ratio above it that damps ringing
 _FAR, _NEARER = 20.0, 0.01  # distance by the bodies' size that may be a slip of units, and share of it travelled
@@ -38,7 +37,7 @@ def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], resu
     """Say what needs saying about each contact, and once what concerns several."""
     for contact in contacts:
         _warn_of_patch(contact, result)
-        _warn_of_overlap(contact, result)
+        warn_of_penetration(contact, result)
         _warn_of_steps(contact, result)
         _warn_of_few_rows(contact, result)
         _warn_of_direction(contact, result)
@@ -77,26 +76,6 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
         ContactPatchWarning,
         stacklevel=5,
     )
-
-
-def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
-    """What placing tolerates as round-off of meshes is much energy for slow bodies; in statics nothing moves."""
-    placed = all(not item.coordinates(result)[0].any() for item, _ in contact.sides)
-    if not contact.elastic or contact.law.gaps.carried or not placed or not contact.closed_rows(result)[0]:
-        return
-    if result.method == "static":
-        return
-    first = result.at(result.t[:1])
-    stored, depth = contact.energy(first)[0], contact.depth(first)
-    largest = max(item.energy(result).max() for item, _ in contact.sides)
-    if depth > _ROUND_OFF * contact.slave.body.surface(np.zeros(3)).facet_size and stored > _OVERLAP * largest:
-        warnings.warn(
-            f"{called(contact)} starts with an overlap of {depth:.3g} m, within the tolerance of meshes, but "
-            f"the {stored:.3g} J that it stores are {stored / largest:.2g} of the bodies' largest energy: it throws "
-            "them apart. Move one by that much (referencePosition)",
-            ModelLimitWarning,
-            stacklevel=5,
-        )
 
 
 def _warn_of_steps(contact: PartitionContact, result: Result) -> None:

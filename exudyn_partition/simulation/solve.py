@@ -140,9 +140,10 @@ def solve_dynamic(
         If the run ended early; the result holds what was computed.
     ModelLimitWarning
         If a body rotated further than its frame allows, or turned by more than a radian in a step; if bodies overlapped
-        at the start by so much that it drives them apart, or a joint was open by so much that closing it shows.
+        at the start by so much that it drives them apart, or penetrated each other by what is not small against the
+        contact; or if a joint was open by so much that closing it shows.
     ContactPatchWarning
-        If a contact reached the edge of its patch.
+        If a contact reached the edge of its patch, or a corner or edge sank into a rigid surface with no row around it.
     """
     last = _end_of(mbs, start_time) if validate_flag("go_on", go_on) else None
     with interruptible(), started_from(mbs, last):  # from before the first step until after the last look at results

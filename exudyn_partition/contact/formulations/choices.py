@@ -182,11 +182,7 @@ class Penalty(Formulation):
 
     def law(self, gaps: Gaps) -> PenaltyContact | FrictionalPenalty:
         """See `Formulation`."""
-        if any(side.flexibility is not None for side in gaps.sides):
-            usual = bed_stiffness(gaps)
-        else:
-            inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
-            usual = inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
+        usual = self.usual_stiffness(gaps)
         if self.stiffness is not None and self.stiffness > _STIFFEST * usual:
             raise InputError(
                 f"stiffness: expected at most {_STIFFEST * usual:.3g} N/m3, a million times the default, "
@@ -197,6 +193,14 @@ class Penalty(Formulation):
         if self.friction is None:
             return PenaltyContact(gaps, stiffness)
         return FrictionalPenalty(gaps, self.friction, stiffness)
+
+    @staticmethod
+    def usual_stiffness(gaps: Gaps) -> float:
+        """Stiffness of the layer that is taken by default [N/m3]."""
+        if any(side.flexibility is not None for side in gaps.sides):
+            return bed_stiffness(gaps)
+        inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
+        return inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
 
 
 class TwoPasses(Formulation):

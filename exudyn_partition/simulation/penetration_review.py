@@ -1,0 +1,167 @@
+"""Warnings about bodies that lie within each other: at the start, by much, and where no row holds them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..contact.formulations.choices import Penalty
+from ..contact.rigid import RigidGaps
+from ..errors import ContactPatchWarning, InputError, ModelLimitWarning
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.plastic_results import dent_motion
+from ..fe.facets import area_vectors, facet_corners
+from ..support.arrays import Array
+from ..surfaces.rows import PENETRATION_TOLERANCE
+from ..surfaces.surface import Surface
+from .result import Result, called
+
+_ENERGY = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
+_MOVED = 0.1  # of what they store: kinetic energy of bodies that it throws apart, and not of such as rest on each other
+_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
+_DEEP = 0.15  # of the radius of the contact area: depth to which bodies may be pressed into each other
+_DEEP_OF_SOFT, _SOFT = 0.01, 0.1  # the same of a penalty whose stiffness is below this share of the default
+_LOOKED_AT, _STARTS = 64, 16  # most samples, and times of contact, at which places of nodes are looked at
+_SHARP = 0.4  # rad, from a facet's normal to the mean one at its node: corners and edges
+_BENEATH, _BENEATH_SHARP = 0.05, 1e-3  # of a facet's size: depth of a node with no closed row around it
+
+
+def warn_of_penetration(contact: PartitionContact, result: Result) -> None:
+    """Say where bodies lie within each other as real ones do not."""
+    _warn_of_overlap(contact, result)
+    _warn_of_depth(contact, result)
+    _warn_of_sinking(contact, result)
+
+
+def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
+    """Bodies that overlap at the start have energy from nowhere; in statics nothing moves.
+
+    A run that goes on where another one ended, and bodies that rest on each other, may begin with a contact.
+    """
+    if result.method == "static" or contact.law.gaps.carried or result.kept(contact).goes_on:
+        return
+    first = result.at(result.t[:1])
+    depth, size = contact.depth(first), contact.slave_facet_size
+    if depth <= _ROUND_OFF * size or (contact.compliant and not contact.force(first)[0]):
+        return
+    stored = float(contact.energy(first)[0])
+    largest = max(float(item.energy(result).max()) for item, _ in contact.sides)
+    if contact.compliant:
+        thrown = max(_kinetic_energy(item, result).max() for item, _ in contact.sides) > _MOVED * stored
+        energy = (
+            f"the {stored:.3g} J that it stores are {stored / max(largest, 1e-300):.2g} of the bodies' largest energy"
+        )
+        if not thrown or stored <= _ENERGY * largest:
+            return
+    elif depth > PENETRATION_TOLERANCE * size:
+        energy = "multipliers close it within a step or two"
+    else:
+        return
+    within = ", within the tolerance of meshes" if depth <= PENETRATION_TOLERANCE * size else ""
+    warnings.warn(
+        f"{called(contact)} starts with an overlap of {depth:.3g} m{within}, but {energy}: it throws them apart. Move "
+        "one by that much (referencePosition, or the initial coordinates). If the run goes on from a state of another "
+        "model in which they were pressed together, ignore this",
+        ModelLimitWarning,
+        stacklevel=6,
+    )
+
+
+def _kinetic_energy(item: PartitionBody, result: Result) -> Array:
+    """Kinetic energy of a body, (n,) [J]."""
+    return np.asarray(item.kinematics.kinetic_energy(item.coordinates(result), item.coordinates_t(result)))
+
+
+def _warn_of_depth(contact: PartitionContact, result: Result) -> None:
+    """A depth that is not small against the contact: the penalty is too soft, or linear elasticity has no answer."""
+    if not contact.compliant:
+        return
+    pressed = -result.sensor_of(contact, contact["sForce"])[:, 5]
+    deepest = int(pressed.argmax())
+    now = result.at(result.t[deepest : deepest + 1])
+    radius = float(contact.radius(now)[0])
+    if not pressed[deepest] > _DEEP_OF_SOFT * radius > 0:
+        return
+    formulation, said = getattr(contact.formulation, "half", contact.formulation), ""
+    if isinstance(formulation, Penalty) and formulation.stiffness is not None:
+        usual = formulation.usual_stiffness(contact.law.gaps)
+        if formulation.stiffness < _SOFT * usual:
+            said = f"the penalty stiffness of {formulation.stiffness:.4g} N/m3 is too soft, the default is {usual:.3g}"
+    if said or pressed[deepest] > _DEEP * radius:
+        depth = contact.depth(now)
+        said = said or "linear elasticity has no answer for that: check speeds, forces, units and the material"
+        warnings.warn(
+            f"{called(contact)}: the bodies penetrate each other by {depth:.3g} m at t = {now.t[0]:.6g} s, "
+            f"{depth / radius:.2g} of the radius of the contact area, {radius:.3g} m; {said}",
+            ModelLimitWarning,
+            stacklevel=6,
+        )
+
+
+def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
+    """A corner or edge sinks into a rigid surface before a mean gap around it closes."""
+    gaps = contact.law.gaps
+    if not isinstance(gaps, RigidGaps) or gaps.carried or gaps.points.nodal:
+        return
+    try:
+        dents = dent_motion(contact, result)
+    except InputError:
+        return
+    side, force = gaps.whole, contact.force(result)
+    starts = np.flatnonzero(np.diff((force > 0).astype(int)) > 0)[:_STARTS]
+    chosen = np.unique(np.r_[starts, np.linspace(0, len(force) - 1, min(len(force), _LOOKED_AT)).astype(int)])
+    now = result.at(result.t[chosen])
+    closed = contact.row_forces(now)
+    allowed, around = _allowed_depth(side.surface), _neighbours(side.surface)
+    (item, number), q = contact.sides[0], contact.slave.coordinates(now)
+    for i, sample in enumerate(chosen):
+        own = dents(int(sample))
+        places = side.dented(q[i], None if own is None else own[0])
+        depth = -gaps.surface.project(places)[0]
+        held = np.zeros(len(places), dtype=bool)
+        held[closed[i].indices[closed[i].data > 0]] = True
+        # Beside a contact the surface, as coordinates move it, is below too; the contact's flexibility lifts it there.
+        free = depth - depth[held].max(initial=0.0)
+        sunk = np.flatnonzero((free > allowed) & ~(held | (around @ held > 0)))
+        if not len(sunk):
+            continue
+        worst = sunk[int(depth[sunk].argmax())]
+        patch = item.body.partition.patches[number]
+        warnings.warn(
+            f"{called(contact)} at t = {result.t[sample]:.6g} s: {depth[worst]:.3g} m of {called(item)} are below the "
+            f"rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
+            f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
+            "around nodes, which close there too late, so that it sinks in without a force. Take "
+            "rows='node-to-segment', finer facets there, or a rounded edge",
+            ContactPatchWarning,
+            stacklevel=6,
+        )
+        return
+
+
+def _allowed_depth(surface: Surface) -> Array:
+    """Depth up to which each node may sink before a mean around it closes, (np,) [m]; less at corners and edges."""
+    points, facets = surface.points, surface.facets
+    corners = points[facet_corners(facets)]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    normals = area_vectors(points, facets)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    mean, size, cosine = np.zeros(points.shape), np.full(len(points), np.inf), np.ones(len(points))
+    for nodes in facets.T:
+        np.add.at(mean, nodes, normals)
+        np.minimum.at(size, nodes, longest)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+    for nodes in facets.T:
+        np.minimum.at(cosine, nodes, np.einsum("fd,fd->f", normals, mean[nodes]))
+    return np.asarray(size * np.where(cosine < np.cos(_SHARP), _BENEATH_SHARP, _BENEATH))
+
+
+def _neighbours(surface: Surface) -> sp.csr_matrix:
+    """Number of facets that two nodes share, (np, np)."""
+    nf, k = surface.facets.shape
+    cells = surface.facets.ravel(), np.repeat(np.arange(nf), k)
+    of_facets = sp.csr_matrix((np.ones(nf * k), cells), shape=(len(surface.points), nf))
+    return sp.csr_matrix(of_facets @ of_facets.T)

@@ -1,0 +1,220 @@
+"""Bodies within each other: at the start, deep in a run, and at corners that no mean gap holds; and what gaps tell."""
+
+import warnings
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import box
+from scipy.spatial.transform import Rotation
+
+import exudyn_partition as ep
+from exudyn_partition.errors import ContactPatchWarning, ModelLimitWarning
+
+SIDE, LENGTH = 10e-3, 40e-3
+INITIAL = exu.ConfigurationType.Initial
+
+
+@pytest.fixture(scope="module")
+def bars():
+    """Two steel bars, one above the plane z = 0 and one beneath, and the first with a patch of three axes."""
+    found = []
+    for low, sign, axes in ((0.0, -1, "normal"), (-LENGTH, 1, "normal"), (0.0, -1, "xyz")):
+        shape = occ.Box(occ.Pnt(-SIDE / 2, -SIDE / 2, low), occ.Pnt(SIDE / 2, SIDE / 2, low + LENGTH))
+        fem = ep.fe_model(shape, ep.STEEL, maxh=8e-3)
+        part = ep.Partition.ball(fem, (0, 0, 0), 0.75 * SIDE, direction=(0, 0, sign), axes=axes)
+        found.append(ep.reduce(fem, part, f_cut=60e3))
+    return found
+
+
+MASTERS = {
+    "plane": ep.RigidPlane(),
+    "sphere": ep.RigidSphere((0, 0, -50.0), 50.0),
+    "cylinder": ep.RigidCylinder((0, 0, -50.0), (1, 0, 0), 50.0),
+    "bar": None,
+}
+
+
+def stands(bars, *, master="plane", friction=None, frame="inertial", **options):
+    """Model, upper bar and contact, not assembled; it stands on something."""
+    mbs = exu.SystemContainer().AddSystem()
+    upper = ep.CreatePartitionBody(mbs, bars[0 if friction is None else 2], name="bar", frame=frame)
+    other = MASTERS[master]
+    if other is None:
+        other = ep.CreatePartitionBody(mbs, bars[1], name="lower", frame=frame)
+    contact = ep.CreatePartitionContact(mbs, upper, other, friction=friction, **options)
+    return mbs, upper, contact
+
+
+def lower_by(mbs, upper, depth):
+    """Initial coordinates at which the upper bar is that deep in the other body."""
+    q = np.array(mbs.systemData.GetODE2Coordinates(INITIAL))
+    way = upper.body.rigid[:, 2] * -depth if upper.frame == "inertial" else np.r_[0, 0, -depth]
+    q[: len(way)] = way
+    mbs.systemData.SetODE2Coordinates(q, INITIAL)
+
+
+@pytest.mark.parametrize(
+    ("depth", "options"),
+    [
+        (1e-5, {}),
+        (1e-6, {"frame": "floating"}),
+        (1e-3, {}),
+        (1e-5, {"master": "bar"}),
+        (1e-5, {"master": "sphere"}),
+        (1e-5, {"master": "cylinder"}),
+        (1e-5, {"friction": 0.2}),
+        (1e-5, {"formulation": "penalty"}),
+    ],
+)
+def test_an_overlap_by_initial_coordinates_warns_and_gaps_tell_it(bars, depth, options):
+    mbs, upper, contact = stands(bars, **options)
+    mbs.Assemble()
+    lower_by(mbs, upper, depth)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=20e-6)
+    (said,) = (str(w.message) for w in caught if "starts with an overlap" in str(w.message))
+    assert f"overlap of {depth:.3g} m" in said
+    assert contact.gap(result)[0] == pytest.approx(-depth, rel=1e-3)
+    assert contact.depth(result.at(result.t[:1])) == pytest.approx(depth, rel=1e-3)
+
+
+def test_an_overlap_by_initial_modal_coordinates_warns(bars):
+    """The bar is stretched, so that its end lies in the plane."""
+    mbs, _, contact = stands(bars)
+    mbs.Assemble()
+    body = bars[0]
+    q = np.zeros(body.n_dofs)
+    rows = body.rows(body.partition.patch_nodes)[2::3]
+    q[6 + np.argmax(abs(rows[:, 6:].mean(axis=0)))] = 1.0
+    q *= -2e-6 / abs(rows @ q).max() * np.sign((rows @ q)[abs(rows @ q).argmax()])
+    mbs.systemData.SetODE2Coordinates(q, INITIAL)
+    with pytest.warns(ModelLimitWarning, match="starts with an overlap of 2e-06 m"):
+        result = ep.solve_dynamic(mbs, end_time=10e-6)
+    assert contact.gap(result)[0] == pytest.approx(-2e-6, rel=1e-3)
+
+
+def test_multipliers_throw_overlapping_bodies_apart_too(block, top, kept):
+    body = ep.reduce(block, top, basis="craig-bampton", f_cut=100e3, cache=kept)
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0.03), (0, 0, -1)), formulation="lagrange")
+    mbs.Assemble()
+    mbs.systemData.SetODE2Coordinates(body.rigid[:, 2] * 1e-5, INITIAL)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=1e-6, method="implicit", step=0.1e-6)
+    assert any("overlap of 1e-05 m, but multipliers close it" in str(w.message) for w in caught)
+    assert contact.gap(result)[0] == pytest.approx(-1e-5, rel=1e-6)
+
+
+def test_a_run_that_goes_on_in_contact_is_no_overlap(bars):
+    """Neither in the middle of an impact nor under a load that a static answer has balanced."""
+    mbs, _, contact = stands(bars)
+    mbs.Assemble()
+    mbs.systemData.SetODE2Coordinates_t(bars[0].rigid[:, 2] * -0.1, INITIAL)
+    first = ep.solve_dynamic(mbs, end_time=5e-6)
+    assert contact.force(first)[-1] > 0
+    mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), INITIAL)
+    second = ep.solve_dynamic(mbs, end_time=5e-6)
+    assert contact.gap(second)[0] == contact.gap(first)[-1] < 0
+
+
+@pytest.mark.filterwarnings("ignore:body 'bar'. nothing holds it")
+def test_bodies_that_rest_on_each_other_may_begin_so(bars):
+    """A load presses the bar on the plane; its equilibrium is the initial state of another model."""
+
+    def model():
+        mbs, upper, contact = stands(bars)
+        load = np.asarray(bars[0].mass @ bars[0].rigid)[:, 2] * -1e5
+        for i in np.flatnonzero(abs(load) > 1e-9 * abs(load).max()):
+            marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=upper.nodes[0], coordinate=int(i)))
+            mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i]))
+        mbs.Assemble()
+        return mbs, contact
+
+    mbs, contact = model()
+    q = mbs.systemData.GetODE2Coordinates(INITIAL)
+    ep.solve_static(mbs, load_steps=1)
+    rests = mbs.systemData.GetODE2Coordinates()
+    assert (rests != q).any()
+    other, contact = model()
+    other.systemData.SetODE2Coordinates(rests, INITIAL)
+    result = ep.solve_dynamic(other, end_time=20e-6)
+    weight = 1e5 * bars[0].total_mass
+    np.testing.assert_allclose(contact.force(result), weight, rtol=1e-3)
+    assert contact.gap(result)[0] < 0
+
+
+def test_a_soft_penalty_lets_bodies_through_and_says_so(bars):
+    mbs = exu.SystemContainer().AddSystem()
+    upper = ep.CreatePartitionBody(mbs, bars[0], initialVelocity=[0, 0, -1.0])
+    lower = ep.CreatePartitionBody(mbs, bars[1])
+    contact = ep.CreatePartitionContact(mbs, upper, lower, formulation="penalty", stiffness=1e9)
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match=r"penetrate each other .*stiffness of 1e\+09 N/m3 is too soft"):
+        result = ep.solve_dynamic(mbs, end_time=0.4e-3, step=0.5e-6)
+    way = lower.displacement(result, (0, 0, 0))[:, 2] - upper.displacement(result, (0, 0, 0))[:, 2]
+    np.testing.assert_allclose(contact.gap(result), -way, atol=2e-3 * way.max())
+    assert contact.depth(result) == pytest.approx(way.max(), rel=2e-3)
+
+
+def test_the_usual_penalty_says_nothing(bars):
+    mbs, _, contact = stands(bars, formulation="penalty")
+    mbs.Assemble()
+    mbs.systemData.SetODE2Coordinates_t(bars[0].rigid[:, 2] * -0.1, INITIAL)
+    result = ep.solve_dynamic(mbs, end_time=30e-6)
+    assert 0 < contact.depth(result) < 1e-4 * SIDE
+    gap, force = contact.gap(result), contact.force(result)
+    assert (gap[force > 0] < 0).all()
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """A steel cube about the origin; its patch is the whole skin."""
+    shape = box(0.1, 0.1, 0.1).Move((0, 0, -0.05))
+    for face in shape.faces:
+        face.name = "skin"
+    fem = ep.fe_model(shape, ep.STEEL, maxh=0.05)
+    return fem, ep.reduce(fem, ep.Partition.surface(fem, "skin", name="skin"), f_cut=9e3)
+
+
+@pytest.mark.parametrize(
+    ("turn", "rows", "told"),
+    [
+        ([0.2, 0.4, 0.6], "integrated", True),
+        ([np.pi / 4, 0, 0], "integrated", True),
+        ([0.2, 0.4, 0.6], "node-to-segment", False),
+        ([0, 0, 0], "integrated", False),
+    ],
+)
+def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, rows, told):
+    """A cube falls on its corner, its edge or its face."""
+    fem, body = cube
+    turned = Rotation.from_euler("xyz", turn).as_matrix()
+    lowest = (fem.points @ turned.T)[:, 2].min()
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(
+        mbs,
+        body,
+        name="cube",
+        frame="floating",
+        referencePosition=[0, 0, 1e-6 - lowest],
+        referenceRotationMatrix=turned,
+        initialVelocity=[0, 0, -1.0],
+    )
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), rows=rows)
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=1e-3 if told else 20e-6, method="implicit", step=1e-5 if told else 1e-6)
+    said = [w for w in caught if "with no closed row around" in str(w.message)]
+    assert bool(said) == told
+    if told:
+        assert said[0].category is ContactPatchWarning
+        assert "of body 'cube' are below the rigid surface" in str(said[0].message)
+        assert not contact.force(result).any()
+        assert contact.gap(result)[-1] == pytest.approx(-1e-3, rel=0.02)
