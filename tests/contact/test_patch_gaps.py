@@ -109,6 +109,19 @@ def test_no_point_comes_nearer_than_closing_says(round_body, flat_body, side, mo
     assert rate[0] < 0
 
 
+def test_no_row_that_closing_leaves_out_is_nearer_than_it_says(round_body, flat_body):
+    """About a facet's size above the plate the lowest rows are told themselves, and one bound for all others."""
+    slave = floating(round_body)
+    gaps = PatchGaps(slave, floating(flat_body))
+    for x in np.linspace(0, 0.2 * gaps.size, 4):
+        q = np.r_[moved(slave, [x, 0, 0.97 * gaps.size]), np.zeros(flat_body.n_dofs)]
+        gap, *_ = gaps.closing(q, 0.0 * q, 0.0 * q)
+        every = gaps.project(*gaps.places(q))[0]
+        left_out = ~np.isin(every.points.row_nodes, gaps.row_nodes)
+        assert left_out.any()
+        assert 0 < gap[-1] <= every.gap[left_out].min()
+
+
 def paths(round_body, slave):
     """Coordinates of the ball on its way: it comes down, slides over facets, tilts, jumps and leaves."""
     rng = np.random.default_rng(0)

@@ -1,6 +1,7 @@
 """The stability limit against dense eigenvalues, and runs below and above it."""
 
 import exudyn as exu
+import exudyn.itemInterface as items
 import numpy as np
 import pytest
 import scipy.linalg
@@ -91,3 +92,21 @@ def test_stability_limit(adapted, surface, options, frame, monkeypatch):
         with pytest.warns(StoppedRunWarning):
             result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
         assert result.status == "unstable"
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.4])
+def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
+    """A damped body vibrates on below the limit and explodes above it: h^2 omega^2 + 4 zeta h omega = 4."""
+    item = ep.CreatePartitionBody(mbs, marble, damping=ratio or None)
+    add_force(mbs, item, np.array([0, 0, 1.0]))
+    mbs.AddObject(
+        items.ObjectGenericODE2(nodeNumbers=item.nodes, forceVector=np.where(np.arange(marble.n_dofs) > 5, 1e3, 0.0))
+    )
+    mbs.Assemble()
+    limit, omega = ep.stability_limit(mbs), marble.basis.omega.max()
+    assert limit == pytest.approx(2 * (np.hypot(ratio, 1) - ratio) / omega, rel=1e-3)
+    monkeypatch.setattr(solve, "stability_limit", lambda mbs: np.inf)
+    result = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.98 * limit)
+    assert result.status == "finished"
+    with pytest.warns(StoppedRunWarning, match="beyond all bounds"):
+        ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import TOP, add_force
+from oracles import MARBLE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
 from exudyn_partition.simulation import solve
-from exudyn_partition.simulation.step_control import LONGEST, first_root
+from exudyn_partition.simulation.step_control import LONGEST, StepControl, first_root, impact_step
 
 GRAVITY = 9.81
 
@@ -82,6 +82,36 @@ def test_time_to_contact_of_a_fall_is_exact(body, frame):
         assert ep.time_to_contact(contact, start, v * up, -GRAVITY * up) == pytest.approx(exact, rel=1e-9)
 
 
+def test_the_step_for_an_impact_is_that_of_its_speed(body):
+    """A body that falls from rest, and one that is thrown from next to the surface with the speed of that fall."""
+    height = 1e-3
+    *_, contact = fall(body, height)
+    up, start = body.rigid[:, 2], np.zeros(body.n_dofs)
+    speed = np.sqrt(2 * GRAVITY * height)
+    falls = impact_step(contact, start, 0 * up, -GRAVITY * up, lambda: 1e-8)
+    thrown = impact_step(contact, -0.999 * height * up, -speed * up, 0 * up, lambda: 1e-8)
+    assert falls == pytest.approx(thrown, rel=1e-2)
+    slower = impact_step(contact, -0.999 * height * up, -0.1 * speed * up, 0 * up, lambda: 1e-8)
+    assert slower > 1.1 * thrown
+    assert impact_step(contact, start, speed * up, 0 * up, lambda: 1e-8) == np.inf
+
+
+def test_two_equal_bodies_need_the_step_of_one_on_a_plane(marble):
+    """By symmetry, if the one on the plane has half of their speed to each other."""
+    steps, speed = [], 0.2
+    for two in (True, False):
+        mbs = exu.SystemContainer().AddSystem()
+        upper = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS])
+        lower = ep.RigidPlane()
+        if two:
+            lower = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, -MARBLE_RADIUS])
+        named = {"slavePatch": "south", "passes": "given"} | ({"masterPatch": "north"} if two else {})
+        contact = ep.CreatePartitionContact(mbs, upper, lower, **named)
+        q_t = np.concatenate([-speed * marble.rigid[:, 2], speed * marble.rigid[:, 2]][: 1 + two])
+        steps.append(impact_step(contact, np.zeros_like(q_t), q_t, np.zeros_like(q_t), lambda: 1e-9))
+    assert steps[0] == pytest.approx(steps[1], rel=0.1)
+
+
 def test_time_to_contact_with_a_surface_that_a_body_carries(body):
     """The carrier rises at 0.2 m/s and turns, so that the plane's far side sinks."""
     mbs = exu.SystemContainer().AddSystem()
@@ -111,6 +141,16 @@ def test_time_to_contact_of_moving_pairs(body, bodies, height, passes):
     contact.law.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
     time = ep.time_to_contact(contact, np.zeros_like(q_t), q_t)
     assert (0.99 if height < 1e-3 else 0.5) * height / 0.5 < time < 1.001 * height / 0.5
+
+
+def test_a_body_that_spins_takes_25_steps_a_turn_at_least(mbs, marble):
+    """Whatever else the longest step is."""
+    item = ep.CreatePartitionBody(mbs, marble, frame="floating")
+    q_t = np.zeros(marble.n_dofs)
+    q_t[3:6] = [300.0, 0.0, -400.0]
+    state = np.zeros(marble.n_dofs), q_t, np.zeros(marble.n_dofs)
+    control = StepControl([], [item], lambda item: state, None, step=1e-9, longest=1.0)
+    assert control.next_step(1.0) == pytest.approx(2 * np.pi / 500.0 / 25)
 
 
 # Adaptive runs.
