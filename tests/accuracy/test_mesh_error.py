@@ -21,6 +21,8 @@ from exudyn_partition.prediction.modal_impact import Impact
 from exudyn_partition.reduction import free_body
 from exudyn_partition.reduction.estimate import grow_to_tolerance
 from exudyn_partition.reduction.reduction import bodies_of
+from exudyn_partition.surfaces.points import contact_points
+from exudyn_partition.surfaces.surface import Surface
 from validation.mesh import row_spacing
 
 RADIUS, SPEED, END = 5e-3, 0.3, 45e-6
@@ -166,6 +168,16 @@ def test_rows_that_carry_force_are_those_inside_the_circle_of_hertz(coarse):
     assert away[loaded].max() < A + impact.size
     assert loaded[away < 0.7 * A].all()
     assert 0.1 < loaded.mean() < 0.6
+
+
+def test_rows_on_a_coarser_grid_bear_an_even_pressure_too(marbles):
+    """Its forces on the rows are as their areas."""
+    for fem, body in marbles[0].values():
+        (side,), _ = impact_of([(fem, body)], [0], SPEED, ep.RigidPlane())
+        area = contact_points(Surface.of(fem.points, side.patch, np.zeros(3)), "integrated").area
+        pressed = np.linalg.lstsq(side.coarse.T, area)[0]
+        assert len(side.coarse) < len(area)
+        np.testing.assert_allclose(pressed @ side.coarse, area, rtol=1e-9)
 
 
 END_OF_FIVE = 3.0  # [s]

@@ -230,3 +230,13 @@ def test_what_is_not_supported(body):
     for options in ({"formulation": "penalty"}, {"passes": "two"}):
         with pytest.raises(InputError, match="touches itself by formulation='compliance' alone"):
             ep.CreatePartitionContact(mbs, item, item, **patches, **options)
+
+
+def test_the_stability_limit_counts_both_ends_on_the_same_coordinates(body):
+    """Both arms are moved by the stiffness of one contact; what moves one of them alone would be told from it."""
+    mbs, _, contact = model(body)
+    n, modes = body.n_dofs, np.diag(body.basis.omega**2)
+    by_both = contact.law.closed_stiffness().reshape(2, n, 2, n).sum(axis=2)
+    limits = [2 / np.sqrt(np.linalg.eigvals(modes + K).real.max()) for K in (by_both.sum(axis=0), *by_both)]
+    assert ep.stability_limit(mbs) == pytest.approx(limits[0], rel=3e-4)
+    assert (abs(np.array(limits[1:]) / limits[0] - 1) > 1e-3).all()

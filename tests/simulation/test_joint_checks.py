@@ -80,6 +80,20 @@ def test_a_small_gap_in_a_joint(arm_body, frame, method, step):
         assert "N or N m in its sensor" in str(caught[0].message)
 
 
+def test_what_an_open_joint_brings_is_that_of_its_own_body(mbs, arm_body):
+    """Whether it is the first of the model or the last one."""
+    for name in ("first", "last"):
+        item = ep.CreatePartitionBody(mbs, arm_body, gravity=[9.81, 0, 0], referencePosition=[1e-6, 0, 1e-6])
+        markers = [ground(mbs), item.CreateInterfaceMarker(mbs, "foot")]
+        mbs.AddObject(items.GenericJoint(name=name, markerNumbers=markers, constrainedAxes=HINGE))
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match="is open by 1e-06") as caught:
+        ep.solve_dynamic(mbs, end_time=4e-6, step=2e-6, method="implicit")
+    told = [re.search(r"'(\w+)', .* brings (\S+) J", str(warning.message)) for warning in caught]
+    brings = {found[1]: float(found[2]) for found in told if found}
+    assert brings["first"] == pytest.approx(brings["last"], rel=1e-2)
+
+
 def test_joints_of_round_off_are_closed(arm_body, frame):
     """A mechanism far from the origin, whose places are not exact in binary: none of its joints is named."""
     place = np.array([0.7, -1.3, 2.1])
