@@ -47,6 +47,11 @@ def test_sensors_that_are_read_seldom_cost_nothing(mbs, bodies, frame, method):
     np.testing.assert_allclose(rows @ np.ones(rows.shape[1]), force, rtol=1e-12)
     assert (seldom.method, seldom.steps, seldom.step) == (method, 120, pytest.approx(END / 120))
 
+    plain(mbs, 120, SOLVERS[method], period=END / 24)  # sensors and the next step ask for the same times
+    some = ep.collect(mbs)
+    np.testing.assert_array_equal(contact.force(some), force)
+    np.testing.assert_array_equal(contact.row_forces(some).toarray(), rows.toarray())
+
     plain(mbs, 120, SOLVERS[method], period=END / 120)
     every = ep.collect(mbs)
     np.testing.assert_array_equal(seldom.t, every.t)

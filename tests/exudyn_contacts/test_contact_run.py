@@ -1,0 +1,60 @@
+"""What a contact in a run tells its law of the steps."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from exudyn_partition.exudyn_contacts.contact_run import ContactRun, GroupRun
+
+
+class Diary:
+    """A law that writes down what it is told."""
+
+    node_areas, yielding, remembers = np.ones(1), None, True
+
+    def __init__(self):
+        self.pages = []
+
+    def commit(self, start):
+        self.pages.append(("commit", start))
+
+    def rollback(self):
+        self.pages.append(("rollback",))
+
+
+def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeated():
+    """A step is the one before again if it begins at the same time and ends at another."""
+    law = Diary()
+    run = ContactRun("contact", law, [slice(0, 1)], 0.0, "implicit")
+    for start, end in [(0.0, 1.0), (0.0, 1.0), (0.0, 0.5), (0.0, 0.25), (0.25, 0.5), (0.25, 0.5), (0.5, 0.75)]:
+        run.follow(start, end)
+    assert law.pages == [
+        ("commit", 0.0), ("rollback",), ("rollback",), ("commit", 0.25), ("commit", 0.5)
+    ]  # fmt: skip
+
+
+def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
+    """By rows of all members, one after the other: the first row of the second member lies at the edge of its patch."""
+    loops = SimpleNamespace(
+        starts=np.array([0, 2, 4]), lam=np.array([0.0, 3.0, 2.0, 0.0]), row_nodes=np.array([5, 6, 7, 8]),
+        at_edge=np.array([False, False, True, False]), stored=np.array([0.1, 0.2]), told=np.zeros((2, 6)), pushes=True,
+        force=np.ones(1), evaluate=lambda q: True,
+    )  # fmt: skip
+    noted = []
+    members = [
+        SimpleNamespace(
+            dofs=np.zeros(1, int), place_told=None, at_once=lambda group: None,
+            look_for_edge=lambda t, j=j: noted.append((j, t)),
+        )
+        for j in range(2)
+    ]  # fmt: skip
+    group = GroupRun(SimpleNamespace(frozen=lambda dofs, last: loops), members)
+    for t, size in ((1.0, 7.0), (1.0, 1.0), (2.0, 4.0)):  # the first time is asked for again
+        loops.lam, loops.stored[:] = size * np.array([0.0, 3.0, 2.0, 0.0]), [0.1 * size, 0.2 * size]
+        group.force(np.array([size]))
+        group.keep(t, lambda: np.zeros(1))
+    assert noted == [(1, 1.0)]
+    kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in group.samples(1)]
+    assert kept == [(1.0, [7], [2.0]), (2.0, [7], [8.0])]
+    assert [nodes.tolist() for _, nodes, _ in group.samples(0)] == [[6], [6]]
+    assert group.stored(1) == {1.0: 0.2, 2.0: 0.8}
