@@ -41,7 +41,7 @@ def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
 
     A run that goes on where another one ended, and bodies that rest on each other, may begin with a contact.
     """
-    if result.method == "static" or contact.law.gaps.carried or result.kept(contact).goes_on:
+    if result.method == "static" or result.kept(contact).goes_on:
         return
     first = result.at(result.t[:1])
     depth, size = contact.depth(first), contact.slave_facet_size

@@ -7,6 +7,7 @@ import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 import pytest
+from exudyn.utilities import InertiaCuboid
 from oracles import box
 from scipy.spatial.transform import Rotation
 
@@ -80,6 +81,21 @@ def test_an_overlap_by_initial_coordinates_warns_and_gaps_tell_it(bars, depth, o
     assert f"overlap of {depth:.3g} m" in said
     assert contact.gap(result)[0] == pytest.approx(-depth, rel=1e-3)
     assert contact.depth(result.at(result.t[:1])) == pytest.approx(depth, rel=1e-3)
+
+
+def test_a_carried_surface_that_starts_in_a_body_warns(mbs, bars):
+    """Its place is not known after the run: the gap is that of the rows."""
+    bar = ep.CreatePartitionBody(mbs, bars[0], name="bar")
+    kind, cuboid = exu.NodeType.RotationRotationVector, InertiaCuboid(7800, [0.02] * 3)
+    made = mbs.CreateRigidBody(inertia=cuboid, nodeType=kind, returnDict=True)
+    mbs.SetNodeParameter(made["nodeNumber"], "initialCoordinates", [0, 0, 1e-5, 0, 0, 0])
+    contact = ep.CreatePartitionContact(mbs, bar, ep.RigidPlane(), masterBody=made["bodyNumber"])
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.1e-6)
+    assert any("overlap of 1e-05 m" in str(w.message) for w in caught)
+    assert contact.gap(result)[0] == pytest.approx(-1e-5, rel=1e-6)
 
 
 def test_an_overlap_by_initial_modal_coordinates_warns(bars):

@@ -229,6 +229,24 @@ def a_run_within_a_run(s):
 
 
 @scene
+def bodies_that_overlap_by_initial_coordinates(s):
+    mbs = s.empty()
+    ep.CreatePartitionContact(mbs, *two(s, mbs))
+    mbs.Assemble()
+    q = np.array(mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Initial))
+    q[: s.body.n_dofs] = s.body.rigid[:, 2] * -1e-5
+    mbs.systemData.SetODE2Coordinates(q, exu.ConfigurationType.Initial)
+    ep.solve_dynamic(mbs, end_time=4 * STEP)
+
+
+@scene
+def penalty_that_lets_bodies_through(s):
+    mbs = s.empty()
+    ep.CreatePartitionContact(mbs, *two(s, mbs, initialVelocity=[0, 0, -1]), formulation="penalty", stiffness=1e3)
+    run(mbs, end_time=1e-3, step=1e-6)
+
+
+@scene
 def incompressible_in_linear_elements(s):
     ep.fe_model(s.shape, ep.Material(E=1e6, nu=0.4999, rho=1000.0), maxh=8e-3, order=1)
 
