@@ -236,7 +236,7 @@ class Partition:
         Warns
         -----
         UnitsWarning
-            If a radius is ten times the size of the body.
+            If a radius is ten times the size of the body. One beside `contact_radius` may be, for all nodes.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("axes", axes, AXES)
@@ -256,7 +256,7 @@ class Partition:
                 f"{show(fem.points.max(axis=0))} m, and the largest elements have edges of {fem.max_size:.4g} m. Move "
                 "the center, enlarge the radius or refine the mesh there"
             )
-        _warn_of_size(fem, radius=radius, plastic_radius=plastic_radius)
+        _warn_of_size(fem, radius=radius if contact_radius is None else None, plastic_radius=plastic_radius)
         chosen, line, rim = ball_facets(fem, center, reach, direction, nodes)
         facets = fem.facets[chosen]
         material, plastic = fem.material_beneath(chosen), None

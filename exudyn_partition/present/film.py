@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
-from ..support.checks import validate_array, validate_choice, validate_positive, validate_result
+from ..support.checks import validate_array, validate_callable, validate_choice, validate_positive, validate_result
 from ..support.files import filling, writable
 from ..support.foreign import Actor, Plotter, PolyData
 from ..support.optional import require
@@ -64,6 +64,8 @@ def film(
         scale = validate_scale(scale)
     if end is not None:
         end = validate_positive("end", end)
+    if progress is not None:
+        validate_callable("progress", progress, "a function of the share done, 0 to 1")
     towards = validate_array("direction", direction, (3,))
     if not towards.any():
         raise InputError("direction: expected where the viewer is, seen from the bodies, got zeros")

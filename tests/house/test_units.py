@@ -129,8 +129,9 @@ def test_surfaces_that_are_near_or_come_nearer_are_right(body):
 @pytest.mark.parametrize("name", ["radius", "plastic_radius"])
 def test_a_region_far_larger_than_the_body(name):
     fem = block(replace(ep.STEEL, hardening=0.0), 1e-3)
-    radii = {"radius": 8e-3, "contact_radius": 8e-3, name: 8.0}
+    radii = {"radius": 8e-3, name: 8.0}
     with pytest.warns(UnitsWarning, match=rf"{name}: 8 m is .* times the size of the body") as caught:
         ep.Partition.ball(fem, (0, 0, 0), **radii)
     assert (len(caught), caught[0].filename) == (1, __file__)
     ep.Partition.ball(fem, (0, 0, 0), **{**radii, name: 0.1})
+    ep.Partition.ball(fem, (0, 0, 0), 8.0, contact_radius=8e-3, plastic_radius=0.1)  # for all nodes
