@@ -234,7 +234,7 @@ class Assembly:
             own = (scope.element_sets if of_elements else scope.node_sets).get(key)
             if own is not None:
                 if key in above:
-                    raise member.line.refuse(f"the set {member.name!r} contains itself")
+                    raise member.line.refuse(f"expected sets of others, got {member.name!r}, which contains itself")
                 return self._members(part, own, of_elements=of_elements, above=(*above, key))
         owner, _, inner = member.name.partition(".")
         if owner.upper() in self._instances:

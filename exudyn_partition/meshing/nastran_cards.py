@@ -62,7 +62,7 @@ def cards(path: Path) -> list[Card]:
     loose: list[tuple[str, Card]] = []  # continuations that stand elsewhere, by their mark
     for line, name, fields, mark in split:
         if name[:1] == "=":
-            raise line.refuse("cards that repeat the one before, by =, are not read. Export them all")
+            raise line.refuse("expected each card in full, got one that repeats the one before, by =")
         if name and name[0] not in "+*":
             # meshio writes CTETRA_ for ten nodes
             found.append(Card(name.rstrip("*_").upper(), fields, line, mark))

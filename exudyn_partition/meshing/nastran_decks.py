@@ -136,7 +136,9 @@ def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
     _, first, number = np.unique(labels, return_index=True, return_inverse=True)
     moved = np.flatnonzero((places != places[first[number]]).any(axis=1))
     if len(moved):
-        raise grids[moved[0]].line.refuse(f"node {labels[moved[0]]} has another place already")
+        raise grids[moved[0]].line.refuse(
+            f"node {labels[moved[0]]} has another place already. Give each a number of its own"
+        )
     return [(grids[0].line, labels, places)]
 
 
@@ -166,7 +168,7 @@ class _Systems:
     def find(self, number: int, line: Line) -> _System:
         """System of a number that stands in a line."""
         if number in self._asked:
-            raise line.refuse(f"the coordinate system {number} is defined by itself")
+            raise line.refuse(f"expected systems that others define, got {number}, which is defined by itself")
         if number not in self._known:
             self._asked.append(number)
             self._known[number] = self._made(number, line)
@@ -186,7 +188,7 @@ class _Systems:
         origin, on_z, in_xz = points
         z, y = on_z - origin, np.cross(on_z - origin, in_xz - origin)
         if not np.linalg.norm(y):
-            raise card.line.refuse(f"the three points of coordinate system {number} lie on one line")
+            raise card.line.refuse(f"coordinate system {number}: expected three points that are not on one line")
         axes = np.column_stack([axis / np.linalg.norm(axis) for axis in (np.cross(y, z), y, z)])
         return _System(card.name[-1], origin, axes)
 
