@@ -219,7 +219,7 @@ def test_decks_of_one_body(tmp_path, text):
         (deck(after="*NODE\n33, 0., nan, 1."), "line 19: expected a node's whole number and its place"),
         (deck(after="*NODE\n33 0. 0. 1."), "line 19: expected numbers, separated by commas, got '33 0. 0. 1.'"),
         (deck(after="*NSET, NSET=a\nb\n"), "line 19: there is no set of nodes 'b'"),
-        (deck(after="*NSET, NSET=a\nb\n*NSET, NSET=b\na\n"), "the set '[ab]' contains itself"),
+        (deck(after="*NSET, NSET=a\nb\n*NSET, NSET=b\na\n"), "expected sets of others, got '[ab]', which contains"),
         (deck(after="*NSET, NSET=a, GENERATE\n1, 5, 0\n"), "line 19: GENERATE needs an ascending range, got '1, 5, 0'"),
         (deck(after="*NSET, NSET=a, GENERATE\n1\n"), "line 19: GENERATE needs first, last and increment, got '1'"),
         (deck(after="*NSET, NSET=a, INSTANCE=i\n1\n"), "line 19: there is no instance 'i'"),

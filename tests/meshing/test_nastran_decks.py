@@ -183,14 +183,14 @@ def test_systems_in_systems(tmp_path, axes, by_nodes):
         (["GRID,999,,1.,2.,x\n"], "line 5: expected a number in field 6 of GRID, got 'X'"),
         (["GRID,999,55,1.,2.,3.\n"], "line 5: there is no coordinate system 55"),
         (["GRID,7,,1.,2.,3.\n"], "node 7 has another place already"),
-        (["GRID,999,5,1.,2.,3.\nCORD2R,5,5,0.,0.,0.,0.,0.,1.,+\n+,1.,0.,0.\n"], "system 5 is defined by itself"),
+        (["GRID,999,5,1.,2.,3.\nCORD2R,5,5,0.,0.,0.,0.,0.,1.,+\n+,1.,0.,0.\n"], "got 5, which is defined by itself"),
         (
             ["GRID,999,5,1.,2.,3.\nCORD2R,5,,0.,0.,0.,0.,0.,1.,+\n+,0.,0.,2.\n"],
-            "line 6: the three points of .* 5 lie on",
+            "line 6: coordinate system 5: expected three",
         ),
         (["GRID,999,5,1.,2.,3.\nCORD1R,5,1,2,3\n"], "line 6: there is no node 1"),
         (["GRID,999,,1.,2.,3.,,,,,5\n"], "line 5: expected at most 8 fields after the name"),
-        (["=,*(1),==\n"], "line 5: cards that repeat the one before"),
+        (["=,*(1),==\n"], "line 5: expected each card in full, got one that repeats"),
         ([fixed(["PLOAD4", *range(9)], mark=("+P1", "+P2"))], "line 6: the continuation 'P2' belongs to no card"),
     ],
 )
