@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..fe.facets import FLAT_TRIANGLES
 from ..fe.model import node_dofs
+from ..fe.partition import interface_named
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array
@@ -215,7 +216,7 @@ def add_tied_marker(
     """
     items, body = require("exudyn.itemInterface"), kinematics.body
     rows = body.interface_rows(interface)
-    place = kinematics.position + body.partition.find_interface(interface).position
+    place = kinematics.position + interface_named(body.partition, interface, "interface").position
     parts = [nodes[key] for key in ("nModal", "nNodal") if key in nodes]
     coordinates_t = np.concatenate([mbs.GetNodeParameter(node, "initialCoordinates_t") for node in parts])
     node = mbs.AddNode(

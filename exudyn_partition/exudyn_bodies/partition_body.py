@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..fe.partition import interface_named
 from ..fe.places import interpolation
 from ..frames.damping import Damping
 from ..frames.floating import FloatingKinematics
@@ -98,7 +99,7 @@ class PartitionBody(BodyResults):
         InputError
             If there is no such interface, or the body is not in this model.
         """
-        self.body.partition.find_interface(interface)
+        interface_named(self.body.partition, interface, "interface")
         self._check_model(mbs)
         key = f"{self.name}:{interface}" if self.name else interface
         if key not in self:
@@ -145,7 +146,7 @@ class PartitionBody(BodyResults):
         InputError
             If an argument is wrong, there is no such interface, or its point is not the mean of its face.
         """
-        joint = self.body.partition.find_interface(interface)
+        joint = interface_named(self.body.partition, interface, "interface")
         area = loaded_area(self.body, joint)
         if interface in self.offset_markers:
             raise InputError(

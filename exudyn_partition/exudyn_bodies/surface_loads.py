@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..fe.facets import nodal_area
 from ..fe.model import FEModel
+from ..fe.partition import load_named
 from ..fe.patches import Interface
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
@@ -116,7 +117,7 @@ def CreateDistributedLoad(
         raise InputError(f"body: expected what CreatePartitionBody returns, got {type(body).__name__}")
     if not any(body is held for held in registered(mbs).bodies.values()):
         raise InputError(f"body: {body.name!r} belongs to another model, or to this one before a Reset")
-    pattern, size = body.body.partition.find_load(load), validate_number("magnitude", magnitude)
+    pattern, size = load_named(body.body.partition, load, "load"), validate_number("magnitude", magnitude)
     validate_flag("bodyFixed", bodyFixed)
     if loadUserFunction is not None:
         validate_callable("loadUserFunction", loadUserFunction, "f(mbs, t, magnitude), which returns the magnitude")

@@ -133,13 +133,7 @@ class Partition:
 
     def find_load(self, name: str) -> LoadPattern:
         """Return the distributed load of that name; InputError if there is none."""
-        names = [load.name for load in self.loads]
-        if not isinstance(name, str) or name not in names:
-            raise InputError(
-                f"load: expected one of {', '.join(map(repr, names)) or 'none, for the body has none'}, got {name!r}. "
-                f"Join Partition.load(fem, {name!r}, faces) to the partition by | and reduce the body again"
-            )
-        return self.loads[names.index(name)]
+        return load_named(self, name, "name")
 
     def check_mesh(self, fem: FEModel, name: str = "partition") -> None:
         """Raise unless the partition is of the mesh of `fem`.
@@ -183,11 +177,11 @@ class Partition:
         InputError
             If there is no such patch, or none is named and there are several.
         """
-        return number_of_patch(self, key, "patch")
+        return number_of_patch(self, key, "key")
 
     def find_interface(self, name: str) -> Interface:
         """Return the interface of that name; InputError if there is none."""
-        return interface_named(self, name, "interface")
+        return interface_named(self, name, "name")
 
     @classmethod
     def ball(
@@ -490,3 +484,14 @@ def interface_named(partition: Partition, name: str, argument: str) -> Interface
             "the body again"
         )
     return partition.interfaces[names.index(name)]
+
+
+def load_named(partition: Partition, name: str, argument: str) -> LoadPattern:
+    """Do the work of `Partition.find_load`; messages name the argument as the caller wrote it."""
+    names = [load.name for load in partition.loads]
+    if not isinstance(name, str) or name not in names:
+        raise InputError(
+            f"{argument}: expected one of {', '.join(map(repr, names)) or 'none, for the body has none'}, got "
+            f"{name!r}. Join Partition.load(fem, {name!r}, faces) to the partition by | and reduce the body again"
+        )
+    return partition.loads[names.index(name)]

@@ -47,7 +47,7 @@ def blocks(path: Path) -> Iterator[Block]:
                 yield block
             block = Block("".join(line.text[1:].partition(",")[0].split()).upper(), _options(line.text), line)
         elif block is None:
-            raise InputError(f"path: {path}: expected keywords that begin with *, got {line.text[:40]!r}")
+            raise InputError(f"source: {path}: expected keywords that begin with *, got {line.text[:40]!r}")
         elif not block.data and block.line.text.endswith(",") and not line.begins_with_number:
             block.line = block.line._replace(text=block.line.text + line.text)  # options continue in the next line
             block.options = _options(block.line.text)

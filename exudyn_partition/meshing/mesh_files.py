@@ -186,7 +186,7 @@ def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[s
 
 def _read(path: Path) -> FileMesh:
     """Read a file by the reader of its format."""
-    validate_file("path", path)
+    validate_file("source", path)
     suffix = path.suffix.lower()
     if suffix == ".inp":
         return read_abaqus(path)
@@ -237,7 +237,8 @@ def _read_by_meshio(path: Path) -> MeshioMesh:
     except (Exception, SystemExit) as error:  # its readers raise whatever a broken file makes them run into
         reason = " ".join(said.getvalue().split()) or f"{type(error).__name__}: {error}"
         raise InputError(
-            f"path: {path} could not be read by meshio ({reason}). Is it complete, and does its ending name its format?"
+            f"source: {path} could not be read by meshio ({reason}). Is it complete, and does its ending name its "
+            "format?"
         ) from error
 
 

@@ -76,7 +76,7 @@ def cards(path: Path) -> list[Card]:
             found[-1].fields.extend(fields)
             found[-1].mark = mark
     if not found:
-        raise InputError(f"path: {path}: expected bulk data of Nastran, got no cards")
+        raise InputError(f"source: {path}: expected bulk data of Nastran, got no cards")
     _join(found, loose)
     return found
 

@@ -179,7 +179,7 @@ def regions_of(refine: object) -> list[Refine]:
     return found
 
 
-def read_step(path: Path) -> Shape:
+def read_step(path: Path, name: str = "source") -> Shape:
     """OCC shape of a STEP file, of all its root products.
 
     Raises
@@ -190,11 +190,11 @@ def read_step(path: Path) -> Shape:
         If it reads fewer solids than the file defines.
     """
     occ = require("netgen.occ")
-    validate_file("path", path)
+    validate_file(name, path)
     with tempfile.TemporaryDirectory() as folder:
         if path.suffix not in ENDINGS:  # Netgen knows small letters alone
             path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
-        check_step(path)
+        check_step(path, name)
         geometry, said = occ.OCCGeometry(str(path)), solids_said(path)
     # Netgen's shape is that of the first root alone.
     shape, products = geometry.shape, list(_products(geometry.GetAssemblyTree()))
@@ -202,7 +202,7 @@ def read_step(path: Path) -> Shape:
         shape = occ.Compound(products)
     if len(shape.solids) < said:
         raise MeshError(
-            f"path: {path} defines {said} solids, of which Netgen reads {len(shape.solids)}. Are the others damaged, "
+            f"{name}: {path} defines {said} solids, of which Netgen reads {len(shape.solids)}. Are the others damaged, "
             "or of no product? Export the body that you need as a file of its own"
         )
     return shape
@@ -294,7 +294,7 @@ def shape_of(source: Shape | str | Path, scale: float, name: str = "source") -> 
         path = validate_path(name, source)
         if path.suffix.lower() not in ENDINGS:
             raise InputError(f"{name}: expected a STEP file ({', '.join(ENDINGS)}), got {path}")
-        source = read_step(path)
+        source = read_step(path, name)
     return scaled(solids_alone(source, name), scale)
 
 

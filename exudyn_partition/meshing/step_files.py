@@ -18,7 +18,7 @@ _TEXTS = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 TRIAL = "import sys; from netgen.occ import OCCGeometry; OCCGeometry(sys.argv[1]).shape.solids"
 
 
-def check_step(path: Path) -> None:
+def check_step(path: Path, name: str) -> None:
     """Refuse a STEP file that Netgen cannot read, whether its reader raises an error or crashes.
 
     The file is read in a child process. That takes a third of a second and the time to read it. A damaged file that
@@ -39,7 +39,7 @@ def check_step(path: Path) -> None:
         said = run.stderr.strip().splitlines()
         crashed = not said or not said[-1].partition(":")[0].endswith(("Exception", "Error"))
         reason = f"its reader crashes, exit code {run.returncode}" if crashed else said[-1]
-        raise InputError(f"path: {path} could not be read by Netgen ({reason}). Is it a complete STEP file?")
+        raise InputError(f"{name}: {path} could not be read by Netgen ({reason}). Is it a complete STEP file?")
 
 
 def solids_said(path: Path) -> int:

@@ -15,12 +15,12 @@ from ..fe.facets import FLAT_TRIANGLES
 from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..support.arrays import Array
-from ..support.checks import validate_number, validate_positive, validate_type, validate_vector
+from ..support.checks import validate_choice, validate_positive, validate_type, validate_vector
 from ..support.foreign import Axes
 from ..support.optional import require
 from .body_fields import Shown
-from .graphics import peak_time, rigid_surfaces, validate_scale
-from .motion import LABELS, Colour, motion_of
+from .graphics import peak_time, rigid_surfaces, time_of, validate_scale
+from .motion import COLOUR_NAMES, LABELS, Colour, motion_of
 from .plot_input import axes_of, check_samples, plain
 from .scene import colour_map
 
@@ -122,7 +122,8 @@ def bodies(
     """
     check_samples(result)
     axes, turn = axes_of(axes), _turn(direction)
-    at = peak_time(result) if time is None else validate_number("time", time, "a time in s")
+    at = peak_time(result) if time is None else time_of(result, time)
+    validate_choice("colour", colour, COLOUR_NAMES)
     motion = motion_of(result, bodies, colours=[colour], frames=[at])
     scale = motion.visible_scale if scale is None else validate_scale(scale)
     label, unit, many = LABELS[colour]

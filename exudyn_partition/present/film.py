@@ -21,7 +21,7 @@ from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
 from .graphics import rigid_surfaces, validate_pixels, validate_scale
-from .motion import LABELS, BodyMotion, Colour, Motion, motion_of
+from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
 
@@ -58,6 +58,7 @@ def film(
     path = writable(path)
     validate_result(result)
     ending = validate_choice("path", path.suffix.lower(), _ENDINGS)
+    validate_choice("colour", colour, COLOUR_NAMES)
     pixels = [2 * (side // 2) for side in validate_pixels(size)]  # H.264 takes even numbers
     period = validate_positive("period", period, "s")
     if scale is not None:

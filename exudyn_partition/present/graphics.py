@@ -16,7 +16,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
-from ..support.checks import validate_choice, validate_integer, validate_positive
+from ..support.checks import validate_choice, validate_integer, validate_number, validate_positive, validate_times
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
@@ -34,6 +34,12 @@ _GREY = (0.6, 0.6, 0.63, 1.0)
 _BEYOND = 0.65  # half the side of a rigid surface that is drawn, by the size of the bodies
 # Above the bodies in the view, by their size: lower and upper side of the bar, its numbers, and lines of the title.
 _LOWER, _UPPER, _NUMBERS, _LINE = 0.04, 0.07, 0.085, 0.06
+
+
+def time_of(result: Result, time: float) -> float:
+    """Return a time within the run [s] that a user gave."""
+    (found,) = validate_times("time", [validate_number("time", time, "a time in s")], result.t)
+    return float(found)
 
 
 def peak_time(result: Result) -> float:

@@ -15,7 +15,7 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
 from ..support.arrays import Array
-from ..support.checks import validate_choice, validate_integer
+from ..support.checks import validate_choice, validate_integer, validate_times
 from ..support.progress import Progress
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
 
@@ -178,6 +178,8 @@ def motion_of(
     """
     if isinstance(frames, int | np.integer):
         validate_integer("frames", frames, 2, _MOST_FRAMES)
+    elif len(result.t):
+        frames = validate_times("frames", frames, result.t)
     run = result.at(frames)
     chosen = shown_bodies(result.bodies, bodies)
     wanted = _colours(result, chosen, colours)

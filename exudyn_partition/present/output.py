@@ -23,7 +23,7 @@ from ..exudyn_contacts.run_result import RunResult as Result
 from ..meshing.mesh_files import write_vtu
 from ..plasticity.flow import von_mises as flow_von_mises
 from ..support.arrays import Array
-from ..support.checks import validate_callable, validate_choice, validate_flag, validate_result
+from ..support.checks import validate_callable, validate_choice, validate_flag, validate_result, validate_type
 from ..support.files import filling
 from ..support.progress import Progress, shown
 from .body_fields import CELLS, BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
@@ -148,7 +148,7 @@ def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: R
     OutputError
         If the disk is full or protected.
     """
-    (contact,) = validate_contacts([contact])
+    validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
     states = contact.plastic_states(result)
     assert contact.yielding is not None
     files = [f"zone_{name}.vtu" for name in states]

@@ -9,8 +9,8 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES, facet_corners
 from ..support.arrays import Array
-from ..support.checks import validate_number
 from ..support.foreign import Axes
+from .graphics import time_of
 from .plot_input import axes_of, contact_of, name_of, plain
 
 _STATES = {STICK: ("sticks", "C0", "o"), SLIP: ("slips", "C3", "^")}
@@ -94,7 +94,7 @@ def stick(axes: Axes, result: Result, time: float | None = None, *, contact: Par
 def _sample(result: Result, time: float | None, contact: PartitionContact) -> Result:
     """Sample nearest to a time [s]; for None, that of the contact's largest force."""
     peak = float(result.t[contact.force(result).argmax()])
-    return result.at([peak if time is None else validate_number("time", time, "a time in s")])
+    return result.at([peak if time is None else time_of(result, time)])
 
 
 def _across(direction: Array) -> Array:

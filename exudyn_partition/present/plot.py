@@ -88,7 +88,7 @@ def force(
     """
     axes = axes_of(axes)
     if contact is None and reference is None and not isinstance(run, History):
-        check_samples(run)
+        check_samples(run, "run")
         if len(run.contacts) > 1:
             for i, one in enumerate(run.contacts):
                 curve = {"linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.0}
@@ -96,7 +96,7 @@ def force(
             return _finish(axes, "contact force [N]")
     for history, style in _layers(history_of(run, contact), reference):
         axes.plot(1e3 * history.t, history.force, label=label_of(history), **style)
-    name = "" if isinstance(run, History) else contact_of(run, contact).name
+    name = "" if isinstance(run, History) else contact_of(run, contact, "run").name
     return _finish(axes, f"force of contact {plain(name)} [N]" if name else "contact force [N]")
 
 

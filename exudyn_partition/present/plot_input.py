@@ -43,16 +43,16 @@ def axes_of(axes: Axes) -> Axes:
     return axes
 
 
-def check_samples(result: Result) -> None:
+def check_samples(result: Result, name: str = "result") -> None:
     """Raise unless it is a Result with samples."""
-    validate_result(result)
+    validate_result(result, name)
     if not len(result.t):
-        raise InputError(f"result: the run kept no samples ({result.message})")
+        raise InputError(f"{name}: the run kept no samples ({result.message})")
 
 
-def contact_of(result: Result, contact: PartitionContact | None) -> PartitionContact:
+def contact_of(result: Result, contact: PartitionContact | None, name: str = "result") -> PartitionContact:
     """Return the contact; for None, the only one of the run."""
-    check_samples(result)
+    check_samples(result, name)
     if contact is not None:
         validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
         return contact
@@ -71,7 +71,7 @@ def _names(things: Sequence[PartitionBody | PartitionContact]) -> str:
 def history_of(run: History | Result, contact: PartitionContact | None) -> History:
     """Return the history itself, or that of a contact of a Result."""
     if not isinstance(run, History):
-        chosen = contact_of(run, contact)
+        chosen = contact_of(run, contact, "run")
         return run.history(chosen)
     if contact is not None:
         raise InputError("contact: a History has one force; name a contact of a Result")
@@ -84,7 +84,7 @@ def history_of_point(run: History | Result, point: object, body: PartitionBody |
         if body is not None:
             raise InputError("body: a History has points by their names; name a body of a Result")
         return run, validate_choice("point", point, run.velocity)
-    check_samples(run)
+    check_samples(run, "run")
     if isinstance(point, str):
         raise InputError(f"point: a Result has no named points; give a point of a body, (3,) [m], instead of {point!r}")
     place = validate_vector("point", point)

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import FLAT_TRIANGLES
-from ..support.checks import validate_array, validate_integer, validate_number, validate_positive, validate_result
+from ..support.checks import validate_array, validate_integer, validate_positive, validate_result
 from ..support.files import replacing, writable
 from ..support.foreign import Plotter
 from ..support.optional import require
@@ -29,6 +29,7 @@ from .graphics import (
     peak_time,
     pieces_of,
     rigid_surfaces,
+    time_of,
     title_of,
     validate_pixels,
     validate_scale,
@@ -85,7 +86,7 @@ def plotter(
     validate_result(result)
     pixels, scale = validate_pixels(size), validate_scale(scale)
     ends = None if limits is None else validate_array("limits", limits, (2,)).tolist()
-    frame = result.at([peak_time(result) if time is None else validate_number("time", time, "a time in s")])
+    frame = result.at([peak_time(result) if time is None else time_of(result, time)])
     pieces = pieces_of(result.bodies, bodies, field)
     places, values = drawn_fields(pieces, fields_at(frame, pieces, lambda: 0), field, scale)
     if ends is None:

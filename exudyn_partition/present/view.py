@@ -32,7 +32,6 @@ from ..support.checks import (
     validate_array,
     validate_choice,
     validate_integer,
-    validate_number,
     validate_positive,
     validate_result,
     validate_vector,
@@ -53,6 +52,7 @@ from .graphics import (
     peak_time,
     pieces_of,
     rigid_surfaces,
+    time_of,
     title_of,
     validate_pixels,
     validate_scale,
@@ -167,7 +167,7 @@ def picture(
         If an argument has a wrong type or is out of range, or the time is not within the run.
     """
     validate_result(result)
-    frame = result.at([peak_time(result) if time is None else validate_number("time", time, "a time in s")])
+    frame = result.at([peak_time(result) if time is None else time_of(result, time)])
     turn = Rotation.from_rotvec(validate_vector("rotation", rotation).tolist())
     pixels = validate_pixels(size)
     SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)

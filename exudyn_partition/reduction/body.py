@@ -368,7 +368,7 @@ class ReducedBody:
             If there is no such patch, or the position is no vector.
         """
         place = validate_vector("position", position)
-        return Surface.of(self.points, self.partition.patches[self.partition.patch(patch)], place)
+        return Surface.of(self.points, self.partition.patches[number_of_patch(self.partition, patch, "patch")], place)
 
     def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array:
         """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
@@ -382,7 +382,7 @@ class ReducedBody:
         """
         if self.basis.flexibility is None:
             raise InputError(f"body: basis {self.basis.name!r} has no residual flexibility, its patch has mass instead")
-        partition, row = self.partition, self.partition.patch(patch)
+        partition, row = self.partition, number_of_patch(self.partition, patch, "patch")
         column = row if other is None else number_of_patch(partition, other, "other")
         rows, columns = (patch_slice(partition, number) for number in (row, column))
         return self.basis.flexibility[rows, columns]

@@ -12,6 +12,7 @@ from ..algebra.krylov import mass_normalised
 from ..algebra.sparse.flexibility import FreeBodyFlexibility
 from ..errors import InputError
 from ..fe.model import FEModel, node_dofs
+from ..fe.partition import number_of_patch
 from ..support.arrays import Array
 from ..support.checks import validate_type
 from .body import ReducedBody
@@ -52,7 +53,9 @@ def static_correction(fem: FEModel, body: ReducedBody, patch: int | str | None =
     R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, section 11.4.
     """
     answer = StaticAnswer(fem, body)
-    return answer(-pressure(fem, body.partition.patches[body.partition.patch(patch)]).reshape(-1, 3))
+    return answer(
+        -pressure(fem, body.partition.patches[number_of_patch(body.partition, patch, "patch")]).reshape(-1, 3)
+    )
 
 
 class StaticAnswer:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from ..errors import InputError
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
-from ..fe.partition import Partition
+from ..fe.partition import Partition, number_of_patch
 from ..fe.patches import Patch, PlasticRegion
 from ..fe.shapes import integration_weights
 from ..plasticity.dilatation import with_free_zones, with_mean_dilatation
@@ -81,7 +81,7 @@ class FullBody:
         object.__setattr__(self, "position", validate_vector("position", self.position))
         object.__setattr__(self, "velocity", validate_vector("velocity", self.velocity))
         validate_choice("mass", self.mass, MASSES)
-        object.__setattr__(self, "patch", self.partition.patch(self.patch))
+        object.__setattr__(self, "patch", number_of_patch(self.partition, self.patch, "patch"))
         validate_choice("plastic", self.plastic, _EXTENTS)
         if self.plastic == "everywhere" and self.fem.regions is not None:
             raise InputError("plastic: 'everywhere' expects a body of one material; take 'zone', or 'nowhere'")
@@ -121,7 +121,7 @@ class FullBody:
     @property
     def contact(self) -> Patch:
         """The contact patch."""
-        return self.partition.patches[self.partition.patch(self.patch)]
+        return self.partition.patches[number_of_patch(self.partition, self.patch, "patch")]
 
 
 def rows_on_dofs(body: FullBody, rows: sp.csr_matrix) -> sp.csr_matrix:

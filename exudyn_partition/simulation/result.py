@@ -28,7 +28,7 @@ from ..present.tables import dataframe, dataset
 from ..results.history import History
 from ..support.arrays import Array
 from ..support.attributes import no_attribute
-from ..support.checks import validate_array, validate_integer, validate_text, validate_type
+from ..support.checks import validate_integer, validate_text, validate_times, validate_type
 from ..support.files import writable
 from ..support.foreign import DataFrame, Dataset, MainSystem, SensorIndex
 from ..support.progress import Progress
@@ -189,14 +189,7 @@ class Result:
         if isinstance(times, int | np.integer):
             wanted = np.linspace(self.t[0], self.t[-1], validate_integer("times", times, least=1))
         else:
-            wanted = validate_array("times", times, (None,))
-            slack = 1e-9 * (self.t[-1] - self.t[0])
-            outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack)
-            if outside.any():
-                raise InputError(
-                    f"times: expected times of the run, {self.t[0]:.6g} to {self.t[-1]:.6g} s, got "
-                    f"{wanted[outside.argmax()]:.6g}"
-                )
+            wanted = validate_times("times", times, self.t)
         middles = (self.t[1:] + self.t[:-1]) / 2
         nearest = np.unique(np.searchsorted(middles, wanted))
         return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})

@@ -191,12 +191,24 @@ def validate_items(name: str, values: object, kind: type[Item], source: str) -> 
     return items
 
 
-def validate_result(value: object) -> None:
+def validate_result(value: object, name: str = "result") -> None:
     """Raise unless `value` is a Result. It is known by its methods, since its class is in a higher layer."""
     if isinstance(value, type) or not hasattr(value, "sensor_of"):
         raise InputError(
-            f"result: expected what solve_dynamic() or collect() returns, a Result, got {type(value).__name__}"
+            f"{name}: expected what solve_dynamic() or collect() returns, a Result, got {type(value).__name__}"
         )
+
+
+def validate_times(name: str, values: object, t: Array) -> Array:
+    """Return times, (k,) [s], that lie within the samples `t` of a run, or raise `InputError`."""
+    times = validate_array(name, values, (None,))
+    slack = 1e-9 * (t[-1] - t[0])
+    outside = (times < t[0] - slack) | (times > t[-1] + slack)
+    if outside.any():
+        raise InputError(
+            f"{name}: expected times of the run, {t[0]:.6g} to {t[-1]:.6g} s, got {times[outside.argmax()]:.6g}"
+        )
+    return times
 
 
 def validate_callable(name: str, value: object, expected: str) -> None:

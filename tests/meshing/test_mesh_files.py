@@ -331,7 +331,7 @@ def test_mid_side_nodes_that_neighbours_do_not_share(small, tmp_path):
 @pytest.mark.parametrize("suffix", [".vtu", ".msh", ".inp", ".bdf", ".step", ".unknown"])
 def test_missing_and_unreadable_files(tmp_path, suffix, capfd):
     path = tmp_path / f"mesh{suffix}"
-    refused(path, "path: expected a file, there is none at .*mesh", error=InputError, maxh=1e-3)
+    refused(path, "source: expected a file, there is none at .*mesh", error=InputError, maxh=1e-3)
     path.write_text("what is this?\n")
     refused(path, rf"mesh\{suffix}(: expected| could not be read by)", error=InputError, maxh=1e-3)
 

@@ -5,6 +5,7 @@ The wrong values are those of validation/stability/misuse.py, which tries all of
 
 import inspect
 import os
+import re
 import warnings
 from pathlib import Path
 
@@ -67,6 +68,25 @@ def test_right_values_are_taken(scene):
 def test_a_wrong_value_is_named(scene, misuse):
     row = classify(misuse, scene)
     assert row["kind"] in GOOD, row
+
+
+# What is refused for another argument, which it contradicts.
+ELSEWHERE = {"Partition.interface", "Partition.surface", "Partition.load", "RigidMesh.of", "reduce_pair"}
+OF_NO_KIND = [
+    (misuse, found[1])
+    for misuse in WRONG
+    if (found := re.fullmatch(r"(?:.*)\((\w+)=(?:None|text|dict|object)\)", misuse.name))
+    and misuse.name.partition("(")[0] not in ELSEWHERE
+]
+
+
+@settings(max_examples=300, deadline=None, database=None)
+@given(case=st.sampled_from(OF_NO_KIND))
+def test_messages_name_the_argument_as_the_caller_wrote_it(scene, case):
+    misuse, argument = case
+    row = classify(misuse, scene)
+    said = row["said"].partition(": ")[2] if row["kind"] == "named error" else ""
+    assert not said or re.search(rf"\b{argument}\b", said.partition(":")[0]), row
 
 
 @settings(max_examples=200, deadline=None, database=None)
