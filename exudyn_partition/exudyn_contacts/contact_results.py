@@ -127,8 +127,8 @@ class ContactResults(PlasticResults):
         zero; theirs is zero in contact up to the tolerance of meshes. Infinite where no point faces the master.
 
         Where the surfaces are not known after the run, and where no point faces the master, it is the smallest gap of
-        the rows, which the sensor `sForce` has: of a rigid surface that another body carries, and of results from files
-        if a body yields. Integrated rows have mean gaps around nodes: a convex tip closes the first one later than its
+        the rows, which the sensor `sForce` has: of a rigid surface that another body carries, and of results that were
+        read without their model. Integrated rows have mean gaps around nodes: a convex tip closes the first one later than its
         lowest point touches, by the order of a facet's size squared over the radius.
 
         Raises
@@ -176,7 +176,7 @@ class ContactResults(PlasticResults):
         Raises
         ------
         InputError
-            If the result was read from a file, which holds no forces of rows.
+            If the result is none, of another model, or of a run of which nothing was kept.
         """
         validate_result(result)
         return self._row_forces(result, result.t)
@@ -231,7 +231,7 @@ class ContactResults(PlasticResults):
         Raises
         ------
         InputError
-            If the result was read from a file, which holds no forces of rows.
+            If the result is none, of another model, or of a run of which nothing was kept.
         """
         force, run = self.force(result), result.kept(self)
         large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
@@ -271,7 +271,7 @@ class ContactResults(PlasticResults):
         Raises
         ------
         InputError
-            If the result is none, of another model, or was read from a file, which does not hold this.
+            If the result is none, of another model, or of a run of which nothing was kept.
         """
         validate_result(result)
         return result.kept(self).edge
@@ -279,8 +279,8 @@ class ContactResults(PlasticResults):
     def energy(self, result: RunSamples) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
-        It is what the run told. Of a result from a file, elastic contacts are evaluated again at the stored
-        coordinates, in their order.
+        It is what the run told. Where nothing was kept, elastic contacts are evaluated again at the coordinates of the
+        samples, in their order.
 
         Raises
         ------

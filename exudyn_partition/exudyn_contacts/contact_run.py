@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from ..contact.formulations.frictional import FrictionalContact
 from ..contact.frozen import FrozenContacts
 from ..errors import RunError
 from ..exudyn_bodies.model import SolverMotion, start_of_step
+from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
+from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, MainSystem
 
@@ -114,6 +116,26 @@ class ContactRun:
     def stored(self) -> dict[float, float]:
         """Energy that elastic contacts store with closed rows [J], by the time."""
         return self._stored if self._group is None else self._stored | self._group.stored(self._place)
+
+    @property
+    def law_name(self) -> str:
+        """Name of the law's class."""
+        return type(self._law).__name__
+
+    @property
+    def slip_path(self) -> Array:
+        """Path that the row of each of the slave's patch nodes has slipped so far, (np,) [m]."""
+        return np.array(self.law.slip_path)
+
+    @property
+    def plastic_ends(self) -> dict[int, PlasticState]:
+        """Present state of each plastic zone, by the number of its side."""
+        yielding = self.law.yielding
+        return {} if yielding is None else {side: zone.present for side, zone in yielding.zones}
+
+    def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
+        """`plastic_strains`; of a run from a file, in these zones."""
+        return self.plastic_strains
 
     def of(self, coordinates: Array) -> Array:
         """Coordinates of slave and master, (n,), of the model's."""

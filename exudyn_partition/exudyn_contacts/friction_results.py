@@ -17,16 +17,17 @@ from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from .contact_run import ContactRun
+from .kept_run import KeptRun
 
 
 class RunSamples(Samples, Protocol):
     """What a contact reads of a run: samples of sensors, and what it kept itself."""
 
     @property
-    def runs(self) -> Sequence[ContactRun]:
-        """What each contact kept of the run; empty of a result from a file."""
+    def runs(self) -> Sequence[ContactRun | KeptRun]:
+        """What each contact kept of the run; empty if nothing was kept."""
 
-    def kept(self, contact: Any) -> ContactRun:
+    def kept(self, contact: Any) -> ContactRun | KeptRun:
         """What a contact kept of the run."""
 
     def at(self, times: Array) -> RunSamples:
@@ -93,7 +94,7 @@ class FrictionResults(dict[str, Any]):
         Raises
         ------
         InputError
-            If the contact is frictionless, or the result was read from a file, which holds no forces of rows.
+            If the contact is frictionless, or nothing was kept of the run.
         """
         size = self._patch_size(result)
         states = np.full((len(result.t), size), OPEN, dtype=np.int8)
@@ -136,7 +137,7 @@ class FrictionResults(dict[str, Any]):
             See `row_states`.
         """
         self._patch_size(result)
-        return result.kept(self).law.slip_path.copy()
+        return result.kept(self).slip_path.copy()
 
     def _patch_size(self, result: RunSamples) -> int:
         self._friction_samples(result)

@@ -89,17 +89,16 @@ class PartitionContact(ContactResults):
         Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
         linear interpolation; the surface of a body that yields has its dent. Mean gaps of integrated rows, which make
         the force, close later. Where the surface is not known, contact lasts from the last sample without a force
-        before it to the first one after it: with multipliers, where a body of another kind carries the rigid surface,
-        and of results from files if a body yields.
+        before it to the first one after it: with multipliers, and where a body of another kind carries the rigid
+        surface.
 
         A speed is that of rigid bodies with the momenta and angular momenta of the bodies, at the centre of the contact
         force when it is largest, along the contact's normal, the direction of the impulse of the normal forces.
         Vibration and distance from the centre of mass are so treated alike in both frames. `speed_before` is that at
         `start`, positive if they approach, `speed_after` that at `end`, positive if they separate; their ratio is
         Newton's coefficient of restitution, with friction too. What friction takes from the sliding is not in it: see
-        `dissipated_energy` and the momenta of the bodies. A speed is None if the run begins or ends in this contact, if
-        a body touches itself or one of another kind carries the rigid surface, and of results from files if forces are
-        not elastic.
+        `dissipated_energy` and the momenta of the bodies. A speed is None if the run begins or ends in this contact, or
+        if a body touches itself or one of another kind carries the rigid surface.
 
         Parameters
         ----------

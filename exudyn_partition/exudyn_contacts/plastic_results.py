@@ -52,12 +52,10 @@ class PlasticResults(FrictionResults):
         Raises
         ------
         InputError
-            If nothing can yield, or the result was read from a file, which does not hold this.
+            If nothing can yield, or nothing was kept of the run.
         """
         self._plastic_samples(result)
-        yielding = result.kept(self).law.yielding
-        assert yielding is not None
-        return {SIDES[side]: zone.present for side, zone in yielding.zones}
+        return {SIDES[side]: state for side, state in result.kept(self).plastic_ends.items()}
 
     def strain_histories(self, result: RunSamples) -> list[StrainHistory | None]:
         """Plastic strain in the run beneath the patch of each side, in the order of `sides`; None where none can yield.
@@ -65,12 +63,12 @@ class PlasticResults(FrictionResults):
         Raises
         ------
         InputError
-            If the result is none, of another model, or was read from a file, which does not hold this.
+            If the result is none or of another model, or nothing was kept of the run.
         """
         validate_result(result)
         if self.yielding is None:
             return [None] * len(self.sides)
-        kept = result.kept(self).plastic_strains
+        kept = result.kept(self).histories({side: zone.zone for side, zone in self.yielding.zones})
         return [kept.get(side) for side in range(len(self.sides))]
 
     def dents(self, result: RunSamples) -> dict[str, float]:

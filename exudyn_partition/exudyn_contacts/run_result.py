@@ -12,6 +12,7 @@ from ..support.arrays import Array
 from ..support.foreign import SensorIndex
 from .contact_results import ContactResults
 from .contact_run import ContactRun
+from .kept_run import KeptRun
 from .partition_contact import PartitionContact
 
 
@@ -59,8 +60,8 @@ class RunResult(Protocol):
         """Contacts of the model."""
 
     @property
-    def runs(self) -> Sequence[ContactRun]:
-        """What each contact kept of the run; empty of a result from a file."""
+    def runs(self) -> Sequence[ContactRun | KeptRun]:
+        """What each contact kept of the run; empty if nothing was kept."""
 
     @property
     def item_work(self) -> WorkSensor | None:
@@ -72,7 +73,7 @@ class RunResult(Protocol):
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k)."""
 
-    def kept(self, contact: ContactResults) -> ContactRun:
+    def kept(self, contact: ContactResults) -> ContactRun | KeptRun:
         """What a contact kept of the run."""
 
     def at(self, times: Sequence[float] | Array | int) -> RunResult:

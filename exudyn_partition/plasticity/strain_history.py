@@ -26,6 +26,20 @@ class StrainHistory:
         self._last: Array | None = None
         self._count = 0
 
+    @classmethod
+    def of(cls, zone: PlasticZone, times: list[float], kept: list[tuple[Array, Array]]) -> StrainHistory:
+        """Return the history that had these times [s], and points that have flowed with their strains; see `kept`."""
+        result = cls(zone)
+        result._times, result._kept = times, kept
+        return result
+
+    @property
+    def kept(self) -> tuple[list[float], list[tuple[Array, Array]]]:
+        """Times at which strains changed [s]; points that have flowed then, (k,), and their strains, (k, 6)."""
+        if self._count > MOST:
+            self.numbers(np.zeros(1))
+        return self._times, self._kept
+
     def keep(self, t: float, strain: Array) -> None:
         """Keep plastic strains, (g, 6), at a time [s]; nothing if it is the array of the last call."""
         if strain is self._last or self._count > MOST:

@@ -219,7 +219,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     Raises
     ------
     InputError
-        If the result does not have them, as where another body carries the rigid surface, or it was read from a file.
+        If the result does not have them, as where another body carries the rigid surface.
     """
     contacts = validate_contacts(contacts)
     validate_result(result)

@@ -252,7 +252,7 @@ def _spots(result: Result) -> list[Array]:
 
 
 def _pressure(result: Result, contact: PartitionContact) -> sp.csr_matrix | None:
-    """Pressures of a contact, (n, rows) [Pa]; None if they are not known, as of a run that was read from a file."""
+    """Pressures of a contact, (n, rows) [Pa]; None if they are not known, as of a run of which nothing was kept."""
     try:
         return contact.pressure(result)
     except InputError:

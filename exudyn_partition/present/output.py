@@ -144,7 +144,7 @@ def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: R
     Raises
     ------
     InputError
-        If nothing can yield, or the result was read from a file, which does not hold this.
+        If nothing can yield, or nothing was kept of the run.
     OutputError
         If the disk is full or protected.
     """

@@ -118,7 +118,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
     impacts = [] if result.method == "static" else contact.impacts(result)
     rows: list[tuple[str, object]] = [
         ("slave, master", f"{contact.slave.name or 'a body'}, {master}"),
-        ("contact law", type(result.kept(contact).law).__name__),
+        ("contact law", result.kept(contact).law_name),
         ("rows", contact.n_rows),
     ]
     said, warnings = result.warnings or (), []  # those of the run stand on top of the page

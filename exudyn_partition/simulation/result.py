@@ -16,6 +16,7 @@ from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_results import ContactResults
 from ..exudyn_contacts.contact_run import ContactRun
+from ..exudyn_contacts.kept_run import KeptRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.run_record import Solver
@@ -33,7 +34,17 @@ from ..support.files import writable
 from ..support.foreign import DataFrame, Dataset, MainSystem, SensorIndex
 from ..support.progress import Progress
 from .sensor_checks import check_sensors
-from .stored_run import FILE, StoredRun, check_items, described
+from .stored_run import (
+    FILE,
+    ItemMark,
+    StoredBody,
+    StoredBodyRun,
+    StoredContact,
+    StoredContactRun,
+    StoredRun,
+    check_items,
+    described,
+)
 from .work import Work
 
 _TIMES = "t for the times of the samples [s], or time_s for the run time [s]"
@@ -79,13 +90,15 @@ class Result:
     work : Work
         Counts of the solver and of the contacts.
     runs : tuple of ContactRun
-        What each contact kept of the run; empty of a result that was read from a file.
+        What each contact kept of the run; a `KeptRun` of a result that was read from a file.
     seldom : set of int
         Sensors that Exudyn read less often than the result has times.
     warnings : tuple of str, optional
-        Texts of the warnings after the run. Default: not known, as of a result that was read from a file.
+        Texts of the warnings after the run. Default: not known.
     item_work : WorkSensor, optional
         The model's, if it has one.
+    marks : tuple of ItemMark, optional
+        What the model was, of a result that was read without it.
     """
 
     t: Array
@@ -98,11 +111,12 @@ class Result:
     sensors: Mapping[int, Array] = field(repr=False)
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
-    runs: tuple[ContactRun, ...] = field(default=(), repr=False)
+    runs: tuple[ContactRun | KeptRun, ...] = field(default=(), repr=False)
     work: Work = field(default_factory=Work, repr=False)
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
     warnings: tuple[str, ...] | None = field(default=None, repr=False)
     item_work: WorkSensor | None = field(default=None, repr=False)
+    marks: tuple[ItemMark, ...] | None = field(default=None, repr=False)
 
     if not TYPE_CHECKING:  # for type checkers it would be every attribute
 
@@ -142,7 +156,7 @@ class Result:
         InputError
             If the item was not in the model that was run.
         """
-        if not isinstance(item, PartitionBody | ContactResults | WorkSensor):
+        if not isinstance(item, PartitionBody | StoredBody | ContactResults | WorkSensor):
             raise InputError(
                 "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
                 f"{type(item).__name__}"
@@ -154,20 +168,20 @@ class Result:
             )
         return self.sensor(number)
 
-    def kept(self, contact: ContactResults) -> ContactRun:
+    def kept(self, contact: ContactResults) -> ContactRun | KeptRun:
         """Return what a contact kept of the run beside its sensors: its law at the end, and forces of rows.
 
         Raises
         ------
         InputError
-            If the contact is of another model, or the result was read from a file, which holds none of it.
+            If the contact is of another model, or nothing was kept.
         """
         validate_type("contact", contact, ContactResults, "CreatePartitionContact()")
         self.sensor_of(contact, contact["sForce"])
         if not self.runs:
             raise InputError(
-                "result: forces of rows, pressures, contact areas and the edge of a patch are not in files. Ask for "
-                "them in the process that runs the model, or repeat this run"
+                "result: nothing was kept of forces of rows, pressures, contact areas and the edge of a patch; repeat "
+                "this run"
             )
         return next(run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact)
 
@@ -197,7 +211,7 @@ class Result:
     def save(self, path: str | Path) -> None:
         """Write the result to a file, to go on with it in another process; `load` reads it.
 
-        Forces of rows, pressures and contact areas are not in it.
+        It holds what sensors and contacts told: forces of rows, states, pressures, areas, plastic strains too.
 
         Parameters
         ----------
@@ -211,7 +225,13 @@ class Result:
         OutputError
             If the disk is full or protected; the file that was there is kept.
         """
-        stored = StoredRun(
+        FILE.save(path, self._stored())
+
+    def _stored(self) -> StoredRun:
+        """What files hold of it."""
+        kept: list[KeptRun | None] = [KeptRun.of(run) for run in self.runs]
+        kept = kept or [None] * len(self.contacts)
+        return StoredRun(
             t=self.t.copy(),
             status=self.status,
             message=self.message,
@@ -223,18 +243,41 @@ class Result:
             numbers=np.array([*self.sensors], dtype=np.int64),
             seldom=np.array(sorted(self.seldom), dtype=np.int64),
             samples=tuple(np.array(data) for data in self.sensors.values()),
-            items=described(self.bodies, self.contacts),
+            items=described(self.bodies, self.contacts) if self.marks is None else self.marks,
+            bodies=tuple(self._stored_body(item) for item in self.bodies),
+            contacts=tuple(StoredContactRun.of(*both) for both in zip(self.contacts, kept, strict=True)),
+            warnings=self.warnings,
         )
-        FILE.save(path, stored)
+
+    def _stored_body(self, item: PartitionBody | StoredBody) -> StoredBodyRun:
+        if isinstance(item, StoredBody):
+            return item.run
+        return StoredBodyRun(
+            name=item.name,
+            frame=item.frame,
+            coordinates=np.array([*map(int, item["sCoordinates"])]),
+            coordinates_t=np.array([*map(int, item["sCoordinates_t"])]),
+            mass=float(item.body.total_mass),
+            energy=item.energy(self),
+            momentum=item.momentum(self),
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle holds what files hold: not the model with its matrices."""
+        return _restored, (self._stored(),)
 
     @classmethod
-    def load(cls, path: str | Path, mbs: MainSystem) -> Result:
-        """Read what `save` wrote, as a result of a model that was built as the one that was run.
+    def load(cls, path: str | Path, mbs: MainSystem | None = None) -> Result:
+        """Read what `save` wrote, as a result of a model that was built as the one that was run; or without a model.
+
+        Without a model, `bodies` and `contacts` stand for its items. They have what was told of the run: times, forces,
+        rows, pressures, areas, friction, energies, momenta. What needs meshes or matrices, as velocities of points that
+        no sensor had, raises an InputError.
 
         Parameters
         ----------
         path : str or Path
-        mbs : exudyn.MainSystem
+        mbs : exudyn.MainSystem, optional
             It need not have been run.
 
         Raises
@@ -242,23 +285,17 @@ class Result:
         InputError
             If the file is missing, damaged or of another kind, or the model is another one.
         """
+        if mbs is None:
+            return _restored(FILE.load(path))
         bodies, contacts = partition_items(mbs)
         stored: StoredRun = FILE.load(path)
         check_items(stored.items, described(bodies, contacts))
-        return cls(
-            t=stored.t,
-            status=stored.status,
-            message=stored.message,
-            step=stored.step,
-            steps=stored.steps,
-            method=stored.method,
-            time_s=stored.time_s,
-            work=stored.work,
-            sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
+        return replace(
+            _restored(stored),
             bodies=tuple(bodies),
             contacts=tuple(contacts),
-            seldom=frozenset(map(int, stored.seldom)),
             item_work=registered(mbs).work,
+            marks=None,
         )
 
     def report(self, path: str | Path, *, title: str = "") -> Path:
@@ -469,6 +506,28 @@ class Result:
         return History(self.t, contact.force(self), velocity, info, **of_friction)
 
 
+def _restored(stored: StoredRun) -> Result:
+    """Result of a stored run, without its model."""
+    kept = tuple(contact.kept for contact in stored.contacts if contact.kept is not None)
+    return Result(
+        t=stored.t,
+        status=stored.status,
+        message=stored.message,
+        step=stored.step,
+        steps=stored.steps,
+        method=stored.method,
+        time_s=stored.time_s,
+        work=stored.work,
+        sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
+        bodies=tuple(map(StoredBody, stored.bodies)),  # type: ignore[arg-type]
+        contacts=tuple(map(StoredContact, stored.contacts)),  # type: ignore[arg-type]
+        runs=kept,
+        seldom=frozenset(map(int, stored.seldom)),
+        warnings=stored.warnings,
+        marks=stored.items,
+    )
+
+
 def samples(mbs: MainSystem) -> Result:
     """What the sensors stored, with what contacts kept themselves where Exudyn read its sensors seldom."""
     check_sensors(mbs)
@@ -522,9 +581,9 @@ def cut(result: Result, count: int) -> Result:
     return replace(result, t=result.t[:count], sensors=sensors)
 
 
-def called(item: PartitionBody | ContactResults | WorkSensor) -> str:
+def called(item: PartitionBody | StoredBody | ContactResults | WorkSensor) -> str:
     """Return what messages call a body, a contact or the sensor of work."""
     if isinstance(item, WorkSensor):
         return "this sensor of work"
-    kind = "body" if isinstance(item, PartitionBody) else "contact"
+    kind = "body" if isinstance(item, PartitionBody | StoredBody) else "contact"
     return f"{kind} {item.name!r}" if item.name else f"the {kind}"

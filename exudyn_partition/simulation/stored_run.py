@@ -1,17 +1,135 @@
-"""Results of runs as files: what the sensors told, and of which model, so that another process can go on with them."""
+"""Results of runs as files: what sensors and contacts told, and of which model, so that others can go on with them.
+
+Without the model that was run, `StoredContact` and `StoredBody` stand for its items.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.coulomb import Coulomb
 from ..errors import InputError
+from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_results import ContactResults
-from ..support.archive import Format, digest
+from ..exudyn_contacts.kept_run import KEPT, KeptRun
+from ..support.archive import Format, sketch
 from ..support.arrays import Array
-from ..support.checks import read_only
+from ..support.checks import read_only, validate_result
 from .work import Work
+
+_SAME = 1e-7  # of the norm of an array: what rounding may change in a body that is reduced again
+
+
+@dataclass(frozen=True, eq=False)
+class ItemMark:
+    """By what a body or a contact of a model is known again.
+
+    Parameters
+    ----------
+    said : str
+        What it is, in words.
+    exact : str
+        Digest of what has no rounding.
+    names : tuple of str
+    sketches : tuple of (k,) arrays
+        Of what has, see `archive.sketch`.
+    """
+
+    said: str
+    exact: str
+    names: tuple[str, ...]
+    sketches: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, said: str, content: object) -> ItemMark:
+        """That of an item with this content."""
+        exact, found = sketch(content)
+        return cls(said, exact, tuple(found), tuple(found.values()))
+
+    def difference(self, other: ItemMark) -> str:
+        """What differs, in words; empty if nothing does."""
+        if self.said != other.said:
+            return f"{self.said}; this one has {other.said}"
+        if (self.exact, self.names) != (other.exact, other.names):
+            return f"{self.said}, of another mesh, partition or size"
+        for name, one, two in zip(self.names, self.sketches, other.sketches, strict=True):
+            scale = abs(one) if not name else one[:1]
+            if one.shape != two.shape or not (abs(one - two) <= _SAME * scale).all():
+                return f"{self.said}, with other numbers in {name or 'its options'}"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredBodyRun:
+    """What a run leaves of a body.
+
+    Parameters
+    ----------
+    name, frame : str
+    coordinates, coordinates_t : (k,) int arrays
+        Numbers of the sensors.
+    mass : float
+        [kg]
+    energy : (n,) array
+        Kinetic and elastic energy [J].
+    momentum : (n, 3) array
+        [N s]
+    """
+
+    name: str
+    frame: str
+    coordinates: Array
+    coordinates_t: Array
+    mass: float
+    energy: Array
+    momentum: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StoredContactRun:
+    """What a run leaves of a contact.
+
+    Parameters
+    ----------
+    name : str
+    sensors : dict of str to int
+        Numbers of its sensors by their keys.
+    ahead, elastic, compliant, yields : bool
+        See `Law`.
+    friction : Coulomb or None
+    kept : KeptRun or None
+        None where it was not kept.
+    """
+
+    name: str
+    sensors: dict[str, int]
+    ahead: bool
+    elastic: bool
+    compliant: bool
+    yields: bool
+    friction: Coulomb | None
+    kept: KeptRun | None
+
+    @classmethod
+    def of(cls, contact: ContactResults, kept: KeptRun | None) -> StoredContactRun:
+        """That of a contact of a model, or of one that was stored."""
+        law = contact.law
+        return cls(
+            name=contact.name,
+            sensors={key: int(number) for key, number in contact.items() if key.startswith("s")},
+            ahead=law.ahead,
+            elastic=contact.elastic,
+            compliant=contact.compliant,
+            yields=contact.yielding is not None,
+            friction=contact.friction,
+            kept=kept,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +152,11 @@ class StoredRun:
         Of the sensors.
     samples : tuple of (n, m) arrays
         Of each sensor in `numbers`.
-    items : tuple of str
+    items : tuple of ItemMark
         What each body and contact of the model was, see `described`.
+    bodies : tuple of StoredBodyRun
+    contacts : tuple of StoredContactRun
+    warnings : tuple of str or None
 
     Raises
     ------
@@ -54,7 +175,10 @@ class StoredRun:
     numbers: Array
     seldom: Array
     samples: tuple[Array, ...]
-    items: tuple[str, ...]
+    items: tuple[ItemMark, ...]
+    bodies: tuple[StoredBodyRun, ...]
+    contacts: tuple[StoredContactRun, ...]
+    warnings: tuple[str, ...] | None
 
     def __post_init__(self) -> None:
         read_only(self.t, self.numbers, self.seldom, *self.samples)
@@ -64,44 +188,166 @@ class StoredRun:
 
 FILE = Format(
     name="result",
-    version=2,
+    version=3,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
-    classes=(StoredRun, Work),
+    classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, *KEPT),
 )
 
 
-def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults]) -> tuple[str, ...]:
-    """What the items of a model are: names, frames, contents of the reduced bodies, laws, and numbers of sensors.
+class StoredLaw:
+    """What a stored contact knows of its law; all else needs the model."""
+
+    def __init__(self, run: StoredContactRun) -> None:
+        self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
+        self.yielding = True if run.yields else None
+        self._name, self._kept = run.name, run.kept
+
+    @property
+    def node_areas(self) -> Array:
+        """See `Law`."""
+        return self._known.areas
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """See `Law`."""
+        return self._known.pressures
+
+    @property
+    def _known(self) -> KeptRun:
+        if self._kept is None:
+            raise InputError(f"contact {self._name!r}: the file has no forces of rows")
+        return self._kept
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise _needs_model(f"contact {self.__dict__.get('_name', '')!r}", name)
+
+
+class StoredContact(ContactResults):
+    """A contact of a result that was read without its model: what it told of the run.
+
+    It has the methods of `PartitionContact` for forces, gaps, rows, pressures, areas, friction, plastic work and
+    energies. Those that need bodies say that they do.
+
+    Parameters
+    ----------
+    run : StoredContactRun
+    """
+
+    def __init__(self, run: StoredContactRun) -> None:
+        super().__init__(run.sensors)
+        self.name, self.law = run.name, StoredLaw(run)  # type: ignore[assignment]
+
+    def _gap_of_surface(self, result: Any) -> None:
+        """None, for surfaces are not known: then gaps are those of rows."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise _needs_model(f"contact {self.__dict__.get('name', '')!r}", name)
+
+
+class StoredBody:
+    """A body of a result that was read without its model: its coordinates, energy and momentum.
+
+    Parameters
+    ----------
+    run : StoredBodyRun
+    """
+
+    def __init__(self, run: StoredBodyRun) -> None:
+        self.name, self.frame, self.run = run.name, run.frame, run
+
+    @property
+    def mass(self) -> float:
+        """Of the body [kg]."""
+        return self.run.mass
+
+    def coordinates(self, result: Samples) -> Array:
+        """Coordinates, (n, n_dofs), at the times of `result`."""
+        return self._sampled(result, self.run.coordinates)
+
+    def coordinates_t(self, result: Samples) -> Array:
+        """Their velocities, (n, n_dofs)."""
+        return self._sampled(result, self.run.coordinates_t)
+
+    def energy(self, result: Samples) -> Array:
+        """Kinetic and elastic energy, (n,) [J]."""
+        return self._of_all(result, self.run.energy)
+
+    def momentum(self, result: Samples) -> Array:
+        """Momentum, (n, 3) [N s]."""
+        return self._of_all(result, self.run.momentum)
+
+    def _sampled(self, result: Samples, numbers: Array) -> Array:
+        validate_result(result)
+        return np.hstack([result.sensor_of(self, int(number)) for number in numbers])
+
+    def _of_all(self, result: Samples, values: Array) -> Array:
+        self.coordinates(result)
+        if len(values) != len(result.t):
+            raise InputError(
+                f"result: the file has energy and momentum of body {self.name!r} at all {len(values)} times together; "
+                "ask for them before result.at()"
+            )
+        return values
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise _needs_model(f"body {self.__dict__.get('name', '')!r}", name)
+
+
+def _needs_model(item: str, name: str) -> InputError:
+    return InputError(
+        f"{item}: {name!r} needs the model, and this result was read without it. Build the model by the same calls, "
+        "and read the result by Result.load(path, mbs)"
+    )
+
+
+def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults]) -> tuple[ItemMark, ...]:
+    """What the items of a model are: names, frames, places, reduced bodies, laws, and numbers of sensors.
 
     A run knows nothing of the inside of bodies: one of bodies that were saved without it can be read with whole ones.
-    Nor does it know what they bear before they yield.
+    Nor does it know what they bear before they yield, how long their reduction took, or what they say of themselves.
     """
-    said = [
-        f"body {item.name!r}, {item.frame} frame at {item.position.tolist()}, sensors "
-        f"{[*map(int, item['sCoordinates']), *map(int, item['sCoordinates_t'])]}, "
-        f"content {digest(replace(item.body.without_inside(), material=None, fingerprint=None))}"
-        for item in bodies
-    ]
-    said += [
-        f"contact {contact.name!r} of {[(item.name, patch) for item, patch in contact.sides]}, "
-        f"{type(contact.law).__name__}, sensor {int(contact['sForce'])}"
-        for contact in contacts
-    ]
-    return tuple(said)
+    marks = []
+    for item in bodies:
+        body = item.body.without_inside()
+        content = {
+            "basis": replace(body.basis, left_out=(), labels=("",) * len(body.basis.labels)),
+            "patches": tuple(replace(patch, material=None) for patch in body.partition.patches),
+            "interfaces": body.partition.interfaces,
+            "matrices": (body.points, body.facets, body.mass, body.stiffness, body.centre_of_mass),
+            "numbers": (float(body.total_mass), float(body.f_cut)),
+            "position": np.asarray(item.position, dtype=float),
+            "rotation": np.asarray(item.kinematics.rotation, dtype=float),
+        }
+        sensors = [*map(int, item["sCoordinates"]), *map(int, item["sCoordinates_t"])]
+        marks.append(ItemMark.of(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
+    for contact in contacts:
+        of = [(item.name, patch) for item, patch in contact.sides]
+        said = f"contact {contact.name!r} of {of}, {type(contact.law).__name__}, sensor {int(contact['sForce'])}"
+        marks.append(ItemMark.of(said, {"friction": contact.friction, "areas": np.array(contact.law.node_areas)}))
+    return tuple(marks)
 
 
-def check_items(stored: Sequence[str], found: Sequence[str]) -> None:
+def check_items(stored: Sequence[ItemMark], found: Sequence[ItemMark]) -> None:
     """Refuse a model that is not the one of a stored run.
 
     Raises
     ------
     InputError
-        Naming the first item that differs.
+        Naming the first item that differs, and in what.
     """
     for i in range(max(len(stored), len(found))):
-        was, is_now = (items[i] if i < len(items) else "nothing" for items in (stored, found))
-        if was != is_now:
+        if i < len(stored) and i < len(found):
+            differs = stored[i].difference(found[i])
+        else:
+            was, is_now = (items[i].said if i < len(items) else "nothing" for items in (stored, found))
+            differs = f"{was}; this one has {is_now}"
+        if differs:
             raise InputError(
-                f"mbs: expected the model that was run, built by the same calls in the same order, with {was}; this "
-                f"one has {is_now}"
+                f"mbs: expected the model that was run, built by the same calls in the same order, with {differs}"
             )

@@ -41,6 +41,7 @@ _CSR_PARTS = ("data", "indices", "indptr")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _ZIP_START = b"PK\x03\x04"
 PACK_FROM = 4096  # bytes of an array: below, planes save nothing worth it
+_PROJECTIONS = 4  # of an array in a sketch
 _LEVEL = 1  # of deflate: 6 takes twice the time and makes files 1 % smaller
 _MOST_DEFLATED = 1100  # times as much as a deflated member holds is the most that it can unpack to
 _MOST_UNPACKED, ALWAYS = 50, 1 << 27  # times a file's size, and bytes: what is larger than both is no file of ours
@@ -204,6 +205,51 @@ def digest(value: object) -> str:
     for _, array in sorted(arrays.items()):
         sha.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
     return sha.hexdigest()
+
+
+def sketch(value: object) -> tuple[str, dict[str, Array]]:
+    """Digest of what a value is exactly, and projections of its numbers, which rounding changes by rounding alone.
+
+    Returns
+    -------
+    str
+        Of the structure, of texts, of whole numbers and of shapes of arrays.
+    dict of str to (n,) array
+        For each array of floats, by its dotted name: its norm, then its projections on random directions. Floats
+        outside of arrays are together under "".
+    """
+    arrays: dict[str, Array] = {}
+    floats: list[float] = []
+    structure = json.dumps(_without_floats(_describe(value, "", arrays), floats), sort_keys=True)
+    sha, found = hashlib.sha256(structure.encode()), {"": np.array(floats)}
+    for name, array in sorted(arrays.items()):
+        if array.dtype.kind == "f":
+            found[name] = _projections(array)
+        else:
+            sha.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+    return sha.hexdigest(), found
+
+
+def _without_floats(node: JSON, floats: list[float]) -> JSON:
+    """Description without its floats, which are put into `floats`."""
+    match node:
+        case float():
+            floats.append(node)
+            return "float"
+        case dict():
+            return {key: _without_floats(x, floats) for key, x in node.items()}
+        case list():
+            return [_without_floats(x, floats) for x in node]
+    return node
+
+
+def _projections(array: Array) -> Array:
+    """Norm of an array, and its projections on some directions, which are products of random rows and columns."""
+    rows_of = len(array) if array.ndim else 1
+    flat = array.reshape(rows_of, array.size // max(rows_of, 1))
+    random = np.random.default_rng(0)
+    rows, columns = (random.choice([-1.0, 1.0], (size, _PROJECTIONS)) for size in flat.shape)
+    return np.append(np.linalg.norm(flat), np.einsum("mk,mk->k", flat.T @ rows, columns))
 
 
 def _describe(value: object, name: str, arrays: dict[str, Array], packed: bool = False) -> JSON:

@@ -85,8 +85,8 @@ def test_fields_know_plastic_strain(pressed, tmp_path):
 
 def test_a_result_without_plastic_strain_has_no_stress(pressed):
     fem, item, _, result = pressed
-    read = replace(result, runs=())  # as from a file
-    with pytest.raises(InputError, match="are not in files"):
+    read = replace(result, runs=())
+    with pytest.raises(InputError, match="nothing was kept of forces of rows"):
         item.stress(read, POINTS, fem)
 
 

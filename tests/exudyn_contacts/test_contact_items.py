@@ -261,7 +261,7 @@ def test_bad_contacts(mbs, marble):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", rows="mortar")
 
 
-def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch, tmp_path):
+def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch):
     """A run tells energies without work. From a file, contacts are found together, once, with the same energies."""
     answers = 0
     gaps_at = PatchGaps.at
@@ -287,8 +287,7 @@ def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch, tmp_pat
         answers = 0
         told = [contact.energy(result) for contact in contacts]
         assert answers == 0
-        result.save(tmp_path / "run.npz")
-        result = ep.Result.load(tmp_path / "run.npz", mbs)
+        result = replace(result, runs=())  # nothing was kept
         energies = [contact.energy(result) for contact in contacts]
         np.testing.assert_allclose(told, energies, rtol=1e-6, atol=1e-12 * np.max(energies))
         assert all(energy[-1] > 0 for energy in energies)

@@ -183,7 +183,7 @@ def test_the_page_lists_the_warnings_of_the_run(impact, tmp_path):
     page, _ = read(result.report(tmp_path / "run.html"))
     assert all(f"</summary>{text}</details>" in html.unescape(page) for text in result.warnings)
     result.save(tmp_path / "run.npz")
-    assert ep.Result.load(tmp_path / "run.npz", mbs).warnings is None
+    assert ep.Result.load(tmp_path / "run.npz", mbs).warnings == result.warnings
     unknown = dataclasses.replace(result, warnings=None)
     assert "Warnings of the run are not known" in read(unknown.report(tmp_path / "unknown.html"))[0]
     early, _ = read(ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6).report(tmp_path / "early.html"))

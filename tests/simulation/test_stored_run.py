@@ -1,8 +1,14 @@
 """Results in files, and the models that they are of."""
 
+import pickle
+import warnings
+from dataclasses import replace
+
 import exudyn as exu
+import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from oracles import TOP
 
 import exudyn_partition as ep
@@ -23,7 +29,7 @@ def striking(mbs, bodies, **options):
 
 
 def test_a_result_that_is_saved_is_that_of_the_model_built_again(mbs, bodies, tmp_path):
-    """All that sensors told, to the bit; what contacts keep beside them is refused by name."""
+    """All that sensors and contacts told, to the bit."""
     _, ball, contact = striking(mbs, bodies)
     result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6)
     path = tmp_path / "run.npz"
@@ -37,10 +43,12 @@ def test_a_result_that_is_saved_is_that_of_the_model_built_again(mbs, bodies, tm
     np.testing.assert_array_equal(same_ball.velocity(loaded, point), ball.velocity(result, point))
     np.testing.assert_allclose(same_contact.energy(loaded), contact.energy(result), atol=1e-12)
     assert same_contact.impacts(loaded) == contact.impacts(result)
-    with pytest.raises(
-        InputError, match="forces of rows, pressures, contact areas and the edge of a patch are not in files"
-    ):
-        same_contact.row_forces(loaded)
+    for name in ("row_forces", "pressure"):
+        of_file, of_run = (getattr(c, name)(r) for c, r in ((same_contact, loaded), (contact, result)))
+        assert of_run.nnz > 0
+        np.testing.assert_array_equal(of_file.toarray(), of_run.toarray())
+    assert same_contact.largest_stress(loaded) == contact.largest_stress(result)
+    assert loaded.warnings == result.warnings
     with pytest.raises(InputError, match="expected one of the model that body 'ball' belongs to"):
         ball.momentum(loaded)
 
@@ -60,3 +68,111 @@ def test_results_of_other_models_are_refused(mbs, bodies, tmp_path):
     bodies[0].save(tmp_path / "ball.npz")
     with pytest.raises(InputError, match="expected a saved result"):
         ep.Result.load(tmp_path / "ball.npz", mbs)
+
+
+@pytest.fixture
+def saved(mbs, bodies, tmp_path):
+    """The contact, the result of its run, and the file of this result."""
+    _, ball, contact = striking(mbs, bodies)
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.5e-6)
+    result.save(tmp_path / "run.npz")
+    return ball, contact, result, tmp_path / "run.npz"
+
+
+@pytest.mark.parametrize("how", ["file", "pickle", "file of a pickle"])
+def test_a_result_is_read_without_its_model(saved, tmp_path, how):
+    """It has what was told of the run, to the bit, and names what it has not."""
+    ball, contact, result, path = saved
+    loaded = ep.Result.load(path) if how == "file" else pickle.loads(pickle.dumps(result))
+    if how == "file of a pickle":
+        loaded.save(tmp_path / "again.npz")
+        loaded = ep.Result.load(tmp_path / "again.npz")
+    assert repr(loaded) == repr(result)
+    assert (loaded.work, loaded.warnings) == (result.work, result.warnings)
+    (same_contact,), same_ball = loaded.contacts, loaded.bodies[0]
+    gap = same_contact.gap(loaded)
+    assert gap[0] > 0 >= gap.min()
+    for name in ("force", "force_on_slave", "closed_rows", "area", "radius", "energy", "dissipated_energy"):
+        np.testing.assert_array_equal(getattr(same_contact, name)(loaded), getattr(contact, name)(result))
+    for name in ("row_forces", "pressure"):
+        np.testing.assert_array_equal(
+            getattr(same_contact, name)(loaded).toarray(), getattr(contact, name)(result).toarray()
+        )
+    for name in ("coordinates", "coordinates_t", "energy", "momentum"):
+        np.testing.assert_array_equal(getattr(same_ball, name)(loaded), getattr(ball, name)(result))
+    assert (same_contact.name, same_ball.name) == ("tip", "ball")
+    for missing in (
+        lambda: same_contact.nodal_forces(loaded),
+        lambda: same_contact.impacts(loaded),
+        lambda: same_ball.velocity(loaded, (0, 0, 0.02)),
+        lambda: loaded.report(tmp_path / "page.html"),
+    ):
+        with pytest.raises(
+            InputError, match=r"needs the model, and this result was read without it.*Result.load\(path, mbs"
+        ):
+            missing()
+    with pytest.raises(InputError, match="expected one of the model that body 'ball' belongs to"):
+        ball.momentum(loaded)
+
+
+def test_a_pickle_holds_what_the_run_told_and_not_the_model(saved):
+    """It was 148 MB for 245 steps: matrices of the bodies and flexibilities of the contacts."""
+    *_, result, path = saved
+    assert len(pickle.dumps(result)) < 1.2 * path.stat().st_size
+    told = sum(data.nbytes for data in result.sensors.values())
+    assert path.stat().st_size < 2 * told
+
+
+def test_friction_and_plastic_strain_are_in_files(mbs, tmp_path):
+    """States and tractions of rows, slip paths, strains and what is left behind."""
+    soft = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
+    shape, refine = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01), [ep.Refine((0, 0, 0), 1e-3, 0.5e-3)]
+    fem = ep.fe_model(shape, soft, maxh=5e-3, refine=refine)
+    body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
+
+    def slides():
+        model = exu.SystemContainer().AddSystem()
+        options = {"initialVelocity": [0.5, 0, -1.0], "referencePosition": [0, 0, 1e-6]}
+        item = ep.CreatePartitionBody(model, body, **options)
+        contact = ep.CreatePartitionContact(model, item, ep.RigidPlane(), friction=0.3)
+        model.Assemble()
+        return model, contact
+
+    model, contact = slides()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ep.solve_dynamic(model, end_time=12e-6, step=0.25e-6)
+    result.save(tmp_path / "run")
+    again, same = slides()
+    loaded, alone = ep.Result.load(tmp_path / "run", again), ep.Result.load(tmp_path / "run")
+    assert contact.plastic_work(result)[-1] > 0
+    for one, of in ((same, loaded), (alone.contacts[0], alone)):
+        for name in ("row_states", "row_tractions", "traction", "slip_path", "tangential_force", "plastic_strain"):
+            np.testing.assert_array_equal(getattr(one, name)(of), getattr(contact, name)(result))
+        (state,), (expected,) = one.plastic_states(of).values(), contact.plastic_states(result).values()
+        np.testing.assert_array_equal(state.strain, expected.strain)
+    assert same.dents(loaded) == contact.dents(result)
+    (history,), (expected,) = same.strain_histories(loaded), contact.strain_histories(result)
+    numbers = history.numbers(result.t)
+    np.testing.assert_array_equal(numbers, expected.numbers(result.t))
+    np.testing.assert_array_equal(history.strain(numbers[-1]), expected.strain(numbers[-1]))
+
+
+def test_bodies_that_are_reduced_again_are_the_same_but_for_rounding(mbs, bodies, tmp_path):
+    """The time that the reduction took was part of what was compared, so that no second process could read a run."""
+    striking(mbs, bodies)
+    ep.solve_dynamic(mbs, end_time=1e-6).save(tmp_path / "run")
+    ball, block = bodies
+    rounded = sp.csr_matrix(ball.stiffness * (1 + 1e-12))
+    same = replace(ball, reduce_s=9.9, stiffness=rounded, material=None, points=np.asfortranarray(ball.points))
+    model, *_ = striking(exu.SystemContainer().AddSystem(), (same, block))
+    ep.Result.load(tmp_path / "run", model)
+    for changed, what in (
+        ({"stiffness": sp.csr_matrix(ball.stiffness * (1 + 1e-5))}, r"other numbers in matrices\.3"),
+        ({"f_cut": 1.001 * ball.f_cut}, "other numbers in its options"),
+        ({"basis": replace(ball.basis, shapes=ball.basis.shapes * np.r_[np.ones(ball.n_shapes - 1), -1])}, "basis"),
+        ({"facets": ball.facets[::-1].copy()}, "of another mesh, partition or size"),
+    ):
+        model, *_ = striking(exu.SystemContainer().AddSystem(), (replace(ball, **changed), block))
+        with pytest.raises(InputError, match=rf"mbs: expected the model that was run.* body 'ball'.*{what}"):
+            ep.Result.load(tmp_path / "run", model)

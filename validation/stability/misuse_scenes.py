@@ -483,13 +483,15 @@ def results_before_a_run(s):
 
 
 @scene
-def rows_of_a_run_from_a_file(s):
-    s.contact.row_forces(ep.Result.load(s.folder / "run.npz", s.mbs))
+def nodal_forces_of_a_run_without_its_model(s):
+    result = ep.Result.load(s.folder / "run.npz")
+    result.contacts[0].nodal_forces(result)
 
 
 @scene
-def edge_in_a_run_from_a_file(s):
-    s.contact.edge_reached(ep.Result.load(s.folder / "run.npz", s.mbs))
+def velocity_of_a_run_without_its_model(s):
+    result = ep.Result.load(s.folder / "run.npz")
+    result.bodies[0].velocity(result, (0, 0, 0))
 
 
 @scene

@@ -1,0 +1,204 @@
+"""What a contact kept of a run as arrays, for files: forces of rows, states, strains and what is left at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..contact.formulations.formulation import Law
+from ..errors import InputError
+from ..plasticity.flow import PlasticState
+from ..plasticity.strain_history import StrainHistory
+from ..plasticity.zone import PlasticZone
+from ..support.arrays import Array
+from .contact_run import ContactRun
+
+
+@dataclass(frozen=True, eq=False)
+class KeptStrains:
+    """A `StrainHistory` as arrays.
+
+    Parameters
+    ----------
+    side : int
+    times : (k,) array
+        When the strains changed [s].
+    starts : (k + 1,) int array
+        Where the entries of each time begin.
+    points : (m,) int array
+        Points that have flowed.
+    strains : (m, 6) array
+        Their plastic strains.
+    """
+
+    side: int
+    times: Array
+    starts: Array
+    points: Array
+    strains: Array
+
+    @classmethod
+    def of(cls, side: int, history: StrainHistory) -> KeptStrains:
+        """Those of a history."""
+        times, kept = history.kept
+        points, strains = (np.concatenate([of[i] for of in kept] or [np.empty(0)]) for i in range(2))
+        return cls(
+            side,
+            np.array(times, dtype=float),
+            _starts([len(some) for some, _ in kept]),
+            points.astype(np.int64),
+            strains.reshape(-1, 6),
+        )
+
+    def history(self, zone: PlasticZone) -> StrainHistory:
+        """Return the history in its zone."""
+        spans = zip(self.starts[:-1], self.starts[1:], strict=True)
+        kept = [(self.points[start:end], self.strains[start:end]) for start, end in spans]
+        return StrainHistory.of(zone, self.times.tolist(), kept)
+
+
+@dataclass(frozen=True, eq=False)
+class KeptRun:
+    """What a contact kept of a run, as results read it of a `ContactRun`.
+
+    Parameters
+    ----------
+    law_name : str
+    goes_on : bool
+    areas : (np,) array
+        Area of the row of each of the slave's patch nodes [m2].
+    pressures : (np, np) csr matrix
+        From forces of rows to pressures around these nodes [1/m2].
+    times : (k,) array
+        With closed rows [s].
+    starts : (k + 1,) int array
+        Where the rows of each time begin.
+    nodes : (m,) int array
+        Patch nodes of the rows.
+    forces : (m,) array
+        [N]
+    tractions : (m, 3) array or None
+        Tangential forces in space [N]; None without friction.
+    states : (m,) int8 array or None
+        Whether the rows stick or slip.
+    stored_times, stored_energies : (j,) arrays
+        Energy that an elastic contact stored while it was closed [s, J].
+    edge_place : (4,) array or None
+        When and where the edge of the patch was reached first [s, m].
+    slip_path : (np,) array
+        Path that each row has slipped [m].
+    plastic_sides : tuple of int
+    plastic_states : tuple of PlasticState
+        Of the zones at the end.
+    strains : tuple of KeptStrains
+    on_nodes_times : (c,) array
+        With forces on nodes that were kept, where a body of another kind carries the rigid surface [s].
+    forces_on_nodes : tuple of (c, np, 3) arrays
+        Those of each side [N].
+    """
+
+    law_name: str
+    goes_on: bool
+    areas: Array
+    pressures: sp.csr_matrix
+    times: Array
+    starts: Array
+    nodes: Array
+    forces: Array
+    tractions: Array | None
+    states: Array | None
+    stored_times: Array
+    stored_energies: Array
+    edge_place: Array | None
+    slip_path: Array
+    plastic_sides: tuple[int, ...]
+    plastic_states: tuple[PlasticState, ...]
+    strains: tuple[KeptStrains, ...]
+    on_nodes_times: Array
+    forces_on_nodes: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, run: ContactRun | KeptRun) -> KeptRun:
+        """What was kept of a run, at its end."""
+        if isinstance(run, KeptRun):
+            return run
+        samples, tangential = run.samples, run.tangential
+        nodes, forces = (np.concatenate([np.empty(0), *(sample[i] for sample in samples)]) for i in (1, 2))
+        along = [tangential[t] for t, *_ in samples if t in tangential]
+        frictional = len(along) == len(samples) > 0
+        ends = run.plastic_ends
+        return cls(
+            law_name=run.law_name,
+            goes_on=run.goes_on,
+            areas=np.array(run.areas),
+            pressures=sp.csr_matrix(run.law.node_pressures),
+            times=np.array([t for t, *_ in samples]),
+            starts=_starts([len(some) for _, some, _ in samples]),
+            nodes=nodes.astype(np.int64),
+            forces=forces,
+            tractions=np.concatenate([traction for traction, _ in along]) if frictional else None,
+            states=np.concatenate([state for _, state in along]) if frictional else None,
+            stored_times=np.array([*run.stored], dtype=float),
+            stored_energies=np.array([*run.stored.values()], dtype=float),
+            edge_place=None if run.edge is None else np.r_[run.edge[0], run.edge[1]],
+            slip_path=run.slip_path,
+            plastic_sides=tuple(ends),
+            plastic_states=tuple(ends.values()),
+            strains=tuple(KeptStrains.of(side, history) for side, history in run.plastic_strains.items()),
+            on_nodes_times=np.array([*run.on_nodes], dtype=float),
+            forces_on_nodes=tuple(map(np.array, zip(*run.on_nodes.values(), strict=True))),
+        )
+
+    @property
+    def law(self) -> Law:
+        """Of a run only."""
+        raise InputError("result: the laws of contacts at the end of a run are not in files; repeat this run")
+
+    @property
+    def samples(self) -> list[tuple[float, Array, Array]]:
+        """See `ContactRun.samples`."""
+        spans = zip(self.times.tolist(), self.starts[:-1], self.starts[1:], strict=True)
+        return [(t, self.nodes[start:end], self.forces[start:end]) for t, start, end in spans]
+
+    @property
+    def tangential(self) -> dict[float, tuple[Array, Array]]:
+        """See `ContactRun`."""
+        if self.tractions is None or self.states is None:
+            return {}
+        spans = zip(self.times.tolist(), self.starts[:-1], self.starts[1:], strict=True)
+        return {t: (self.tractions[start:end], self.states[start:end]) for t, start, end in spans}
+
+    @property
+    def stored(self) -> dict[float, float]:
+        """See `ContactRun`."""
+        return dict(zip(self.stored_times.tolist(), self.stored_energies.tolist(), strict=True))
+
+    @property
+    def on_nodes(self) -> dict[float, list[Array]]:
+        """See `ContactRun`."""
+        return {t: [side[i] for side in self.forces_on_nodes] for i, t in enumerate(self.on_nodes_times.tolist())}
+
+    @property
+    def edge(self) -> tuple[float, Array] | None:
+        """See `ContactRun`."""
+        return None if self.edge_place is None else (float(self.edge_place[0]), self.edge_place[1:])
+
+    @property
+    def plastic_ends(self) -> dict[int, PlasticState]:
+        """See `ContactRun`."""
+        return dict(zip(self.plastic_sides, self.plastic_states, strict=True))
+
+    def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
+        """See `ContactRun`."""
+        return {strains.side: strains.history(zones[strains.side]) for strains in self.strains}
+
+
+KEPT = KeptRun, KeptStrains, PlasticState
+
+
+def _starts(counts: list[int]) -> Array:
+    """Where each of some parts begins, and where the last one ends."""
+    return np.concatenate([[0], np.cumsum(np.array(counts, dtype=np.int64))])
