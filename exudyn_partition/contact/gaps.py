@@ -224,6 +224,16 @@ class Gaps:
         parts = zip(self.sides, self.split(q), self.split(way), strict=True)
         return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
 
+    def rigid_part(self, q_t: Array) -> Array:
+        """Velocities, (n,), of the bodies' rigid motions within velocities q_t, (n,)."""
+        parts = zip(self.sides, self.split(q_t), strict=True)
+        return np.concatenate([side.kinematics.rigid_part(part) for side, part in parts])
+
+    def way(self, q: Array, end: Array) -> Array:
+        """Way, (n,), that leads from coordinates q to `end`, (n,): the inverse of `moved`."""
+        parts = zip(self.sides, self.split(q), self.split(end), strict=True)
+        return np.concatenate([side.kinematics.way(*part) for side, *part in parts])
+
     def accelerations(self, rows: Rows) -> Rows:
         """Accelerations of the coordinates, (n, nr), by unit forces on rows, (nr, n); csr if the rows are csr."""
         slices = consecutive([side.n for side in self.sides])

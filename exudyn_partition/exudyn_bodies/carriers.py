@@ -131,11 +131,10 @@ def load_carrier(mbs: MainSystem, law_now: Callable[[], Law], body: ObjectIndex)
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
 
     def force(mbs: MainSystem, t: float, load: object) -> list[float]:
-        return [*map(float, -law_now().resultant())]
+        return [*map(float, law_now().on_carrier(pose_now()[0])[:3])]
 
     def torque(mbs: MainSystem, t: float, load: object) -> list[float]:
-        law = law_now()
-        return [*map(float, -law.moment(pose_now()[0]))] if law.index.size else [0.0, 0.0, 0.0]
+        return [*map(float, law_now().on_carrier(pose_now()[0])[3:])]
 
     zero = [0.0, 0.0, 0.0]
     mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ..contact.formulations.formulation import Method
+from ..contact.formulations.step_mean import GeneralizedAlpha
 from ..errors import InputError
 from ..plasticity.strain_history import StrainHistory
 from ..reduction.body import ReducedBody
@@ -218,3 +219,9 @@ class SolverMotion:
     def start(self) -> float:
         """See `formulation.Motion`."""
         return start_of_step(self._mbs)
+
+    @property
+    def weights(self) -> GeneralizedAlpha:
+        """See `formulation.Motion`."""
+        solver = self._mbs.sys["dynamicSolver"]
+        return GeneralizedAlpha(solver.alphaM, solver.alphaF, solver.newmarkBeta, solver.newmarkGamma)

@@ -229,6 +229,10 @@ class ContactRun:
         self._impulse += 0.5 * self._last
         self._rest = -0.5 * self._last
 
+    def _impulses(self) -> Array | None:
+        """Impulses so far of multipliers, which jump between steps, (7,) [N s]; None of forces that do not."""
+        return self._impulse if self._law.ahead else self._law.impulse
+
     def told(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
         if self._group is not None and (told := self._group.told) is not None:
@@ -240,7 +244,7 @@ class ContactRun:
             values = [total, float(law.index.size), *law.resultant().tolist(), gap]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
-        return values + self._impulse[:4].tolist() if law.ahead else values
+        return values if (impulse := self._impulses()) is None else values + impulse[:4].tolist()
 
     def tell(self, data: Array) -> None:
         """Write these values to where the sensor reads them, among the model's data coordinates."""
@@ -289,9 +293,9 @@ class ContactRun:
             values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), law.stored()]
-            if not law.ahead:
+            if self._impulses() is None:
                 self._open_index, self._open_values = law.index, values
-        return values + self._impulse[4:].tolist() if law.ahead else values
+        return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""

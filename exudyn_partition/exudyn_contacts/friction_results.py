@@ -58,10 +58,10 @@ class FrictionResults(dict[str, Any]):
         return self._sampled(result, "sFriction", slice(0, 3), slice(7, 10))
 
     def _sampled(self, result: RunSamples, sensor: str, forces: slice, impulses: slice) -> Array:
-        """Forces at the times of `result`; single multipliers jump, theirs come from the impulses between samples."""
+        """Forces at the times of `result`; multipliers are means within steps, theirs come from the impulses."""
         validate_result(result)
         samples = result.sensor_of(self, self[sensor])
-        if not self.law.ahead or result.method == "implicit" or len(result.t) < 2:
+        if not self.law.ahead or len(result.t) < 2:
             return samples[:, forces]
         impulse = samples[:, impulses]
         means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]

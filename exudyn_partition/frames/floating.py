@@ -137,11 +137,22 @@ class FloatingKinematics:
         own = alpha * np.eye(n) + beta * self.elastic_stiffness
         return sp.block_diag([sp.csr_matrix((6, 6)), own], format="csr")
 
+    def rigid_part(self, q_t: Array) -> Array:
+        """See `Kinematics.rigid_part`."""
+        return np.concatenate([q_t[:6], np.zeros(len(q_t) - 6)])
+
     def moved(self, q: Array, way: Array) -> Array:
         """See `Kinematics.moved`; rotations are composed."""
         result = q + way
         before, turn = (Rotation.from_rotvec(v) for v in (self.rotation + q[3:6], way[3:6]))
         result[3:6] = (before * turn).as_rotvec() - self.rotation
+        return result
+
+    def way(self, q: Array, end: Array) -> Array:
+        """See `Kinematics.way`."""
+        result = end - q
+        before, after = (Rotation.from_rotvec(self.rotation + x[3:6]) for x in (q, end))
+        result[3:6] = (before.inv() * after).as_rotvec()
         return result
 
     def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array:

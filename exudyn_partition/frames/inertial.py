@@ -64,10 +64,20 @@ class InertialKinematics:
         """See `Kinematics.elastic`; rigid motion is within the frame."""
         return q
 
+    def rigid_part(self, q_t: Array) -> Array:
+        """See `Kinematics.rigid_part`."""
+        rigid: Array = self.body.rigid @ self.rigid_motion(q_t)
+        return rigid
+
     def moved(self, q: Array, way: Array) -> Array:
         """See `Kinematics.moved`."""
         moved: Array = q + way
         return moved
+
+    def way(self, q: Array, end: Array) -> Array:
+        """See `Kinematics.way`."""
+        way: Array = end - q
+        return way
 
     def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array | sp.csr_matrix:
         """See `Kinematics.accelerations`."""

@@ -81,8 +81,14 @@ class Kinematics(Protocol):
     def rigid_motion(self, q: Array) -> Array:
         """Translation of the centre of mass [m] and rotation vector of the body [rad], (..., 6)."""
 
+    def rigid_part(self, q_t: Array) -> Array:
+        """Velocities, (n_dofs,), of the rigid motion within velocities q_t, (n_dofs,)."""
+
     def moved(self, q: Array, way: Array) -> Array:
         """Coordinates after a way, (n_dofs,), which is velocity times time, from q, (n_dofs,)."""
+
+    def way(self, q: Array, end: Array) -> Array:
+        """Way, (n_dofs,), that leads from coordinates q to `end`, (n_dofs,): the inverse of `moved`."""
 
     def place(self, q: Array) -> Array:
         """Places of the nodes, (..., k, 3) [m]."""

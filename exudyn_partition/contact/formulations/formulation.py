@@ -22,6 +22,7 @@ from ...surfaces.points import RowKind
 from ..frozen import FrozenContacts
 from ..gaps import Gaps
 from ..plasticity.yielding_patches import Zones
+from .step_mean import GeneralizedAlpha
 
 Integrator = Literal["explicit", "implicit"]
 INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
@@ -46,6 +47,10 @@ class Motion(Protocol):
     @property
     def start(self) -> float:
         """Time at the start of the step [s]."""
+
+    @property
+    def weights(self) -> GeneralizedAlpha:
+        """Coefficients of generalized-alpha, in implicit runs."""
 
 
 class Law(Protocol):
@@ -106,6 +111,13 @@ class Law(Protocol):
     @property
     def searches(self) -> int:
         """See the attributes."""
+
+    @property
+    def impulse(self) -> Array | None:
+        """Impulses so far of laws in implicit runs whose forces are means within steps, (7,) [N s]; else None.
+
+        Those of the normal forces, their sum and as a vector on the slave, and of the tangential forces on it.
+        """
 
     @property
     def row_nodes(self) -> Array:
@@ -200,6 +212,9 @@ class Law(Protocol):
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""
+
+    def on_carrier(self, point: Array) -> Array:
+        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
 
     def nodal_forces(self) -> list[Array]:
         """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""

@@ -21,7 +21,7 @@ from .frictional import FrictionalRows
 from .law import ContactLaw
 from .stabilised import FrictionalStabilised, StabilisedContact
 
-_CLOSED = 1e-6  # of a facet's size; central differences keep gaps closed up to round-off
+_CLOSED = 1e-3  # of a facet's size, to which gaps stay closed where points cross edges between facets
 _SOONER = 10  # times sooner than it grew, the error of frozen pairs goes when they are followed
 _SOONEST = 20  # steps in which it goes
 
@@ -123,7 +123,7 @@ class LagrangeContact(ContactLaw):
                 self._fading = 1 - 1 / max(self._frozen_steps / _SOONER, _SOONEST)
             self._frozen_steps = 0
         gap = gap - self._jump[gaps.row_nodes]
-        self._expected, self.least_gap = None, gap.min(initial=np.inf)
+        self._expected, self._predicted, self.least_gap = None, (to, gap), gap.min(initial=np.inf)
         return gap
 
     def open(self) -> None:
@@ -136,28 +136,36 @@ class LagrangeContact(ContactLaw):
         At its end the gaps are `gap`, (nr,) [m]. `scale` [m] is the largest change of a gap by one multiplier.
         """
         self.close_rows(lam, index)
-        if not self.gaps.moving:
-            self._expected, self._scale = gap, scale
+        self._expected, self._scale = gap, scale
+
+    @property
+    def _rows(self) -> Rows:
+        """Derivative of the gaps of the rows that `take_rows` has taken, (nr, n)."""
+        return self.G
 
     def _check_last_step(self, q: Array) -> None:
-        """Raise unless the last step moved the gaps as central differences with these multipliers do."""
+        """Raise unless the last step moved the gaps as central differences with these multipliers do.
+
+        With the pairs of that step: points that cross an edge between facets have other gaps than those.
+        """
         if self._expected is None:
             return
-        gap = self.gaps.at(q)
-        if self.gaps.moving:  # the pairs have changed: these are gaps of other rows
-            return
-        gap = gap - self._jump[self.gaps.row_nodes]
+        start, free = self._predicted
+        gap = free + self._rows @ self.gaps.way(start, q)
         round_off = 1e-12 * (abs(q).max() + abs(gap).max())
         if abs(gap - self._expected).max() > 1e-3 * self._scale + round_off:
             raise _not_central_differences("the last step did not close the gaps as predicted")
 
     def check(self, q: Array) -> None:
-        """Raise if a gap at coordinates q, (n,), is negative."""
+        """Raise if a gap at coordinates q, (n,), is deep."""
         gap = self.gaps.of_present(q)
         faded = (1 / self._fading - 1) * abs(self._jump).max(initial=0.0)  # since the step that ended here
         deepest = (gap - self._jump[self.gaps.row_nodes]).min(initial=0.0)
         if deepest < -_CLOSED * self.gaps.size - faded:
-            raise _not_central_differences(f"a gap is {deepest:.3g} m")
+            raise RunError(
+                f"a gap is {deepest:.3g} m after a step whose multipliers should have closed it: in the step, points "
+                "slid over edges between facets, where normals jump. Take a shorter step or a finer mesh of the master"
+            )
 
 
 class FrictionalLagrange(FrictionalRows, LagrangeContact):
@@ -201,6 +209,10 @@ class FrictionalLagrange(FrictionalRows, LagrangeContact):
 
     def _jacobian(self, index: Array) -> Rows:
         return self.tangential.jacobian(index)
+
+    @property
+    def _rows(self) -> Rows:
+        return self.G[::3]
 
     def predict(self, q: Array, q_t: Array, q_tt: Array, step: float) -> Array:
         """Gaps at the end of the coming step, and ways along the tangents in it, (3 nr,) [m], without contact forces.

@@ -74,6 +74,11 @@ class ContactLaw:
         """See `Law`."""
         return self.gaps.searches
 
+    @property
+    def impulse(self) -> Array | None:
+        """See `Law`."""
+        return None
+
     def force(self, q: Array) -> Array:
         """See `Law`."""
         raise NotImplementedError(f"{type(self).__name__} is no elastic law")
@@ -207,6 +212,10 @@ class ContactLaw:
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""
         return self.gaps.moment(self.lam, point) if self.index.size else np.zeros(3)
+
+    def on_carrier(self, point: Array) -> Array:
+        """See `Law`."""
+        return -np.concatenate([self.resultant(), self.moment(point)])
 
     def edge_reached(self) -> Array | None:
         """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""

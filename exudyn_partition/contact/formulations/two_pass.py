@@ -125,6 +125,11 @@ class TwoPass:
         return sum(law.searches for law in self.passes)
 
     @property
+    def impulse(self) -> None:
+        """See `Law`."""
+        return None
+
+    @property
     def lam(self) -> Array:
         """Forces on the rows of the first pass, then of the second [N]; their sum is the total force."""
         return 0.5 * np.concatenate([law.lam for law in self.passes])
@@ -195,6 +200,10 @@ class TwoPass:
     def row_carrier(self) -> Array:
         """See `Law`, and `row_jacobian`."""
         raise NotImplementedError("contact in two passes has rows of two kinds")
+
+    def on_carrier(self, point: Array) -> Array:
+        """See `Law`, and `row_jacobian`."""
+        raise NotImplementedError("contact in two passes has two partition bodies")
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave of the first pass about a point in space, (3,) [N m]."""
