@@ -166,6 +166,10 @@ def test_forces_turn_with_a_pair_that_turns_as_a_whole(round_body, flat_body, fo
     R = Rotation.from_rotvec(turn).as_matrix()
     np.testing.assert_allclose(law.traction, before @ R.T, atol=1e-4 * lam.max())
     assert abs(law.slips()[law.index]).max() < 1e-4 * DEPTH
+    sides = [*zip(law.gaps.places_now(), law.nodal_forces(), strict=True)]  # action and reaction are on one line
+    assert abs(sum(force.sum(axis=0) for _, force in sides)).max() < 1e-9 * lam.sum()
+    moments = sum(np.cross(np.nan_to_num(place), force).sum(axis=0) for place, force in sides)
+    assert abs(moments).max() < 1e-3 * DEPTH * lam.sum()
 
 
 def test_forces_are_those_of_all_rows(round_body):
