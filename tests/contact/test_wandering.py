@@ -13,7 +13,8 @@ from exudyn_partition.contact import wandering
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.contact.wandering import WanderingGaps
+from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
+from exudyn_partition.contact.wandering import WanderingGaps, WanderingRigidGaps
 from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
 
 R, WIDTH, DEEP = 5e-3, 3e-3, 60e-6  # coarse facets are hollow: their rows close late
@@ -141,6 +142,33 @@ def test_spots_appear_and_vanish(rim):
     assert up[1] == up[3] == 0
     assert up[2] < -5
     assert up[4] == pytest.approx(up[0], rel=1e-9)
+
+
+class Everywhere(RigidGaps):
+    """All rows of a patch that goes around a body; it stands on its lowest ones."""
+
+    def _direction(self, node):
+        return -self.surface.normal
+
+
+def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
+    """A disc that falls, rolls and is lifted; rows that are left out are no nearer than `closing` says."""
+    side, plane = floating(rim, (0, 1e-6, 0)), RigidPlane(normal=(0, 1, 0))
+    near, every = (ComplianceContact(kind(side, plane)) for kind in (WanderingRigidGaps, Everywhere))
+    pressed = []
+    for angle, height in [(0, 8e-3), (0, 6.5e-3), (0, 2e-3), (0, -DEEP), (0.3, -DEEP), (0.6, 5e-4), (0.6, -DEEP)]:
+        q = turned(rim, angle, [-R * angle, height, 0])
+        force, expected = near.force(q), every.force(q)
+        np.testing.assert_allclose(force, expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
+        pressed.append(expected.any())
+        gap, *_ = near.closing(q, 0.0 * q, 0.0 * q)
+        gaps, left_out = every.gaps.at(q), ~np.isin(every.gaps.row_nodes, near.gaps.row_nodes)
+        assert left_out.any()
+        assert gap[-1] <= gaps[left_out].min()
+        assert gap.min() <= gaps.min() + 1e-12
+        fresh = near.fresh()
+        np.testing.assert_allclose(fresh.force(q), expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
+    assert 1 < sum(pressed) < len(pressed)
 
 
 def test_wrong_starts_have_named_errors(rim, face, disc, mbs):
