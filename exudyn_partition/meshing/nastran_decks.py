@@ -33,10 +33,12 @@ _SURFACE = {"CTRIA3": "triangle", "CTRIAR": "triangle", "CTRIA6": "triangle6"}
 _SURFACE |= {"CQUAD4": "quad", "CQUADR": "quad", "CQUAD8": "quad8", "CQUAD9": "quad9"}
 # Cards with mass or stiffness besides the solid elements.
 _STRUCTURE = re.compile(
-    r"(CONM[12]|CMASS[1-4]|CBAR|CBEAM3?|CBEND|CROD|CONROD|CTUBE|CELAS[1-4]|CDAMP[1-5]|CVISC|CBUSH|CBUSH[12]D|CGAP|CWELD|"
+    r"(CONM[12]|CMASS[1-4]|CBEAM3|CBEND|CONROD|CELAS[1-4]|CDAMP[1-5]|CVISC|CBUSH|CBUSH[12]D|CGAP|CWELD|"
     r"CFAST|CSHEAR|GENEL|DMIG)$"
 )
-_SHELL = ("PSHELL", "PCOMP", "PCOMPG", "PSHEAR", "PMEMBR", "PLPLANE")
+# Shells and lines, which have mass and stiffness by their property alone; Gmsh writes its surfaces and curves as such.
+_LINES = ("CBAR", "CBEAM", "CROD", "CTUBE")
+_PROPERTY = re.compile(r"P(SHELL|COMPG?|SHEAR|MEMBR|LPLANE|BARL?|BEAML?|BCOMP|BRSECT|BMSECT|ROD|TUBE)$")
 # Other elements with volume, and cards that make or move nodes and elements.
 _NOT_READ = re.compile(r"C(HEX|TET|PEN|PYR|IHEX|WEDGE|TRIAX|TRIX|TRAX|QUADX)")
 _NOT_FOLLOWED = ("EGRID", "GRIDG", "CGEN", "CORD3G", "CORD3R", "CORD3C", "CORD3S")
@@ -90,11 +92,12 @@ def read_nastran(path: Path) -> FileMesh:
     for name, own in found.items():
         if name in _NOT_FOLLOWED or (_NOT_READ.match(name) and name not in _SOLID):
             raise own[0].line.refuse(f"expected {', '.join(_SOLID)} and their nodes, got {name}, which is not read")
-    shells = {card.field(1) for name in _SHELL for card in found.get(name, [])}
+    made = {card.field(1) for name, own in found.items() if _PROPERTY.match(name) for card in own}
     structure = sorted(
         name
         for name, own in found.items()
-        if _STRUCTURE.match(name) or (name in _SURFACE and any(card.field(2) in shells for card in own))
+        if _STRUCTURE.match(name)
+        or (name in (*_SURFACE, *_LINES) and any((card.field(2) or card.field(1)) in made for card in own))
     )
     if structure:
         raise found[structure[0]][0].line.refuse(

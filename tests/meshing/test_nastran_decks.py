@@ -176,6 +176,7 @@ def test_systems_in_systems(tmp_path, axes, by_nodes):
         (["CQUAD4,9,2,7,10,13,16\nPSHELL,2,1,.1\n"], "line 5: expected solid elements alone, got CQUAD4"),
         (["CHEXA,99,1,7,10,13,16\n"], "line 5: CHEXA 99 has 4 nodes, expected 8 or 20"),
         (["CTETRA,99,1,7,10,13,16,19,22\n,,25\n"], "line 5: CTETRA 99 has 7 nodes, expected 4 or 10"),
+        (["CBAR,9,2,7,10,0.,0.,1.\nPBARL,2,1,,ROD\n,.1\n"], "line 5: expected solid elements alone, got CBAR"),
         (["CTETRA,99,1,7,10,13,x\n"], "line 5: expected a whole number in field 7 of CTETRA, got 'x'"),
         (["CTETRA,1,1,7,10,13,16\n"], "element 1 is there already"),
         (["CIHEX1,99,1,7,10,13,16,19,22,+\n+,25,28\n"], "line 5: expected CTETRA, .* got CIHEX1, which is not read"),
@@ -222,7 +223,8 @@ def test_properties_are_regions_by_their_materials(tmp_path, second, regions):
     assert fem.cell_mass[0] / fem.cell_mass[1] == pytest.approx(2700 / 7800, rel=1e-3)
 
 
-def test_shells_without_a_property_are_a_skin(tmp_path):
+def test_shells_and_lines_without_a_property_are_no_structure(tmp_path):
     path = tmp_path / "deck.bdf"
-    path.write_text(bulk(grids(), "CQUAD4,900,9,7,10,25,22\nPSHELL,1,1,.1\n", solids()))
+    more = "CQUAD4,900,9,7,10,25,22\nPSHELL,1,1,.1\nCBAR,901,8,7,10,0.,0.,1.\n"
+    path.write_text(bulk(grids(), more, solids()))
     np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).cells, CELLS)
