@@ -128,8 +128,8 @@ class ContactResults(PlasticResults):
 
         Where the surfaces are not known after the run, and where no point faces the master, it is the smallest gap of
         the rows, which the sensor `sForce` has: of a rigid surface that another body carries, and of results that were
-        read without their model. Integrated rows have mean gaps around nodes: a convex tip closes the first one later than its
-        lowest point touches, by the order of a facet's size squared over the radius.
+        read without their model. Integrated rows have mean gaps around nodes: a convex tip closes the first one later
+        than its lowest point touches, by the order of a facet's size squared over the radius.
 
         Raises
         ------

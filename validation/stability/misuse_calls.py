@@ -757,7 +757,7 @@ CALLS = {
     "Result.save": call(of=_result, path=v.path_out(Made(lambda s: s.folder / "npz"))),
     "Result.load": call(
         path=v.path_in.but(**{"a body": Made(lambda s: s.folder / "body.npz")})(Made(lambda s: s.folder / "run.npz")),
-        mbs=v.mbs.but(**{"another": _new.right}),
+        mbs=v.mbs.but("None", **{"another": _new.right}),
     ),
     "History": call(
         t=v.samples.but(none=[], descending=[2.0, 1.0, 0.0])(np.arange(3.0)),
