@@ -46,12 +46,15 @@ class BodyResults(dict[str, ItemIndex]):
         Motion of the body in space.
     damping : Damping or None
         Of the kept modes.
+    weight : (n_dofs,) array or None
+        Generalised forces of gravity.
     """
 
     body: ReducedBody
     name: str
     kinematics: Kinematics
     damping: Damping | None
+    weight: Array | None
 
     @property
     def nodes(self) -> list[NodeIndex]:

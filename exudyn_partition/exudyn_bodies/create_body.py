@@ -196,7 +196,8 @@ def CreatePartitionBody(
     if plasticStates is not None:
         _set_plastic_states(mbs, item, plasticStates)
     if acceleration.any():
-        mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.kinematics.weight(acceleration))
+        item.weight = item.kinematics.weight(acceleration)
+        mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", item.weight)
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     for key, kind in (
         ("sCoordinates", exu.OutputVariableType.Coordinates),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -14,10 +16,12 @@ from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import ItemEntry, ItemIndex, MainSystem, SensorIndex
 from ..support.optional import require
+from .joints import HOLONOMIC
 from .model import WORK, BodyItem, Registry, Samples, coordinate_slices, registered
 
 Power = Callable[[MainSystem, Array, Array], float]  # of the model, its velocities, and which of these are of bodies
 
+_SENSED = ("MassProportional", "Coordinate", "ForceVector", "TorqueVector")  # loads
 _BODY_KEYS = ("oGenericODE2", "oFFRFreducedOrder")
 
 
@@ -144,7 +148,7 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
 
         return power
 
-    objects, nodes = _numbers(held)
+    objects, nodes = _numbers(held.bodies)
     ours = objects | {int(contact["oContact"]) for contact in held.contacts.values()}
     found = []
     for index in range(mbs.systemData.NumberOfObjects()):
@@ -188,7 +192,7 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
 
         return power
 
-    objects, nodes = _numbers(held)
+    objects, nodes = _numbers(held.bodies)
     found = []
     for load in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(load)
@@ -208,9 +212,94 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
     return found
 
 
-def _numbers(held: Registry) -> tuple[set[int], set[int]]:
-    """Objects and nodes of the bodies."""
-    items = held.bodies.values()
+@dataclass(frozen=True)
+class Others:
+    """What acts on the partition bodies of a model besides their contacts.
+
+    Parameters
+    ----------
+    bodies : frozenset of int
+        Identities of the bodies that anything but gravity acts on.
+    not_told : tuple of str
+        Names of items whose work on all bodies together may not be zero, and is in no sensor.
+    """
+
+    bodies: frozenset[int]
+    not_told: tuple[str, ...]
+
+    @classmethod
+    def of(cls, mbs: MainSystem) -> Others:
+        """Items of a model, as they are."""
+        held = registered(mbs)
+        told = held.work is not None
+        acted_on, not_told = set[int](), []
+        each = {number: _numbers({number: item}) for number, item in held.bodies.items()}
+        everything = _numbers(held.bodies)
+        for number, item in held.bodies.items():
+            force = np.asarray(mbs.GetObject(item["oGenericODE2"])["forceVector"], dtype=float)
+            expected = np.zeros(len(force)) if item.weight is None else item.weight
+            if not np.array_equal(force, expected):
+                acted_on.add(id(item))
+                not_told += [] if told else [f"the force vector of {item.name or f'body {number}'}"]
+        for entry, nodes, markers in _others(mbs, held):
+            found = [n for n, own in each.items() if _touches(markers, nodes, own)]
+            acted_on |= {id(held.bodies[n]) for n in found}
+            sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
+            if found and not sensed and not _is_workless(mbs, entry, markers, everything):
+                not_told.append(f"{entry['name']} ({entry.get('objectType') or entry['loadType']})")
+        return cls(frozenset(acted_on), tuple(not_told))
+
+
+def _others(mbs: MainSystem, held: Registry) -> Iterator[tuple[ItemEntry, set[int], list[ItemEntry]]]:
+    """Each object and load that is not of this library, with its nodes and markers."""
+    ours = _numbers(held.bodies)[0] | {int(contact["oContact"]) for contact in held.contacts.values()}
+    for index in range(mbs.systemData.NumberOfObjects()):
+        entry = mbs.GetObject(index)
+        if index not in ours and not _is_idle(entry):
+            yield (
+                entry,
+                {*map(int, entry.get("nodeNumbers", ()))},
+                [*map(mbs.GetMarker, entry.get("markerNumbers", ()))],
+            )
+    for index in range(mbs.systemData.NumberOfLoads()):
+        entry = mbs.GetLoad(index)
+        yield entry, set(), [mbs.GetMarker(entry["markerNumber"])]
+
+
+def _has_force(entry: ItemEntry) -> bool:
+    return isinstance(entry.get("forceUserFunction"), dict)
+
+
+def _is_idle(entry: ItemEntry) -> bool:
+    """Whether an object has no force, as the stiffness between two contacts."""
+    matrices = [entry.get(name) for name in ("massMatrix", "stiffnessMatrix", "dampingMatrix")]
+    full = any(np.size(matrix.GetPythonObject()) for matrix in matrices if matrix is not None)
+    none = not full and not np.size(entry.get("forceVector", ()))
+    return entry["objectType"] == "GenericODE2" and none and not _has_force(entry)
+
+
+def _touches(markers: Iterable[ItemEntry], nodes: set[int], of_body: tuple[set[int], set[int]]) -> bool:
+    return any(_is_on(marker, *of_body) for marker in markers) or not of_body[1].isdisjoint(nodes)
+
+
+def _is_workless(
+    mbs: MainSystem, entry: ItemEntry, markers: Sequence[ItemEntry], bodies: tuple[set[int], set[int]]
+) -> bool:
+    """Whether an item is a constraint between partition bodies and ground, which does not depend on time."""
+    if entry.get("objectType") not in HOLONOMIC or any(isinstance(value, dict) for value in entry.values()):
+        return False
+    return all(_is_on(marker, *bodies) or _is_on_ground(mbs, marker) for marker in markers)
+
+
+def _is_on_ground(mbs: MainSystem, marker: ItemEntry) -> bool:
+    if "bodyNumber" in marker:
+        return bool(mbs.GetObject(marker["bodyNumber"])["objectType"] == "Ground")
+    return "nodeNumber" in marker and "Ground" in mbs.GetNode(marker["nodeNumber"])["nodeType"]
+
+
+def _numbers(bodies: Mapping[int, BodyItem]) -> tuple[set[int], set[int]]:
+    """Objects and nodes of bodies."""
+    items: list[Any] = [*bodies.values()]
     objects = {int(item[key]) for item in items for key in _BODY_KEYS if key in item}
     return objects, {int(node) for item in items for node in item.nodes}
 

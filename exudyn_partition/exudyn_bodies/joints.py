@@ -23,7 +23,7 @@ from ..support.foreign import Exudyn, ItemEntry, MainSystem, ObjectIndex
 from ..support.optional import require
 from .model import registered
 
-_HOLONOMIC = (
+HOLONOMIC = (
     "ConnectorCoordinate", "ConnectorCoordinateVector", "ConnectorDistance", "JointGeneric", "JointPrismatic2D",
     "JointPrismaticX", "JointRevolute2D", "JointRevoluteZ", "JointSpherical",
 )  # fmt: skip
@@ -283,10 +283,10 @@ def _validate(number: ObjectIndex, entry: ItemEntry) -> None:
             f"method: {name} rotates by Euler parameters. Their mass matrix is singular; for explicit steps create it "
             "with nodeType=exu.NodeType.RotationRotationVector, or use method='implicit'"
         )
-    if kind not in _HOLONOMIC or entry.get("velocityLevel"):
+    if kind not in HOLONOMIC or entry.get("velocityLevel"):
         what = "constrains velocities" if entry.get("velocityLevel") else f"is of type {kind}"
         raise InputError(
-            f"method: {name} {what}. Explicit steps take only {', '.join(_HOLONOMIC)} on position level; use "
+            f"method: {name} {what}. Explicit steps take only {', '.join(HOLONOMIC)} on position level; use "
             "method='implicit'"
         )
 

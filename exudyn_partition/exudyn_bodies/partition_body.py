@@ -54,6 +54,7 @@ class PartitionBody(BodyResults):
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
         self.point_markers: dict[int, Vector] = {}
         self.damping: Damping | None = None
+        self.weight: Array | None = None
         self.plastic_states: dict[int, PlasticState] = {}
         self.frame_markers: list[int] = []
         self.offset_markers: set[str] = set()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered, start_of_step
+from ..results.newmark import Newmark
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from ..support.optional import require
@@ -47,6 +48,8 @@ class Solver:
         Steps that were taken again, and the work of Newton's method.
     spectral_radius : float
         That generalized-alpha was given; of another solver it means nothing.
+    newmark : Newmark or None
+        Parameters of an implicit solver.
     """
 
     method: str
@@ -60,6 +63,7 @@ class Solver:
     jacobians: int
     newton_iterations: int
     spectral_radius: float
+    newmark: Newmark | None
 
     @classmethod
     def last(cls, mbs: MainSystem) -> Solver | None:
@@ -67,7 +71,9 @@ class Solver:
         solver = latest_solver(mbs)
         if solver is None:
             return None
-        it, settings = solver.it, mbs.sys["simulationSettings"]
+        it, settings, newmark = solver.it, mbs.sys["simulationSettings"], None
+        if hasattr(solver, "newmarkGamma"):
+            newmark = Newmark(solver.alphaM, solver.alphaF, solver.newmarkBeta, solver.newmarkGamma)
         return cls(
             method=method_of(solver),
             step=it.maxStepSize,
@@ -80,6 +86,7 @@ class Solver:
             jacobians=it.newtonJacobiCount,
             newton_iterations=it.newtonStepsCount,
             spectral_radius=settings.timeIntegration.generalizedAlpha.spectralRadius,
+            newmark=newmark,
         )
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import History
+from ..results.newmark import Newmark
 from ..support.arrays import Array
 from ..support.foreign import SensorIndex
 from .contact_results import ContactResults
@@ -42,6 +43,10 @@ class RunResult(Protocol):
     @property
     def method(self) -> str:
         """Solver: "explicit", "implicit", "static", or "" if it is not known."""
+
+    @property
+    def newmark(self) -> Newmark | None:
+        """Parameters of the implicit method; None of another one, or if they are not known."""
 
     @property
     def time_s(self) -> float:

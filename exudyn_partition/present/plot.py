@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.balance import taken_by
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..prediction.spectrum import amplitude_spectrum
@@ -36,7 +37,6 @@ from .plot_input import (
     labelled,
     name_of,
     plain,
-    taken_by,
     validate_bodies,
 )
 

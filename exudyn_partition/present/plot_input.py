@@ -12,7 +12,6 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..results.compare import Comparison
 from ..results.history import History
-from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_items, validate_result, validate_type, validate_vector
 from ..support.foreign import Axes
 from ..support.optional import require
@@ -119,14 +118,3 @@ def labelled(runs: Mapping[str, Comparison] | Iterable[tuple[str, Comparison]]) 
 def name_of(item: PartitionBody | PartitionContact, otherwise: str) -> str:
     """Name of a body or contact; `otherwise` if it has none."""
     return item.name or otherwise
-
-
-def taken_by(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], result: Result) -> dict[str, Array]:
-    """Energy that was taken from bodies and contacts so far, (n,) [J], by what took it, if anything did."""
-    work = [contact.plastic_work(result) for contact in contacts]
-    each = {
-        "damping": [body.dissipated_energy(result) for body in bodies],
-        "friction": [contact.dissipated_energy(result) - own for contact, own in zip(contacts, work, strict=True)],
-        "plastic flow": work,
-    }
-    return {what: np.sum(taken, axis=0) for what, taken in each.items() if np.any(taken)}

@@ -14,17 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..exudyn_contacts.balance import Balance
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..results.compare import versions
 from ..results.impacts import Ringing
-from ..support.arrays import Array
 from ..support.checks import validate_text
 from ..support.files import replacing, writable
 from ..support.foreign import Axes
 from ..support.optional import require
 from . import plot
-from .plot_input import plain, taken_by
+from .plot_input import plain
 from .scene import scene_of
 
 _FRAMES = 60  # of the moving bodies
@@ -205,17 +205,14 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
     """Sums over the partition bodies at start and end of the run, and a note."""
     if not result.bodies:
         return [], ""
-    bodies = np.sum([item.energy(result) for item in result.bodies], axis=0)
-    total = bodies + np.sum([contact.energy(result) for contact in result.contacts], axis=0)
-    sums = [("energy of the bodies [J]", bodies), ("with contacts' [J]", total)]
-    taken_of, works = taken_by(result.bodies, result.contacts, result), _item_works(result)
-    sums += [(f"taken by {what} [J]", taken) for what, taken in taken_of.items()]
-    given = np.sum([total, *taken_of.values()], axis=0)
-    if taken_of:
-        sums.append((f"with contacts' and what {' and '.join(taken_of)} took [J]", given))
-    sums += [(f"given by {name} [J]", work) for name, work in works.items()]
-    rest, givers = given - given[0] - sum(works.values()), "other items" if works else _OTHERS
-    sums.append((f"given by {givers}; else the steps' error [J]", rest))
+    balance = Balance.of(result)
+    sums = [("energy of the bodies [J]", balance.bodies), ("with contacts' [J]", balance.total)]
+    sums += [(f"taken by {what} [J]", taken) for what, taken in balance.taken.items()]
+    if balance.taken:
+        sums.append((f"with contacts' and what {' and '.join(balance.taken)} took [J]", balance.with_taken))
+    sums += [(f"given by {name} [J]", work) for name, work in balance.given.items()]
+    givers = "other items" if result.item_work is not None and balance.given else _OTHERS
+    sums.append((f"given by {givers}; else the steps' error [J]", balance.rest))
     momentum = np.sum([item.momentum(result) for item in result.bodies], axis=0)
     sums += [(f"momentum {axis} [N s]", momentum[:, i]) for i, axis in enumerate("xyz")]
     rows: list[tuple[object, ...]] = [(name, f"{v[0]:.6g}", f"{v[-1]:.6g}", f"{v[-1] - v[0]:.3g}") for name, v in sums]
@@ -224,13 +221,6 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
         "change momentum. Without these a change is the error of the steps. Contact between the bodies does not."
     )
     return rows, note
-
-
-def _item_works(result: Result) -> dict[str, Array]:
-    """Work of each joint, spring and load, (n,) [J], if the model has a sensor of it; there is none in statics."""
-    if result.item_work is None or result.method == "static":
-        return {}
-    return result.item_work.work(result)
 
 
 def _left_out(result: Result) -> list[tuple[str, list[str]]]:

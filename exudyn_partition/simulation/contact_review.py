@@ -13,10 +13,7 @@ from ..errors import ContactPatchWarning, ModelLimitWarning, UnitsWarning, Yield
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.plastic_results import SIDES
-from ..exudyn_contacts.run_record import Solver
-from ..frames.damping import ModeDamping
 from ..results.impacts import Ringing, rings_by_facets
-from ..support.foreign import MainSystem
 from .penetration_review import warn_of_penetration
 from .result import Result, called
 
@@ -25,15 +22,13 @@ _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
 _SAMPLES_AN_IMPACT = 4  # fewer do not tell its force
 _FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
 _ASIDE = np.radians(30)  # of a patch's line of contact
-_DAMPING_RADIUS = 0.5  # spectral radius, up to which steps damp ringing
-_HIGH, _DAMPED = 0.7, 0.2  # of f_cut, and the ratio above it that damps ringing
 _FAR, _NEARER = 20.0, 0.01  # distance by the bodies' size that may be a slip of units, and share of it travelled
 _LISTED = 5  # most contacts that a warning lists
 _LOOKED_AT = 64  # most samples at which bodies' velocities, and places beside their patches, are looked at
 _BESIDE, _DEEP = 500, 1e-3  # nodes that are looked at beside a patch; depth of one, by the body's size
 
 
-def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], result: Result) -> None:
+def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> None:
     """Say what needs saying about each contact, and once what concerns several."""
     for contact in contacts:
         _warn_of_patch(contact, result)
@@ -50,7 +45,7 @@ def warn_of_contacts(mbs: MainSystem, contacts: Sequence[PartitionContact], resu
         if not _warn_of_facets(contact, result) and i in rings:
             by_faces[repr(contact.name) if contact.name else str(i)] = rings[i]
     _warn_of_samples(contacts, result)
-    _warn_of_ringing(mbs, by_faces, result)
+    _warn_of_ringing(by_faces, result)
     _warn_of_yield(contacts, rings, result)
     _warn_of_near_zones(contacts, result)
     _warn_of_open_statics(contacts, result)
@@ -272,7 +267,7 @@ def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) ->
             return
 
 
-def _warn_of_ringing(mbs: MainSystem, rings: dict[str, Ringing], result: Result) -> None:
+def _warn_of_ringing(rings: dict[str, Ringing], result: Result) -> None:
     """Flat ends that meet at once excite frequencies above all modes that residual flexibility has (`bars.py`)."""
     if not rings:
         return
@@ -282,35 +277,16 @@ def _warn_of_ringing(mbs: MainSystem, rings: dict[str, Ringing], result: Result)
         for name, r in [*rings.items()][:_LISTED]
     ]
     more = len(rings) - len(said)
-    solver, f_cut = Solver.last(mbs), max(item.body.f_cut for item in result.bodies)
-    by_steps = result.method == "implicit" and solver is not None and solver.spectral_radius <= _DAMPING_RADIUS
-    if by_steps or any(map(_damps_the_highest, result.bodies)):
-        remedy = (
-            "Damping of high frequencies is in use already. What is left: means; a finer mesh and a higher f_cut, "
-            "which make the ringing shorter; an end that is a little round, whose rows close one after the other"
-        )
-    else:
-        remedy = (
-            "What helps: method='implicit', spectral_radius=0.3, "
-            f"step={0.1 / f_cut:.2g}; or a damping ratio of 0.3 for modes above {_HIGH} f_cut, damping= of "
-            "CreatePartitionBody; or basis='craig-bampton' with formulation='lagrange' and method='implicit'"
-        )
+    f_cut = max(item.body.f_cut for item in result.bodies)
     warnings.warn(
         f"the force rings near or above f_cut, {1e-3 * f_cut:.4g} kHz, where the bases end, as it does when flat faces "
         f"meet at once: {'; '.join(said)}{f'; and {more} contacts more' if more else ''}. Read means, mean_force of "
-        f"the contact, not peaks. {remedy}. The page 'Contact' of the documentation tells what each takes",
+        "the contact, not peaks. A finer mesh with a higher f_cut makes the ringing shorter, and an end that is a "
+        "little round closes its rows one after the other. Damping would smooth the force, but take energy of the "
+        "motion too: see the page 'Contact' of the documentation",
         ModelLimitWarning,
         stacklevel=5,
     )
-
-
-def _damps_the_highest(item: PartitionBody) -> bool:
-    """Whether ratios of damping are large for all modes near f_cut."""
-    omega, damping = item.body.basis.omega, item.damping
-    high = omega > 2 * np.pi * _HIGH * item.body.f_cut
-    if not isinstance(damping, ModeDamping) or not high.any():
-        return False
-    return bool((damping.rates[high] >= 2 * _DAMPED * omega[high]).all())
 
 
 def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
@@ -330,8 +306,8 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
                 f"thousand facets of {called(item)} slide by each second: probably the mesh excites the bodies on "
                 "their contact, so that they part though real ones would not. Take finer facets there, or "
                 f"method='implicit' with spectral_radius=0.3 and steps of {1 / frequency:.2g} s or longer, which do "
-                f"not resolve this frequency; these are {result.step:.2g} s. The page 'Contact' of the documentation "
-                "has a section on ringing",
+                f"not resolve this frequency (these are {result.step:.2g} s) and take energy, as that run then tells. "
+                "The page 'Contact' of the documentation has a section on ringing",
                 ModelLimitWarning,
                 stacklevel=5,
             )

@@ -27,6 +27,7 @@ from ..present.report_page import write_report
 from ..present.scene import Scene, scene_of
 from ..present.tables import dataframe, dataset
 from ..results.history import History
+from ..results.newmark import Newmark
 from ..support.arrays import Array
 from ..support.attributes import no_attribute
 from ..support.checks import validate_integer, validate_text, validate_times, validate_type
@@ -99,6 +100,8 @@ class Result:
         The model's, if it has one.
     marks : tuple of ItemMark, optional
         What the model was, of a result that was read without it.
+    newmark : Newmark, optional
+        Parameters of the implicit method. Default: of another one, or not known, as of a result from a file.
     """
 
     t: Array
@@ -117,6 +120,7 @@ class Result:
     warnings: tuple[str, ...] | None = field(default=None, repr=False)
     item_work: WorkSensor | None = field(default=None, repr=False)
     marks: tuple[ItemMark, ...] | None = field(default=None, repr=False)
+    newmark: Newmark | None = field(default=None, repr=False)
 
     if not TYPE_CHECKING:  # for type checkers it would be every attribute
 
@@ -541,7 +545,7 @@ def samples(mbs: MainSystem) -> Result:
         raise RunError("mbs: no sensor stored anything; run the model first")
     count = min(len(data) for data in sensors.values())
     t = next(iter(sensors.values()))[:count, 0].copy()
-    (bodies, contacts), run = partition_items(mbs), runs_of(mbs).last(mbs)
+    (bodies, contacts), run, solver = partition_items(mbs), runs_of(mbs).last(mbs), Solver.last(mbs)
     result = Result(
         t=t,
         status="finished",
@@ -553,9 +557,10 @@ def samples(mbs: MainSystem) -> Result:
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
         bodies=tuple(bodies),
         contacts=tuple(contacts),
-        work=Work.of(Solver.last(mbs), run),
+        work=Work.of(solver, run),
         runs=() if run is None else tuple(run.of(contact) for contact in contacts),
         item_work=registered(mbs).work,
+        newmark=None if solver is None else solver.newmark,
     )
     times = np.empty(0) if run is None else run.record.times
     return result if run is None or not len(times) else _joined(result, times, run.record.sensors(mbs))

@@ -18,6 +18,7 @@ from ..exudyn_contacts.partition_contact import partition_items
 from ..reduction.buckling import compression, links
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
+from .balance_review import warn_of_balance
 from .contact_review import warn_of_contacts
 from .result import Result, called, cut
 
@@ -66,7 +67,8 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
                 _warn_of_rotation(item, result)
             _warn_of_compression(item, result)
             _warn_of_strain(item, result, share[: len(result.t)])
-        warn_of_contacts(mbs, contacts, result)
+        warn_of_contacts(contacts, result)
+        warn_of_balance(mbs, result)
     return result
 
 

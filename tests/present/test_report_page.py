@@ -199,18 +199,30 @@ def test_what_several_items_leave_out_is_said_once(impact, tmp_path):
     assert f"{both} <i>(body 0, body 1)</i>" in page
 
 
+OTHERS = "given by joints, springs and loads (ep.CreateWorkSensor tells them apart); else the steps' error [J]"
+
+
 def test_what_all_else_gave_is_in_the_balance(mbs, bodies, tmp_path):
-    """A body under a constant load gains the load's work; the row without a load is the error of the steps."""
+    """A body under its weight gains the weight's work, which has a row; under a load, the last row has the load's."""
     striker = ep.CreatePartitionBody(mbs, bodies[0], gravity=[0, 0, -9.81], initialVelocity=[0, 0, -1.0])
+    load = np.asarray(striker.body.mass @ striker.body.rigid)[:, 2] * -9.81
+    for i in np.flatnonzero(load):
+        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=striker.nodes[0], coordinate=int(i)))
+        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i]))
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.2e-6)
     _, cells = read(result.report(tmp_path / "run.html"))
-    given = float(
-        cells.row(
-            "given by joints, springs and loads (ep.CreateWorkSensor tells them apart); else the steps' error [J]"
-        )[1]
-    )
-    assert given == pytest.approx(striker.body.total_mass * 9.81 * 20e-6, rel=1e-3)
+    given = [float(cells.row(name)[1]) for name in ("given by gravity on body 0 [J]", OTHERS)]
+    assert given == pytest.approx([striker.body.total_mass * 9.81 * 20e-6] * 2, rel=1e-3)
+
+
+def test_what_damping_steps_took_is_in_the_balance(impact, tmp_path):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.4e-6, method="implicit", spectral_radius=0.3)
+    _, cells = read(result.report(tmp_path / "run.html"))
+    taken = float(cells.row("taken by the damping of the steps [J]")[1])
+    assert taken > 0
+    assert float(cells.row(OTHERS)[1]) == pytest.approx(float(cells.row("with contacts' [J]")[2]) + taken, rel=0.01)
 
 
 def test_adaptive_steps_are_named(mbs, bodies, tmp_path):

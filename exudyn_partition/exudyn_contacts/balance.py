@@ -1,0 +1,123 @@
+"""Balance of energy of a run: what bodies and contacts have, what was taken from them, and what was given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_bodies.user_functions import RIGID
+from ..support.arrays import Array
+from .partition_contact import PartitionContact
+from .run_result import RunResult
+
+DAMPING, FRICTION, FLOW = "damping", "friction", "plastic flow"
+STEPS = "the damping of the steps"
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Energies of partition bodies and contacts at the times of a run, (n,) arrays [J].
+
+    Parameters
+    ----------
+    bodies, contacts : (n,) arrays
+        Kinetic and strain energy of the bodies, and energy that contacts store.
+    taken : dict of str to (n,) array
+        Energy that was taken so far, by what took it, if anything did.
+    given : dict of str to (n,) array
+        Work of gravity, and of joints, springs and loads that a `CreateWorkSensor` senses, by their names.
+    """
+
+    bodies: Array
+    contacts: Array
+    taken: dict[str, Array]
+    given: dict[str, Array]
+
+    @classmethod
+    def of(cls, result: RunResult, samples: Array | None = None) -> Balance:
+        """Balance of all partition bodies of a run, which has one at least; or that at some samples, (m,) int array."""
+        chosen = np.arange(len(result.t)) if samples is None else samples
+        some = result if samples is None else result.at(result.t[samples])
+        taken = taken_by(result.bodies, result.contacts, result) | taken_by_steps(result)
+        return cls(
+            bodies=np.sum([item.energy(some) for item in result.bodies], axis=0),
+            contacts=np.sum([np.zeros(len(chosen)), *(c.energy(some) for c in result.contacts)], axis=0),
+            taken={what: work[chosen] for what, work in taken.items()},
+            given={what: work[chosen] for what, work in _given(result).items()},
+        )
+
+    @property
+    def total(self) -> Array:
+        """Energy of bodies and contacts."""
+        return self.bodies + self.contacts
+
+    @property
+    def with_taken(self) -> Array:
+        """Energy of bodies and contacts, and what was taken from them."""
+        value: Array = np.sum([self.total, *self.taken.values()], axis=0)
+        return value
+
+    @property
+    def rest(self) -> Array:
+        """What is left of it, (n,): given by what is not sensed, or else the error of the steps."""
+        whole = self.with_taken
+        value: Array = whole - whole[0] - np.sum([np.zeros(len(whole)), *self.given.values()], axis=0)
+        return value
+
+
+def taken_by(
+    bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], result: RunResult
+) -> dict[str, Array]:
+    """Energy that was taken from bodies and contacts so far, (n,) [J], by what took it, if anything did."""
+    work = [contact.plastic_work(result) for contact in contacts]
+    each = {
+        DAMPING: [body.dissipated_energy(result) for body in bodies],
+        FRICTION: [contact.dissipated_energy(result) - own for contact, own in zip(contacts, work, strict=True)],
+        FLOW: work,
+    }
+    return {what: np.sum(taken, axis=0) for what, taken in each.items() if np.any(taken)}
+
+
+def taken_by_steps(result: RunResult) -> dict[str, Array]:
+    """Energy that damping implicit steps have taken from the bodies, if that is known: if there is a sample of each."""
+    if result.newmark is None or not result.newmark.damps or not has_all_steps(result):
+        return {}
+    taken = []
+    for item in result.bodies:
+        q = item.coordinates(result)
+        if not item.kinematics.linear:  # angular velocities are no rates of rotation vectors
+            q = np.concatenate([q[:, :3], np.full((len(q), 3), np.nan), q[:, RIGID:]], axis=1)
+        taken.append(result.newmark.taken(result.t, q, item.coordinates_t(result), item.kinematics.mass))
+    return {STEPS: np.sum(taken, axis=0)}
+
+
+def has_all_steps(result: RunResult) -> bool:
+    """Whether there is a sample at the end of each step."""
+    return 0 < result.steps < len(result.t)
+
+
+def _given(result: RunResult) -> dict[str, Array]:
+    """Work of gravity, and that of each joint, spring and load if the model has a sensor of it; (n,) [J]."""
+    if result.item_work is not None and result.method != "static":
+        return result.item_work.work(result)
+    found = {}
+    for i, item in enumerate(result.bodies):
+        if item.weight is not None:
+            q = item.coordinates(result)
+            found[f"gravity on {item.name or f'body {i}'}"] = (q - q[0]) @ item.weight
+    return found
+
+
+def doubt(result: RunResult) -> Array:
+    """Bound of the error that the trapezoidal rule makes in the terms that are integrated over samples, (n,) [J]."""
+    value = np.zeros(len(result.t))
+    integrated = [item.dissipated_energy(result) for item in result.bodies if item.damping is not None]
+    if result.item_work is not None:
+        integrated += [*result.item_work.work(result).values()]
+    for work in integrated:
+        bends = np.diff(work, n=3)  # the rule's error in an interval is a twelfth of that of the power
+        value += np.r_[0.0, np.cumsum(abs(np.r_[bends[:1], bends, bends[-1:]]))][: len(value)] / 12
+    return value

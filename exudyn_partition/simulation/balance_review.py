@@ -1,0 +1,212 @@
+"""Each run checks itself: momenta of free bodies against all impulses, and energy against all that changed it."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from ..errors import ModelLimitWarning
+from ..exudyn_bodies.item_work import Others
+from ..exudyn_bodies.model import user_function
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.balance import STEPS, Balance, doubt, has_all_steps
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..frames.damping import ModeDamping
+from ..frames.floating import FloatingKinematics
+from ..support.arrays import Array
+from ..support.foreign import ItemEntry, MainSystem
+from .result import Result, called
+
+_OFF = 1e-2  # of the largest energy of the bodies, or change of momentum, that may be missing
+_TAKEN = 2e-2  # of the largest energy that the damping of steps, and strong damping of modes, may take
+_AT_REST = 1e-3  # of the largest energy: a run that ends with less kinetic energy has found a state at rest
+_STRONG = 0.2  # ratio from which on damping of a mode is strong
+_LOOKED_AT = 256  # most samples
+_ROUND_OFF = 1e-11  # of the speed of a body's size in a period of f_cut: less motion is none
+_PACKAGE = __name__.partition(".")[0]
+
+
+def warn_of_balance(mbs: MainSystem, result: Result) -> None:
+    """Warn of what a run lost or made, as far as its samples tell."""
+    if result.method == "static" or result.status == "unstable" or len(result.t) < 3 or not result.bodies:
+        return
+    free = _free(result)
+    some = np.unique(np.r_[0, _some(np.arange(len(free))), _some(np.flatnonzero(free)), len(free) - 1])
+    balance = Balance.of(result, some)
+    _warn_of_damping(result, balance)
+    if any(map(_is_of_user, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))):
+        return  # it may have changed anything
+    others = Others.of(mbs)
+    for item in result.bodies:
+        if id(item) not in others.bodies:
+            _warn_of_momentum(item, result, np.flatnonzero(free))
+    open_ended = any(map(_exchanges, result.contacts)) or any(map(_lacks_inertia, result.bodies))
+    if not others.not_told and not open_ended:
+        _warn_of_energy(result, balance, some, free)
+
+
+def _is_of_user(entry: ItemEntry | None) -> bool:
+    function = user_function(entry)
+    return function is not None and not str(getattr(function, "__module__", "")).startswith(f"{_PACKAGE}.")
+
+
+def _lacks_inertia(item: PartitionBody) -> bool:
+    """Whether inertia forces are left out, without which energy is not kept."""
+    return any("(inertiaTerms)" in said for said in item.left_out)
+
+
+def _exchanges(contact: PartitionContact) -> bool:
+    """Whether a contact gives energy to a carrier of a rigid surface, or has a user's law with an energy of its own."""
+    of_user = not type(contact.law).__module__.startswith(f"{_PACKAGE}.")
+    return bool(contact.carrier is not None and contact.carrier.nodes) or (of_user and not contact.elastic)
+
+
+def _free(result: Result) -> Array:
+    """Samples to judge by, (n,) bool: those in which all contacts are open, and the last one.
+
+    While rows close and open, energy swings by some thousandths.
+    """
+    closed = np.zeros(len(result.t), dtype=bool)
+    for contact in result.contacts:
+        rows = contact.closed_rows(result) > 0
+        closed |= rows | np.r_[rows[1:], False] | np.r_[False, rows[:-1]]
+    closed[-1] = False
+    return ~closed
+
+
+def _some(samples: Array) -> Array:
+    """Some of many samples, (n,) -> (m,): a run of many steps needs not be looked at in each."""
+    return samples[:: len(samples) // _LOOKED_AT + 1]
+
+
+def _largest(result: Result, energy: Array) -> float:
+    """Largest of the energies of bodies and contacts, (n,) [J], or one that is hardly more than round-off."""
+    least = 0.0
+    for item in result.bodies:
+        size = np.ptp(item.body.points, axis=0).max()
+        least += 0.5 * item.body.total_mass * float(_ROUND_OFF * size * 2 * np.pi * item.body.f_cut) ** 2
+    return max(float(energy.max()), least)
+
+
+def _warn_of_damping(result: Result, balance: Balance) -> None:
+    """What steps, and strong damping of modes, took: they are there to smooth forces, and take energy of the motion."""
+    largest, said = _largest(result, balance.total), []
+    if _kinetic_at_end(result) < _AT_REST * largest:
+        return  # damping was to find it
+    by_steps = float(balance.taken.get(STEPS, np.zeros(1))[-1])
+    if by_steps > _TAKEN * largest:
+        said.append(
+            f"that of generalized-alpha, with steps of {result.step:.3g} s, {by_steps:.3g} J, {by_steps / largest:.1%}"
+        )
+    by_modes = sum(_by_strong_damping(item, result) for item in result.bodies)
+    if by_modes > _TAKEN * largest:
+        said.append(f"that of modes with ratios of {_STRONG} and more {by_modes:.3g} J, {by_modes / largest:.1%}")
+    if said:
+        warnings.warn(
+            f"damping took energy from the bodies, by their largest energy: {'; '.join(said)}. If the real bodies do "
+            "not lose that much, speeds after impacts are too small. Take shorter steps, a spectral_radius nearer to "
+            "1, or less damping of modes, and means of forces where these ring",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
+
+
+def _kinetic_at_end(result: Result) -> float:
+    """Kinetic energy of the bodies at the end [J]."""
+    last = result.at(result.t[-1:])
+    energies = [
+        item.kinematics.kinetic_energy(item.coordinates(last), item.coordinates_t(last))[0] for item in result.bodies
+    ]
+    return float(sum(energies))
+
+
+def _by_strong_damping(item: PartitionBody, result: Result) -> float:
+    """Energy that strong damping of modes took from a body [J]."""
+    if not isinstance(item.damping, ModeDamping):
+        return 0.0
+    rates, omega = item.damping.rates, item.body.basis.omega
+    strong = np.flatnonzero((rates >= 2 * _STRONG * omega) & (rates > 0))
+    if not strong.size:
+        return 0.0
+    power = item.coordinates_t(result)[:, strong] ** 2 @ rates[strong]
+    return float(np.trapezoid(power, result.t))
+
+
+def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> None:
+    """A body on which only contacts and gravity act has the momentum that these give it."""
+    if not has_all_steps(result):
+        return  # nobody knows the forces in between
+    t = result.t
+    gained = item.momentum(result) - item.momentum(result)[0]
+    given, force_at_end = np.zeros_like(gained), 0.0
+    for contact in result.contacts:
+        for (side, _), sign in zip(contact.sides, (1, -1), strict=False):
+            if side is item:
+                force = contact.force_on_slave(result)
+                given += sign * cumulative_trapezoid(force, t, axis=0, initial=0.0)
+                force_at_end += float(np.linalg.norm(force[-1]))
+    if item.weight is not None:
+        given += np.outer(t - t[0], item.kinematics.momentum(item.weight / item.kinematics.mass))
+    size = np.ptp(item.body.points, axis=0).max() * 2 * np.pi * item.body.f_cut
+    largest = max(
+        float(np.linalg.norm(given, axis=1).max()),
+        float(np.linalg.norm(gained, axis=1).max()),
+        _ROUND_OFF / _OFF * item.body.total_mass * size,
+    )
+    missing = np.linalg.norm(gained - given, axis=1)
+    missing[-1] = max(missing[-1] - (t[-1] - t[-2]) * force_at_end, 0.0)  # which acts within a step
+    worst = int(judged[missing[judged].argmax()])
+    if missing[worst] > _OFF * largest:
+        warnings.warn(
+            f"{called(item)}: at t = {t[worst]:.6g} s its momentum has changed by {gained[worst]} N s, while contacts "
+            f"and gravity have given it {given[worst]} N s: {missing[worst] / largest:.1%} of the largest change is "
+            "missing. The forces that the run tells are not those that moved the body. Take shorter steps; if that "
+            "does not help, another formulation",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Array) -> None:
+    """Energy that nothing took or gave: the error of the steps."""
+    rest, unsure = balance.rest, doubt(result)[samples]
+    largest = _largest(result, balance.total - rest)
+    lost_in_steps = result.method == "implicit" and STEPS not in balance.taken
+    if lost_in_steps and (result.newmark is None or result.newmark.damps):
+        unsure = unsure + np.maximum(-rest, 0.0)  # damping of the steps may have taken it
+    off = np.maximum(abs(rest) - unsure, 0.0) * free[samples]
+    if off.max() > _OFF * largest and result.method == "explicit":
+        swing = _swing(result, samples)
+        off = np.minimum(off, np.maximum(abs(rest - swing + swing[0]) - unsure, 0.0))
+    worst = int(off.argmax())
+    if off.max() > _OFF * largest:
+        made = "gained" if rest[worst] > 0 else "lost"
+        said = "".join(f", {work[worst]:.3g} J was taken by {what}" for what, work in balance.taken.items())
+        said += "".join(f", {work[worst]:.3g} J was given by {what}" for what, work in balance.given.items())
+        warnings.warn(
+            f"the bodies have {made} {abs(rest[worst]):.3g} J of energy until t = {result.t[samples[worst]]:.6g} s, "
+            f"{abs(rest[worst]) / largest:.1%} of what they should have, for which nothing in the model accounts: that "
+            f"of bodies and contacts went from {balance.total[0]:.4g} to {balance.total[worst]:.4g} J{said}. It is the "
+            f"error of the steps, of {result.step:.3g} s, or of what another warning of this run tells. Take shorter "
+            "ones, method='explicit', or formulation='compliance'",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
+
+
+def _swing(result: Result, samples: Array) -> Array:
+    """Energy by which that of free vibration is above the one that explicit steps keep, at samples, (m,) [J].
+
+    Central differences keep T + U - h^2 a M a / 8 of linear bodies.
+    """
+    value = np.zeros(len(samples))
+    for item in result.bodies:
+        q, kinematics = item.coordinates(result)[samples], item.kinematics
+        if isinstance(kinematics, FloatingKinematics):
+            force, mass = kinematics.elastic_force(q[:, 6:]), kinematics.mass[6:]
+        else:
+            force, mass = (item.body.stiffness @ q.T).T, kinematics.mass
+        value += result.step**2 / 8 * np.sum(force**2 / mass, axis=1)
+    return value
