@@ -222,17 +222,20 @@ class Others:
         Identities of the bodies that anything but gravity acts on.
     not_told : tuple of str
         Names of items whose work on all bodies together may not be zero, and is in no sensor.
+    driven : bool
+        Whether joints or constraints move the bodies: by functions of time, or by bodies of other kinds.
     """
 
     bodies: frozenset[int]
     not_told: tuple[str, ...]
+    driven: bool
 
     @classmethod
     def of(cls, mbs: MainSystem) -> Others:
         """Items of a model, as they are."""
         held = registered(mbs)
         told = held.work is not None
-        acted_on, not_told = set[int](), []
+        acted_on, not_told, driven = set[int](), [], False
         each = {number: _numbers({number: item}) for number, item in held.bodies.items()}
         everything = _numbers(held.bodies)
         for number, item in held.bodies.items():
@@ -245,9 +248,10 @@ class Others:
             found = [n for n, own in each.items() if _touches(markers, nodes, own)]
             acted_on |= {id(held.bodies[n]) for n in found}
             sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
-            if found and not sensed and not _is_workless(mbs, entry, markers, everything):
-                not_told.append(f"{entry['name']} ({entry.get('objectType') or entry['loadType']})")
-        return cls(frozenset(acted_on), tuple(not_told))
+            if found and not _is_workless(mbs, entry, markers, everything):
+                driven |= entry.get("objectType") in HOLONOMIC
+                not_told += [] if sensed else [f"{entry['name']} ({entry.get('objectType') or entry['loadType']})"]
+        return cls(frozenset(acted_on), tuple(not_told), driven)
 
 
 def _others(mbs: MainSystem, held: Registry) -> Iterator[tuple[ItemEntry, set[int], list[ItemEntry]]]:

@@ -35,15 +35,15 @@ def warn_of_balance(mbs: MainSystem, result: Result) -> None:
     free = _free(result)
     some = np.unique(np.r_[0, _some(np.arange(len(free))), _some(np.flatnonzero(free)), len(free) - 1])
     balance = Balance.of(result, some)
-    _warn_of_damping(result, balance)
+    others, exchanges = Others.of(mbs), any(map(_exchanges, result.contacts))
+    if not others.driven and not exchanges:  # else what was taken is given again
+        _warn_of_damping(result, balance)
     if any(map(_is_of_user, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))):
         return  # it may have changed anything
-    others = Others.of(mbs)
     for item in result.bodies:
         if id(item) not in others.bodies:
             _warn_of_momentum(item, result, np.flatnonzero(free))
-    open_ended = any(map(_exchanges, result.contacts)) or any(map(_lacks_inertia, result.bodies))
-    if not others.not_told and not open_ended:
+    if not others.not_told and not exchanges and not any(map(_lacks_inertia, result.bodies)):
         _warn_of_energy(result, balance, some, free)
 
 

@@ -306,7 +306,7 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
                 f"thousand facets of {called(item)} slide by each second: probably the mesh excites the bodies on "
                 "their contact, so that they part though real ones would not. Take finer facets there, or "
                 f"method='implicit' with spectral_radius=0.3 and steps of {1 / frequency:.2g} s or longer, which do "
-                f"not resolve this frequency (these are {result.step:.2g} s) and take energy, as that run then tells. "
+                f"not resolve this frequency (these are {result.step:.2g} s) and take energy, as its report tells. "
                 "The page 'Contact' of the documentation has a section on ringing",
                 ModelLimitWarning,
                 stacklevel=5,
