@@ -34,6 +34,7 @@ _SLOW = 0.1  # rad/s, of what swings on such springs where forces are balanced
 _BALANCED = 1e-6  # of forces that the springs do not know
 _FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
+_TERMINATED = "SolveDynamic terminated"  # all that Exudyn says if steps do not converge
 _SINGULAR = (
     "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
     "GenericJoint with fewer constrainedAxes; or give settings with linearSolver.solverType EigenDense and "
@@ -340,6 +341,20 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
     way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.approach)
     allowed = max(gaps.surface_gap(q_start), 0.0) + contact.slave_facet_size
     return allowed / way if way > allowed else 1.0
+
+
+def unsettled(mbs: MainSystem, said: str) -> str:
+    """What to add to the cause of a stop if Exudyn tells none, as where Newton's method of implicit steps fails."""
+    if _TERMINATED not in said:
+        return ""
+    ahead = [contact for contact in partition_items(mbs)[1] if contact.law.ahead]
+    names = ", ".join(repr(contact.name) for contact in ahead)
+    of_contacts = f" with the multipliers of contact {names}" if ahead else ""
+    rows = ", rows='integrated' (their normals jump less)" if ahead else ""
+    return (
+        f": Newton's iteration{of_contacts} does not converge, not even in the shortest step that it may take. Take a "
+        f"shorter step{rows}, a finer mesh of the patches, or settings whose newton.maxIterations is larger"
+    )
 
 
 def cause(error: BaseException) -> str:

@@ -33,7 +33,7 @@ from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
-from .hooks import begun, cause, controlled, multipliers_at_work, residual, watched
+from .hooks import begun, cause, controlled, multipliers_at_work, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
 from .review import noted, reviewed, warn_of_turns
@@ -259,7 +259,9 @@ def _run(
         except Exception as error:  # Exudyn wraps errors of user functions in its own types
             if not watch.steps:
                 raise RunError(f"mbs: Exudyn cannot run the model: {cause(error)}{open_joints}") from error
-            status, message = "unstable", f"the solver stopped: {cause(error)}"
+            said = cause(error)
+            more = unsettled(mbs, said) if method == "implicit" else ""
+            status, message = "unstable", f"the solver stopped: {said}{more}"
         time_s = time.perf_counter() - begin
     keep_end(mbs, control, end)
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
+from exudyn_partition.errors import StoppedRunWarning
 
 SPEED, END = 1.0, 60e-6  # of the ball, whose impact lasts some 50 us
 STEPS = (0.25e-6, 0.6e-6, 1.2e-6)
@@ -137,3 +138,15 @@ def test_two_contacts_of_one_patch_share_the_force(mbs, pair_of):
     alone = drop(body, 0.4e-6)
     np.testing.assert_allclose(both, alone[1].force(alone[2]), atol=0.01 * both.max())
     assert item.energy(result)[-1] == pytest.approx(item.energy(result)[0], rel=0.01)
+
+
+def test_a_run_that_does_not_converge_names_the_multipliers_and_what_helps(mbs, pair_of):
+    """Exudyn says that it terminated, and no more."""
+    item = ep.CreatePartitionBody(mbs, pair_of("craig-bampton")[0], initialVelocity=[0, 0, -SPEED])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="lagrange", name="tip")
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    settings.timeIntegration.newton.maxIterations, settings.timeIntegration.adaptiveStep = 1, False
+    with pytest.warns(StoppedRunWarning, match=r"multipliers of contact 'tip' does not converge.*shorter step"):
+        ep.solve_dynamic(mbs, end_time=END, step=0.4e-6, method="implicit", settings=settings)
