@@ -152,6 +152,11 @@ class ContactRun:
             setattr(self, name, copy.copy(getattr(earlier, name)))
         self._goes_on_at = t
 
+    @property
+    def evaluated(self) -> bool:
+        """Whether it has been evaluated by itself; a run may begin anew before."""
+        return self._force is not None
+
     def at_once(self, group: GroupRun) -> None:
         """Leave the forces to the group, which finds those of all members at once."""
         self._group = group

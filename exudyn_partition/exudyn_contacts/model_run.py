@@ -176,7 +176,7 @@ class ModelRun:
             run = self.of(contact)
             for before in earlier if run.law.remembers else ():
                 last = before.find(contact)
-                if last is not None and run.law.resume(last.law, run.of(initial)):
+                if last is not None and last.evaluated and run.law.resume(last.law, run.of(initial)):
                     found = found or before
                     break
         return found
