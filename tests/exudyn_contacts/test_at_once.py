@@ -203,6 +203,7 @@ def test_sensors_tell_in_each_step(marble, method):
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")
+@pytest.mark.filterwarnings("ignore:.* starts with an overlap")  # that presses them
 @pytest.mark.parametrize("added", [0.0, 0.3], ids=["alone", "with another item's mass"])
 def test_bodies_that_press_on_each_other_at_the_start_move_as_by_own_elements(marble, added):
     """Contacts push at the end of each step, and at first accelerations alone; mass that couples coordinates counts."""
