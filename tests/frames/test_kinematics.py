@@ -32,6 +32,16 @@ def moved(kinematics, q, q_t, dt):
     return after
 
 
+def test_the_way_between_places_and_the_rigid_part_of_a_motion(kinematics):
+    """The way leads back to where `moved` went, also through large turns; a rigid motion moves no node in the body."""
+    rng = np.random.default_rng(2)
+    q, q_t = 0.3 * rng.standard_normal((2, kinematics.body.n_dofs))
+    np.testing.assert_allclose(kinematics.way(q, kinematics.moved(q, q_t)), q_t, atol=1e-12)
+    rigid = kinematics.rigid_part(q_t)
+    np.testing.assert_allclose(kinematics.rigid_part(rigid), rigid, atol=1e-12)
+    np.testing.assert_allclose(kinematics.momentum(rigid), kinematics.momentum(q_t), atol=1e-12)
+
+
 def test_velocities_and_forces_of_nodes(kinematics):
     """Velocities by finite differences of places; generalised forces by their power on all motions."""
     rng = np.random.default_rng(1)
