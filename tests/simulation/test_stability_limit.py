@@ -72,6 +72,7 @@ def dense_limit(contact):
     ],
 )
 @pytest.mark.filterwarnings("ignore:the force rings")
+@pytest.mark.filterwarnings("ignore:.* the bodies penetrate each other")
 def test_stability_limit(adapted, surface, options, frame, monkeypatch):
     """Against dense eigenvalues, before and after a run; and runs below and above it."""
     mbs = exu.SystemContainer().AddSystem()
