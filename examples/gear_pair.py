@@ -111,9 +111,8 @@ def main(argv=None):
     picture = options.out / "gear_pair.png"
     draw(gears, [(1e3 * back[1].t, teeth[0], ways[0]), (turned, teeth[1], ways[1])]).savefig(picture, dpi=120)
     slow[1].scene(options.out / "moving.html", title="gears that turn slowly")
-    for key in ("dofs", "fe_dofs", "steps", "peak_force_N", "error.force", "transmission_error_m"):
-        print(f"{key}: {result[key]}")
-    print(picture.resolve())
+    shown = ("dofs", "fe_dofs", "steps", "peak_force_N", "error.force", "transmission_error_m")
+    print(*(f"{key}: {result[key]}" for key in shown), picture.resolve(), sep="\n")
     return result
 
 

@@ -56,7 +56,7 @@ def records(path):
 
 def study(how, sets, workers, keep):
     """Compute the impacts in one of the ways; `keep` takes each result as soon as it is known."""
-    if how == "plain":
+    if how == "plain" or not sets:
         for parameters in sets:
             keep(impact(parameters))
     elif how == "exudyn":
@@ -69,8 +69,7 @@ def study(how, sets, workers, keep):
     else:
         import distributed
 
-        # Dask's dashboard shows code and data, and takes no password: it listens on this machine alone.
-        own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+        own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # the dashboard takes no password
         with distributed.Client(n_workers=workers, threads_per_worker=1, **own) as client:
             for done in distributed.as_completed(client.map(impact, sets, pure=False)):
                 keep(done.result())
@@ -101,8 +100,7 @@ def main(argv=None):
             file.write(json.dumps(record) + "\n")
         LOG.info("%d of %d: %.4g m/s, %.0f N", len(known), count, record["speed"], record["peak_force_N"])
 
-    if missing:
-        study(options.how, missing, options.workers, keep)
+    study(options.how, missing, options.workers, keep)
     wall = (time.perf_counter() - begin) / max(len(missing), 1)
     print(f"{len(missing)} new impacts by {options.how}, {wall:.3f} s of wall time an impact")
     impacts = [known[speed] for speed in speeds]
