@@ -1,5 +1,6 @@
 """Several contacts on one body: hit on both ends at once, a cradle, and pairs that are found."""
 
+import contextlib
 from itertools import pairwise
 
 import exudyn as exu
@@ -10,7 +11,7 @@ from oracles import MARBLE_RADIUS as R
 from oracles import box, relative
 
 import exudyn_partition as ep
-from exudyn_partition.errors import EmptyRegionError, InputError
+from exudyn_partition.errors import EmptyRegionError, InputError, ModelLimitWarning
 
 
 def three_bars(basis, speeds):
@@ -33,19 +34,25 @@ def three_bars(basis, speeds):
     return mbs, bars, contacts
 
 
+def run(mbs, basis, end_time):
+    """Nodes with mass lose their approach velocity when they meet; the residual flexibility has none to lose."""
+    lost = pytest.warns(ModelLimitWarning, match="have lost .* nodes with mass lose when multipliers stop them")
+    with contextlib.nullcontext() if basis == "contact-adapted" else lost:
+        return ep.solve_dynamic(mbs, end_time=end_time)
+
+
 @pytest.mark.parametrize(("basis", "loss"), [("contact-adapted", 5e-3), ("free", 0.05), ("craig-bampton", 0.07)])
 @pytest.mark.filterwarnings("ignore:the force rings")
 def test_a_body_is_hit_on_both_ends_at_once(basis, loss):
     """A bar between two equal ones that come from both sides: symmetric forces, it stays in place."""
     mbs, bars, contacts = three_bars(basis, (1.0, 0.0, -1.0))
-    result = ep.solve_dynamic(mbs, end_time=12e-6)
+    result = run(mbs, basis, 12e-6)
     forces = [contact.force(result) for contact in contacts]
     assert forces[0].max() > 100
     assert relative(forces[0], forces[1]) < 0.1  # the mesh is not symmetric
     momentum = [bar.momentum(result)[-1, 2] - bar.momentum(result)[0, 2] for bar in bars]
     assert abs(sum(momentum)) < 1e-9 * abs(momentum[0])
     energy = sum(item.energy(result) for item in (*bars, *contacts))
-    # Nodes with mass lose their approach velocity when they meet; the residual flexibility has none to lose.
     np.testing.assert_allclose(energy, energy[0], rtol=loss)
 
 
@@ -55,7 +62,7 @@ def test_a_cradle_of_bars_whose_shapes_move_both_patches():
     impulses = []
     for basis in ("craig-bampton", "contact-adapted"):
         mbs, bars, contacts = three_bars(basis, (1.0, 0.0, 0.0))
-        result = ep.solve_dynamic(mbs, end_time=26e-6)
+        result = run(mbs, basis, 26e-6)
         assert result.status == "finished"
         momentum = [bar.momentum(result)[:, 2] for bar in bars]
         np.testing.assert_allclose(sum(momentum), momentum[0][0], rtol=1e-9)

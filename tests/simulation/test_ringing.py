@@ -104,7 +104,7 @@ def test_a_yield_warning_of_a_peak_that_rings_says_so_and_comes_once(rod, tmp_pa
     assert contact.mean_force(result).max() < 60e6 * SIDE**2 < contact.force(result).max()
     page = result.report(tmp_path / "run.html").read_text()
     assert page.count("it rings: read means") == 3
-    assert page.count("so that this may be a false alarm") >= 3
+    assert page.count("so that this may be a false alarm") == 1  # of contacts that are all alike
 
 
 def test_parts_of_an_impact_are_joined(mbs, marble):

@@ -179,7 +179,7 @@ def test_forces_are_those_of_all_rows(round_body):
     F = regularised(law.tangential.flexibility())
     whole, lam, last_q, entered = FrictionProblem(F), np.zeros((len(F) // 3, 3)), np.zeros(gaps.n), []
     H = law.tangential.jacobian(np.arange(len(lam)))
-    for n, (x, depth) in enumerate([(0, 0), (0, 8), (2, 8), (2, 0.3), (2.2, 0.3), (2, 5)]):
+    for n, (x, depth) in enumerate([(0, 0), (0, 8), (2, 8), (2, 1.3), (2.2, 1.3), (2, 0), (2, 5)]):
         law.commit(float(n))
         q = round_body.rigid[:, :3] @ [x * DEPTH, 0, -depth * DEPTH]
         law.force(q)
@@ -187,8 +187,9 @@ def test_forces_are_those_of_all_rows(round_body):
         h[:, 0] = gaps.at(q)
         lam, last_q = whole.solve(h, np.full(len(h), MU)).copy(), q
         np.testing.assert_allclose(law.forces, lam, rtol=0, atol=1e-6 * abs(lam).max())
-        entered.append(len(law.problem.lam) if law.index.size else 0)
-    assert 0 < entered[3] < len(lam)
+        entered.append((len(law.index), len(law.problem.lam) if law.index.size else 0))
+    assert 0 < entered[3][0] < entered[2][0] <= entered[3][1] < len(lam)
+    assert entered[5][0] == 0
 
 
 def test_what_rows_bore_before_the_last_step_is_forgotten(round_body, flat_body):

@@ -27,8 +27,9 @@ def no_modes(method):
 
 @case(
     "no modes, region of the whole body",
-    "the full FE model: no penetration; loses the eighth of its mass that meets",
+    "the full FE model: no penetration; loses the eighth of its mass that meets, which warns",
     quick=True,
+    warns=("ModelLimitWarning",),
 )
 def whole_body(method):
     fem, _ = bar_model(tuple(np.linspace(0, 4, 5)), UNIT, across=1, kind="hexahedron")

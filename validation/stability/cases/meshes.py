@@ -74,8 +74,12 @@ def fine_mesh_with_mass(method):
     strike(method, body, contact={"formulation": "lagrange"}, end_time=1e-6, step=0.2e-6)
 
 
-@case("one linear hexahedron, all nodes kept", "no penetration; the nodes that meet lose their half of the energy",
-      quick=True)  # fmt: skip
+@case(
+    "one linear hexahedron, all nodes kept",
+    "no penetration; the nodes that meet lose their half of the energy, which warns",
+    quick=True,
+    warns=("ModelLimitWarning",),
+)
 def one_element(method):
     points, cells = grid([0, 1.0], [0, 1.0], [0, 1.0])
     fem = read(points, "hexahedron", cells, UNIT)
