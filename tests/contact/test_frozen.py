@@ -48,15 +48,16 @@ def test_the_smallest_gap_is_that_of_all_rows(sizes, ties):
 
 
 def test_a_row_that_comes_down_alone_becomes_the_lowest():
-    """All others stay where they are, so that it is the lowest as soon as it may be."""
+    """All others stay where they are, so that it is the lowest as soon as it may be, from wherever it came."""
     nr, told = 20, np.zeros((1, 6))
     start, H = np.linspace(1.0, 1.1, nr), np.zeros((nr, N))
-    start[-1], H[-1, 0] = 2.0, -1.0
-    rows = FlatRows.of([LinearGaps(H, start, np.zeros((6, N)), np.zeros(6), 1.0)], [np.zeros((nr, 3))], [np.arange(N)])
-    lowest, work = LowestRows.of([LinearGaps(H, start, np.zeros((6, N)), np.zeros(6), 1.0)]), np.zeros(nr)
-    for way in np.linspace(0.0, 1.9, 60):
-        assert kernels("contact").fly_on(rows, lowest, way * np.eye(N)[0], work, told)
-        assert told[0, 5] == pytest.approx(min(1.0, 2.0 - way))
+    for height in np.linspace(0.05, 0.3, 26):
+        start[-1], H[-1, 0] = 1.0 + height, -1.0
+        frozen = [LinearGaps(H, start, np.zeros((6, N)), np.zeros(6), 1.0)]
+        rows, lowest = FlatRows.of(frozen, [np.zeros((nr, 3))], [np.arange(N)]), LowestRows.of(frozen)
+        for way in np.linspace(0.0, height + 0.5, 200):
+            assert kernels("contact").fly_on(rows, lowest, way * np.eye(N)[0], np.zeros(nr), told)
+            assert told[0, 5] == pytest.approx(min(1.0, 1.0 + height - way))
 
 
 def test_pairs_that_slide_are_found():

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import closed, inertial, moved
+from oracles import closed, inertial, moved, relative
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.friction import STICK
 from exudyn_partition.contact.formulations.choices import Penalty
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.formulations.penalty import PenaltyContact, bed_stiffness
@@ -49,3 +50,17 @@ def test_the_layer_is_softer_along_the_tangents_by_the_ratio_of_mindlin(round_bo
     along = law.stiffness * law.gaps.area[law.index].sum() * 2 * (1 - 0.3) / (2 - 0.3)
     assert law.traction.sum(axis=0)[0] - before == pytest.approx(-along * shift, rel=1e-2)
     assert law.stored() - stored == pytest.approx(0.5 * along * shift**2, rel=2e-2)
+
+
+def test_a_layer_is_stiffest_where_all_rows_are_closed_and_stuck(round_body):
+    """Limits of explicit steps are found by that stiffness; here it is found by forces on the way there and back."""
+    law = Penalty().with_friction(ep.Coulomb(2.0)).law(RigidGaps(inertial(round_body), RigidPlane()))
+    depth = 1.5 * law.gaps.at(np.zeros(law.gaps.n)).max()  # closes the last row
+    pressed, rng, stiffness = moved(law.gaps.slave, [0, 0, -depth]), np.random.default_rng(0), law.closed_stiffness()
+    for start in (0.0, 1.0):
+        law.force(pressed)
+        law.commit(start)
+    assert (law.state == STICK).all()
+    for way in 1e-12 * rng.standard_normal((5, len(pressed))):
+        there, back = law.force(pressed + way).copy(), law.force(pressed - way)
+        assert relative(back - there, 2 * stiffness @ way) < 1e-6
