@@ -109,7 +109,7 @@ def _warn_of_damping(result: Result, balance: Balance) -> None:
             "not lose that much, speeds after impacts are too small. Take shorter steps, a spectral_radius nearer to "
             "1, or less damping of modes, and means of forces where these ring",
             ModelLimitWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
 
 
@@ -165,7 +165,7 @@ def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> Non
             "missing. The forces that the run tells are not those that moved the body. Take shorter steps; if that "
             "does not help, another formulation",
             ModelLimitWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
 
 
@@ -191,7 +191,7 @@ def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Arra
             f"of bodies and contacts went from {balance.total[0]:.4g} to {balance.total[worst]:.4g} J{said}. "
             f"{_by_steps_or_impacts(result, lost=rest[worst] < 0)}",
             ModelLimitWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
 
 

@@ -13,6 +13,7 @@ from ..exudyn_bodies.partition_body import check_model
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.run_record import Solver
 from ..support.foreign import MainSystem
+from .balance_review import warn_of_balance
 from .result import Result, samples
 from .review import noted, reviewed, warn_of_turns
 from .stability import stability_limit
@@ -66,6 +67,7 @@ def collect(mbs: MainSystem) -> Result:
         _warn_of_stability(mbs, solver)
     with noted() as warned:
         result = reviewed(mbs, result)
+        warn_of_balance(mbs, result)
         if solver is not None and solver.equal:
             warn_of_turns(result)
     return replace(result, warnings=tuple(warned))

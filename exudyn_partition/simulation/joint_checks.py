@@ -109,11 +109,12 @@ class OpenJoints:
         matrix = inertia + sp.diags(least * diagonal) + rows.T @ sp.diags(stiff) @ rows
         return np.asarray(scipy.sparse.linalg.splu(sp.csc_matrix(matrix)).solve(-(rows.T @ (stiff * gaps))))
 
-    def warn(self, result: Result) -> None:
-        """Warn of those that change a run by so much that it shows."""
+    def warn(self, result: Result) -> bool:
+        """Warn of those that change a run by so much that it shows; returns whether there are any."""
         if not self.joints or len(result.t) < 2:
-            return
+            return False
         largest = float(np.sum([item.energy(result) for item in self._bodies], axis=0).max(initial=0.0))
+        shows = False
         for joint in self.joints:
             said = []
             energy = self.energy(joint, result.step, result.method)
@@ -121,6 +122,7 @@ class OpenJoints:
                 said.append(f"brings {energy:.3g} J, {energy / largest:.2g} of the bodies' largest energy")
             for name, first, later in _spikes(joint, result):
                 said.append(f"takes {first:.3g} N or N m in its sensor {name!r}, where later it has {later:.3g}")
+            shows |= bool(said)
             if said:
                 warnings.warn(
                     f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start: closing it within the first "
@@ -128,6 +130,7 @@ class OpenJoints:
                     ModelLimitWarning,
                     stacklevel=3,
                 )
+        return shows
 
     def __str__(self) -> str:
         """What may have stopped a run."""

@@ -18,7 +18,6 @@ from ..exudyn_contacts.partition_contact import partition_items
 from ..reduction.buckling import compression, links
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
-from .balance_review import warn_of_balance
 from .contact_review import warn_of_contacts
 from .result import Result, called, cut
 
@@ -68,7 +67,6 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
             _warn_of_compression(item, result)
             _warn_of_strain(item, result, share[: len(result.t)])
         warn_of_contacts(contacts, result)
-        warn_of_balance(mbs, result)
     return result
 
 

@@ -32,6 +32,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from .balance_review import warn_of_balance
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
 from .hooks import begun, cause, controlled, multipliers_at_work, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start
@@ -165,7 +166,8 @@ def solve_dynamic(
         )
         with noted() as warned:
             result = reviewed(mbs, result)
-            open_joints.warn(result)
+            if not open_joints.warn(result):  # what closes them is in no balance
+                warn_of_balance(mbs, result)
             if not adaptive:
                 warn_of_turns(result)
         return replace(result, warnings=tuple(warned))

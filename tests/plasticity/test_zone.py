@@ -105,7 +105,7 @@ def test_flexibility_of_the_zone_is_that_of_a_solution_for_each_force(model):
 def test_flexibility_where_held_dofs_lie_in_the_zone(model):
     """A zone that covers the whole body."""
     fem, _ = model
-    partition = ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=1.0)
+    partition = ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=0.1)
     assert len(partition.patches[0].plastic.border) == 0
     body = FreeBody(fem, partition)
     flexibility = body.flexibility()
