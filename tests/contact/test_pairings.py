@@ -3,6 +3,7 @@
 import gc
 import pickle
 import weakref
+from dataclasses import replace
 
 import numpy as np
 from oracles import floating, inertial
@@ -57,6 +58,19 @@ def test_pairs_elsewhere_in_space_are_the_same(round_body, flat_body, monkeypatc
     assert len({id(law.problem.F) for law in laws}) == len({id(law.gaps.H) for law in laws}) == 1
     laws[0].problem.solve(np.ones(len(laws[0].lam)))
     assert laws[1].problem.index.size  # active rows are each contact's own
+
+
+def test_sides_with_a_flexibility_of_their_own_neither_take_nor_change_what_is_kept(round_body, flat_body):
+    """Implicit multipliers give sides that of their steps: twice as soft, rows yield twice as far, in its run alone."""
+    slave, some = copy_of(round_body), np.arange(9)
+    gaps, other = (PatchGaps(inertial(slave), inertial(flat_body)) for _ in range(2))
+    kept, F = other.flexibility(some).copy(), other.problem().F.copy()
+    gaps.sides = tuple(replace(side, flexibility=2 * side.flexibility) for side in gaps.sides)
+    np.testing.assert_allclose(gaps.flexibility(some), 2 * kept, rtol=1e-12)
+    np.testing.assert_allclose(gaps.problem().F, 2 * F, rtol=1e-12)
+    later = PatchGaps(inertial(slave), inertial(flat_body))
+    np.testing.assert_array_equal(later.flexibility(some), kept)
+    np.testing.assert_array_equal(later.problem().F, F)
 
 
 def test_kept_pairs_are_few_and_keep_no_body(round_body, flat_body):

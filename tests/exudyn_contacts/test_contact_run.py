@@ -58,3 +58,29 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     assert kept == [(1.0, [7], [2.0]), (2.0, [7], [8.0])]
     assert [nodes.tolist() for _, nodes, _ in group.samples(0)] == [[6], [6]]
     assert group.stored(1) == {1.0: 0.2, 2.0: 0.8}
+
+
+def test_forces_of_a_body_that_touches_itself_add_up():
+    """Both sides have the same coordinates; other members of the group have coordinates of their own."""
+    forces = [np.array([1.0, 2.0, 10.0, 20.0]), np.array([3.0, 4.0])]
+    members = [
+        SimpleNamespace(dofs=np.array(dofs), place_told=None, at_once=lambda group: None, of=lambda q: q)
+        for dofs in ([1, 2, 1, 2], [0, 2])
+    ]
+    laws = SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces)
+    assert GroupRun(laws, members).force(np.zeros(4)).tolist() == [3.0, 11.0, 26.0, 0.0]
+
+
+def test_closed_rows_are_those_of_the_present_evaluation():
+    """Links with other contacts share them as long as the state is the same, and take others in another one."""
+    law, q, found = Diary(), np.zeros(1), {}
+    law.row_jacobian, law.remembers = lambda: np.full((1, 1), q[0]), False
+    run = ContactRun("contact", law, [slice(0, 1)], 0.0, "implicit")
+    run.join(SimpleNamespace(forces_at=lambda q, parts: found.setdefault(q[0], [q.copy()])), [run])
+    mbs = SimpleNamespace(systemData=SimpleNamespace(GetODE2Coordinates=lambda copy: q))
+    shared = []
+    for q[0] in (1.0, 1.0, 2.0):
+        run.update(mbs, 0.0)
+        shared.append(run.row_jacobian())
+    assert shared[0] is shared[1]
+    assert [rows.item() for rows in shared] == [1.0, 1.0, 2.0]
