@@ -23,6 +23,7 @@ _OFF = 1e-2  # of the largest energy of the bodies, or change of momentum, that 
 _TAKEN = 2e-2  # of the largest energy that the damping of steps, and strong damping of modes, may take
 _AT_REST = 1e-3  # of the largest energy: a run that ends with less kinetic energy has found a state at rest
 _STRONG = 0.2  # ratio from which on damping of a mode is strong
+_MANY_TIMES = 10  # what bodies should have: from there on a share in percent says no more
 _LOOKED_AT = 256  # most samples
 _ROUND_OFF = 1e-11  # of the speed of a body's size in a period of f_cut: less motion is none
 _PACKAGE = __name__.partition(".")[0]
@@ -183,12 +184,14 @@ def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Arra
     worst = int(off.argmax())
     if off.max() > _OFF * largest:
         made = "gained" if rest[worst] > 0 else "lost"
+        share = abs(rest[worst]) / largest
+        of_it = f"{share:.1%} of what" if share < _MANY_TIMES else f"more than {_MANY_TIMES} times what"
         said = "".join(f", {work[worst]:.3g} J was taken by {what}" for what, work in balance.taken.items())
         said += "".join(f", {work[worst]:.3g} J was given by {what}" for what, work in balance.given.items())
         warnings.warn(
             f"the bodies have {made} {abs(rest[worst]):.3g} J of energy until t = {result.t[samples[worst]]:.6g} s, "
-            f"{abs(rest[worst]) / largest:.1%} of what they should have, for which nothing in the model accounts: that "
-            f"of bodies and contacts went from {balance.total[0]:.4g} to {balance.total[worst]:.4g} J{said}. "
+            f"{of_it} they should have, for which nothing in the model accounts: that of bodies and contacts went "
+            f"from {balance.total[0]:.4g} to {balance.total[worst]:.4g} J{said}. "
             f"{_by_steps_or_impacts(result, lost=rest[worst] < 0)}",
             ModelLimitWarning,
             stacklevel=4,

@@ -61,6 +61,7 @@ def test_a_run_that_makes_energy_and_momentum_says_so_with_its_numbers(marble, f
     assert share == pytest.approx(100 * (energy - right)[at] / right.max(), abs=0.15)
     slower = told(mbs, faster(result, item, -0.05))
     assert "have lost" in slower["energy"]
+    assert "more than 10 times what they should have" in told(mbs, faster(result, item, 5))["energy"]
     number = int(contact["sForce"])
     weaker = {**result.sensors, number: result.sensors[number] * 0.95}
     said = told(mbs, dataclasses.replace(result, sensors=weaker))["momentum"]
