@@ -246,6 +246,8 @@ def pareto(d):
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
+    "random_scenes": Case("stability/random_scenes.py", limits(("unexplained",)),
+                          ("--count", "40", "--out", "{out}/random_scenes.json")),
     "misuse": Case("stability/misuse.py", misuse, quick=()),
     "paper": Case("paper/paper.py", paper, ("--quick", "--out", "{out}/paper_quick.json"),
                   ("paper_fig6.png", "paper.png", "paper_fig11.png", "paper_crank_slider.png")),
