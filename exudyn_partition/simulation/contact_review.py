@@ -57,7 +57,7 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
         return
     time, place = reached
     item, number = contact.sides[0]
-    patch, now = item.body.partition.patches[number], result.at([time])
+    patch, now = item.body.partition.patches[number], result.at([min(time, result.t[-1])])  # a cut run ends before it
     distance = item.kinematics.at(patch.nodes).place(item.coordinates(now))[0] - place
     nearest = patch.nodes[int(np.linalg.norm(distance, axis=1).argmin())]
     if len(contact.sides) > 1 and nearest not in patch.rim:
@@ -277,7 +277,7 @@ def _warn_of_ringing(rings: dict[str, Ringing], result: Result) -> None:
         for name, r in [*rings.items()][:_LISTED]
     ]
     more = len(rings) - len(said)
-    f_cut = max(item.body.f_cut for item in result.bodies)
+    f_cut = min(item.body.f_cut for item in result.bodies)
     warnings.warn(
         f"the force rings near or above f_cut, {1e-3 * f_cut:.4g} kHz, where the bases end, as it does when flat faces "
         f"meet at once: {'; '.join(said)}{f'; and {more} contacts more' if more else ''}. Read means, mean_force of "

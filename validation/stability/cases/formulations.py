@@ -31,7 +31,8 @@ def multipliers(method):
     return checks | {"penetration over dent": (penetration(run) / 18e-6, 1e-2)}
 
 
-@case("penalty 1e4 times as stiff", "energy, momentum, bounce 5 %; the explicit step follows by itself")
+@case("penalty 1e4 times as stiff", "energy, momentum, bounce 5 %; the explicit step follows by itself; warns, rings",
+      warns=("ModelLimitWarning",))  # fmt: skip
 def stiff_penalty(method):
     layer = {"formulation": "penalty"}
     gaps = strike(method, ball(), contact=layer, end_time=1e-6).contacts[0].law.gaps
@@ -102,7 +103,7 @@ def ball_on_sheet(method, thickness, width, maxh):
     return kept(strike(method, ball(), target, speed=0.1, end_time=200e-6))
 
 
-@case("thin sheet, 1:100", "momentum, energy, complementarity")
+@case("thin sheet, 1:100", "momentum, energy, complementarity; warns of ringing", warns=("ModelLimitWarning",))
 def sheet(method):
     return ball_on_sheet(method, 1e-3, 0.1, 4e-3)
 

@@ -87,7 +87,7 @@ def stiff_spring(method):
 
 
 @case("spring beyond the explicit limit", "stops and says so", methods=("explicit",),
-      warns=("ContactPatchWarning", "ModelLimitWarning", "StoppedRunWarning"))  # fmt: skip
+      warns=("ContactPatchWarning", "ModelLimitWarning", "StoppedRunWarning"), quick=True)  # fmt: skip
 def too_stiff_spring(method):
     """The stability limit does not include other items: the run must not look finished."""
 

@@ -63,13 +63,15 @@ def slowest_of_all(method):
     return slow(method, 1e-9)
 
 
-@case("speed 100 m/s, patch for 1 m/s", "warns that the contact left its patch", warns=("ContactPatchWarning",))
+@case("speed 100 m/s, patch for 1 m/s", "warns that the contact left its patch, and of dents beyond linear elasticity",
+      warns=("ContactPatchWarning", "ModelLimitWarning"))  # fmt: skip
 def too_fast(method):
     run = strike(method, ball(), speed=100.0, end_time=20e-6)
     return kept(run, solve=False, energy=5e-3)
 
 
-@case("speed 100 m/s", "Hertz 20 % on a patch that is large enough: the ball is no half-space then")
+@case("speed 100 m/s", "Hertz 20 % on a patch that is large enough: the ball is no half-space then, which warns",
+      warns=("ModelLimitWarning",))  # fmt: skip
 def fast(method):
     body = ball(h=0.08, reach=0.5)
     run = strike(method, body, speed=100.0, end_time=40e-6, step=0.1e-6)

@@ -57,7 +57,7 @@ def far_above_limit_implicit(method):
 
 
 @case("10 times the limit by mbs.SolveDynamic", "collect says where it became unstable", methods=("explicit",),
-      warns=("ContactPatchWarning", "ModelLimitWarning", "StoppedRunWarning"))  # fmt: skip
+      warns=("ContactPatchWarning", "ModelLimitWarning", "StoppedRunWarning"), quick=True)  # fmt: skip
 def around_the_check(method):
     mbs = exu.SystemContainer().AddSystem()
     upper = ep.CreatePartitionBody(mbs, ball(), initialVelocity=[0, 0, -1.0])
