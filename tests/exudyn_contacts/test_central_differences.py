@@ -184,6 +184,30 @@ def test_a_linear_joint_whose_offset_a_user_sets():
     np.testing.assert_allclose(result.sensor(place)[:, 0], result.t**2, atol=1e-14)
 
 
+def test_a_constant_joint_carries_the_inertia_of_what_hangs_on_it(mbs):
+    """Two masses on one spring, linked by a joint; a third one is held under a weight."""
+    omega, amplitude, step = 20.0, 1e-3, 1e-4
+    starts = amplitude, amplitude, 0.0
+    ends = [mbs.AddNode(items.Node1D(referenceCoordinates=[0.0], initialCoordinates=[x])) for x in starts]
+    for node, mass in zip(ends, (1.0, 3.0, 2.0), strict=True):
+        mbs.AddObject(items.Mass1D(nodeNumber=node, mass=mass))
+    ground, *own = (
+        mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
+        for node in (mbs.AddNode(items.NodePointGround()), *ends)
+    )
+    mbs.AddObject(items.CoordinateSpringDamper(markerNumbers=[ground, own[0]], stiffness=4.0 * omega**2))
+    mbs.AddLoad(items.LoadCoordinate(markerNumber=own[2], load=5.0))
+    link, hold = (
+        sensor(mbs, items.SensorObject, mbs.AddObject(items.CoordinateConstraint(markerNumbers=pair)), FORCE)
+        for pair in (own[:2], [ground, own[2]])
+    )
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=0.3, step=step)
+    inertia = 3.0 * amplitude * omega**2 * np.cos(omega * (result.t[2:] - step / 2))  # reactions are means over steps
+    np.testing.assert_allclose(abs(result.sensor(link)[2:, 0]), abs(inertia), atol=1e-4 * inertia.max())
+    np.testing.assert_allclose(abs(result.sensor(hold)[2:, 0]), 5.0, rtol=1e-9)
+
+
 def test_what_explicit_steps_cannot_take_is_refused_by_name():
     def refused(match, build):
         mbs = exu.SystemContainer().AddSystem()
