@@ -364,6 +364,8 @@ def test_a_joint_presses_on_a_contact(pair):
     impulse = thrown.momentum(result)[0, 2] - thrown.momentum(result)[-1, 2]
     # The ball's mean motion is held, so that the wall takes the impulse of the contact in every step.
     assert abs(pull[1:, 2].sum() * result.step) == pytest.approx(impulse, rel=1e-3)
+    taken = -np.diff(thrown.momentum(result)[:, 2])
+    np.testing.assert_allclose(pull[1:, 2] * result.step, taken, rtol=0, atol=1e-9 * taken.max())
     assert abs(held.momentum(result)).max() < 1e-9 * abs(thrown.momentum(result)).max()
 
 
