@@ -203,7 +203,7 @@ def _from_mesh(
     if beside:
         raise MeshError(
             f"mesh: {beside} of {mesh.nv} vertices belong to no tetrahedron, as those of free edges and faces beside a "
-            "solid. Mesh the solids alone, occ.Compound(shape.solids), or hand over the shape"
+            "solid. Mesh the solids alone, occ.Compound(shape.solids), or give the shape itself"
         )
     curve_order = mesh.GetCurveOrder()
     if order > 1 and curve_order > order:

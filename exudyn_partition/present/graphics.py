@@ -59,6 +59,8 @@ def fields_at(
     result: Result, pieces: Sequence[BodyFields], now: Callable[[], int]
 ) -> Callable[[BodyFields], dict[str, Array]]:
     """Return a function of a piece that returns its fields at the sample whose number `now` returns."""
+    for piece in pieces:  # an error within Exudyn's drawing would end nothing
+        result.sensor_of(piece.item, piece.item["sCoordinates"][0])
     loads = contact_loads(result.contacts, result) if any(piece.fem is not None for piece in pieces) else []
 
     def fields(piece: BodyFields) -> dict[str, Array]:

@@ -190,3 +190,12 @@ def test_what_cannot_be_shown(mbs, impact):
     result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
     with pytest.raises(InputError, match="stress of 'a body' needs its FE model"):
         ep.view.picture(result, 0.0, field="von_mises")
+
+
+def test_bodies_of_another_model_are_refused_before_anything_is_drawn(scene, bodies):
+    """Within Exudyn's drawing an error would end nothing."""
+    _, mbs, *_ = scene
+    result = ep.solve_dynamic(mbs, end_time=2e-6, step=0.5e-6)
+    foreign = ep.CreatePartitionBody(exu.SystemContainer().AddSystem(), bodies[0])
+    with pytest.raises(InputError, match="of another model"):
+        ep.view.picture(result, bodies=[foreign])
