@@ -25,7 +25,6 @@ from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
 
-_ENDINGS = {".mp4": "a film (H.264)", ".gif": "a moving picture", ".png": "a numbered picture for each frame"}
 _SIZE = (1280, 720)
 _STRIP = 0.2  # height of the curve of forces, by that of the picture
 _LEAST = 240, 240  # pixels of a picture that has room for a curve
@@ -57,7 +56,7 @@ def film(
     """Write a film of a run; see `Result.film`."""
     path = writable(path)
     validate_result(result)
-    ending = validate_choice("path", path.suffix.lower(), _ENDINGS)
+    ending = validate_choice("path", path.suffix.lower(), _WRITERS)
     validate_choice("colour", colour, COLOUR_NAMES)
     pixels = [2 * (side // 2) for side in validate_pixels(size)]  # H.264 takes even numbers
     period = validate_positive("period", period, "s")
