@@ -161,7 +161,7 @@ def ringing(d):
 
 
 def formulations(d):
-    own = [c for c in d["cases"] if c["formulation"] == "compliance" and c["passes"] == "given"]
+    own = [c for c in d["cases"] if c["formulation"] == "compliance"]
     worst = max(own, key=lambda c: abs(c["impulse"]))
     return [Row("impulse, compliance", "full FE model", d["limits"]["compliance"][0], worst["impulse"])]
 

@@ -79,11 +79,6 @@ class PatchGaps(Gaps):
         self._witnesses = [witnesses_of(side.surface) for side in self.sides]
         self.reset()
 
-    def exchanged(self) -> PatchGaps:
-        """Return gaps with slave and master exchanged."""
-        slave, master = self.sides
-        return type(self)(master, slave, self._kind)
-
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""
         self._since, self._apart = 0, False

@@ -171,8 +171,6 @@ class ContactResults(PlasticResults):
     def row_forces(self, result: RunSamples) -> sp.csr_matrix:
         """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.
 
-        With two passes, those of the master's patch nodes follow; both halves together are the total force.
-
         Raises
         ------
         InputError

@@ -10,7 +10,7 @@ from typing import Literal, get_args, overload
 import numpy as np
 
 from ..algebra.coulomb import Coulomb, friction_of
-from ..contact.formulations.choices import Compliance, FormulationName, TwoPasses, formulation_of
+from ..contact.formulations.choices import Compliance, FormulationName, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
 from ..contact.patch_gaps import PatchGaps
@@ -37,7 +37,7 @@ from .partition_contact import PartitionContact, partition_items
 
 _log = logging.getLogger(__name__)
 
-Passes = Literal["finer", "given", "two"]
+Passes = Literal["finer", "given"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
 
 _RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
@@ -97,7 +97,7 @@ def CreatePartitionContact(
     contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
 
     Slave and master may be one body, with two patches that face each other, as the ends of a clip, or with one patch
-    of `Partition.surface` that folds: by "compliance" in one pass.
+    of `Partition.surface` that folds: by "compliance".
 
     Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Each two of their patches that face
     each other nearby at the start get a contact.
@@ -118,9 +118,8 @@ def CreatePartitionContact(
         meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
         tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius. Default:
         "integrated", but with "lagrange" the paper's "node-to-segment", whose implicit steps converge better.
-    passes : {"finer", "given", "two"}
-        Which body is the slave: the one with the smaller facets, the one given as such, or both in turn, with half of
-        the contact each.
+    passes : {"finer", "given"}
+        Which body is the slave: the one with the smaller facets, or the one given as such.
     slavePatch, masterPatch : int or str, optional
         Number or name of the contact patch, for bodies that have several.
     masterBody : optional
@@ -177,8 +176,7 @@ def CreatePartitionContact(
     validate_new_name(mbs, name, ("Object", "Sensor"))
     chosen = formulation_of(formulation, stiffness)
     rows = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
-    if validate_choice("passes", passes, PASSES) == "two":
-        chosen = TwoPasses(chosen)
+    _check_passes(passes)
     coulomb = friction_of(friction)
     if coulomb is not None:
         chosen = _with_friction(chosen, coulomb)
@@ -254,6 +252,16 @@ def CreatePartitionContact(
     return contact
 
 
+def _check_passes(passes: object) -> None:
+    """The slave is one body; half of the contact with each as slave, which "two" was, is no more."""
+    if isinstance(passes, str) and passes == "two":
+        raise InputError(
+            "passes: expected one of 'finer', 'given', got 'two'. Contact in two passes is no more; leave passes out, "
+            "with rows='integrated' where pressures of meshes that do not match should be even"
+        )
+    validate_choice("passes", passes, PASSES)
+
+
 def _facing_each_other(
     mbs: MainSystem, bodies: Sequence[PartitionBody], within: float | None
 ) -> list[tuple[tuple[PartitionBody, int], tuple[PartitionBody, int]]]:
@@ -284,7 +292,7 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
             f"{patches[0]} of one body twice. A patch that folds may touch itself: choose it by Partition.surface"
         )
     if type(formulation) is not Compliance:
-        raise InputError("formulation, passes: a body touches itself by formulation='compliance' alone, in one pass")
+        raise InputError("formulation: a body touches itself by formulation='compliance' alone")
     if any(patches_of[patch].plastic for patch in patches):
         raise InputError(
             "slave, master: patches of one body that touch each other must be of a material without hardening"

@@ -232,16 +232,13 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
 def _pressures(
     item: PartitionBody, contacts: Iterable[PartitionContact], result: Result
 ) -> list[tuple[Array, Array, Array]]:
-    """Facets and nodes of a body's patches that have rows, and the pressures at these nodes, (n, np) [Pa]."""
+    """Facets and nodes of the patches with which a body is a slave, and the pressures at these nodes, (n, np) [Pa]."""
     found = []
     for contact in contacts:
-        pressure, start = contact.pressure(result), 0
-        for side, patch in contact.sides:
-            own = side.body.partition.patches[patch]
-            if start < pressure.shape[1]:  # the slave has rows; with two passes, so has the master
-                if side is item:
-                    found.append((own.facets, own.nodes, pressure[:, start : start + len(own.nodes)]))
-                start += len(own.nodes)
+        (slave, patch), *_ = contact.sides
+        if slave is item:
+            own = item.body.partition.patches[patch]
+            found.append((own.facets, own.nodes, contact.pressure(result)))
     return found
 
 

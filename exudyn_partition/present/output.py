@@ -70,7 +70,7 @@ def write_paraview(
     fields : str or iterable of str
         "displacement" and "deformation" [m] and "velocity" [m/s], (n, 3) in the axes of space. "von_mises", (n,), and
         "stress", (n, 6) xx, yy, zz, yz, xz, xy in the body's own axes [Pa]. "contact_pressure", (n,) [Pa], on slaves,
-        because their nodes have the contact's rows; with passes="two" on both bodies. Of contacts with friction:
+        because their nodes have the contact's rows. Of contacts with friction:
         "contact_traction", (n, 3) [Pa], tangential, and "contact_state", (n,): 0 open, 1 sticks, 2 slips.
     times : (k,) [s] or int
         Times, for which the nearest samples are taken; or the number of frames, equally spaced over the run.

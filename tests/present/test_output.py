@@ -203,7 +203,7 @@ def test_frames_are_spread_over_the_run(run, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")  # the coarse block's own pass
-@pytest.mark.parametrize("options", [{}, {"rows": "node-to-segment"}, {"formulation": "penalty"}, {"passes": "two"}])
+@pytest.mark.parametrize("options", [{}, {"rows": "node-to-segment"}, {"formulation": "penalty"}])
 def test_nodal_forces_are_those_of_the_run(mbs, bodies, options, tmp_path):
     striker = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0])
     target = ep.CreatePartitionBody(mbs, bodies[1])
@@ -218,7 +218,7 @@ def test_nodal_forces_are_those_of_the_run(mbs, bodies, options, tmp_path):
         np.testing.assert_allclose(on_nodes.sum(axis=1), sign * force, atol=1e-6 * abs(force).max())
     files = files_of(write_paraview(tmp_path, some, fields="contact_pressure", times=some.t[-1:]))
     with_pressure = ["contact_pressure" in meshio.read(path).point_data for *_, path in files]
-    assert sum(with_pressure) == (2 if options.get("passes") == "two" else 1)
+    assert sum(with_pressure) == 1
 
 
 @pytest.mark.parametrize(

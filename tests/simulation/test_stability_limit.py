@@ -50,12 +50,7 @@ def dense_limit(contact):
         M = scipy.linalg.block_diag(
             *(M for b in bodies for M in (b.total_mass * np.eye(3), b.inertia.tensor, np.eye(b.n_dofs - 6)))
         )
-    passes = getattr(contact.law, "passes", (contact.law,))
-    K += closed_stiffness(passes[0]) / len(passes)
-    if len(passes) == 2:
-        n = passes[0].gaps.sides[0].n
-        exchanged = np.r_[n : len(K), :n]
-        K[np.ix_(exchanged, exchanged)] += closed_stiffness(passes[1]) / 2
+    K += closed_stiffness(contact.law)
     return 2 / np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[-1])
 
 
@@ -65,7 +60,6 @@ def dense_limit(contact):
     ("surface", "options"),
     [
         (None, {}),
-        (None, {"passes": "two"}),
         (None, {"rows": "node-to-segment"}),
         (None, {"formulation": "penalty"}),
         (ep.RigidPlane(TOP), {}),

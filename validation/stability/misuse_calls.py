@@ -568,7 +568,7 @@ CALLS = {
         master=v.item.but(**_foreign_item, itself=Made(lambda s: s.striker))(Made(lambda s: ep.RigidPlane())),
         formulation=v.choice.but(**{"a class": Penalty, "a law": Made(lambda s: s.contact.law)})("penalty"),
         rows=v.choice.or_none,
-        passes=v.choice("finer"),
+        passes=v.choice.but(**{"two passes": "two"})("finer"),
         slavePatch=v.patch(None),
         masterPatch=v.patch(None),
         masterBody=Kind(

@@ -526,7 +526,7 @@ def comparison_without_the_point(s):
 
 
 @scene
-def rows_of_two_passes_and_a_step_beyond_the_end(s):
+def reference_with_a_step_beyond_the_end(s):
     ep.reference.simulate([s.full, s.other_full], end_time=1e-6, step=1e-3)
 
 

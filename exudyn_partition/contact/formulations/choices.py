@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, get_args
 from weakref import WeakKeyDictionary
@@ -13,23 +12,20 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ...algebra.coulomb import Coulomb
-from ...errors import InputError, ModelLimitWarning
+from ...errors import InputError
 from ...reduction.body import ReducedBody
 from ...support.checks import validate_choice, validate_positive
 from ..gaps import Gaps
-from ..patch_gaps import PatchGaps
 from .compliance import ComplianceContact, PlasticCompliance
 from .coupled import Compliant, CoupledContacts, SharedPatches
 from .formulation import Formulation, Law, Links, SharedBody
 from .frictional_compliance import FrictionalCompliance, PlasticFrictionalCompliance
 from .lagrange import FrictionalLagrange, LagrangeContact, PlasticFrictionalLagrange, PlasticLagrange
-from .law import ElasticContact
 from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
-from .two_pass import TwoPass
 
 FormulationName = Literal["compliance", "lagrange", "penalty"]
 NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
-_OF_A_FORMULATION = ("check", "law", "couples", "together", "rows", "both_passes")
+_OF_A_FORMULATION = ("check", "law", "couples", "together", "rows")
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; contacts are not coupled below it
 _MOVED = 1e-9  # the same for accelerations: those that multipliers of one contact give to rows of another
@@ -45,8 +41,6 @@ class Compliance(Formulation):
     friction : Coulomb, optional
         With it, see `frictional_compliance.FrictionalCompliance`.
     """
-
-    both_passes = True
 
     def __init__(self, friction: Coulomb | None = None) -> None:
         self.friction = friction
@@ -81,20 +75,7 @@ class Compliance(Formulation):
         """See `Formulation`; frictionless elastic contacts may share a patch."""
         if any(type(one) is not ComplianceContact for one in (law, other)):
             super().couples(law, other, shared)
-        coupling = _coupling(shared)
-        if coupling <= _COUPLED:
-            return False
-        if isinstance(law, Compliant) and isinstance(other, Compliant):
-            return True
-        if all(isinstance(one, Compliant | TwoPass) for one in (law, other)):
-            warnings.warn(
-                f"body {shared.name!r}: the residual flexibility couples its patches {shared.patches[0]} and "
-                f"{shared.patches[1]} by {coupling:.1%}. Contacts with passes='two' neglect this: forces on one "
-                "patch may be wrong by about that share of the forces on the other. Take one pass, or a higher f_cut",
-                ModelLimitWarning,
-                stacklevel=5,
-            )
-        return False
+        return _coupling(shared) > _COUPLED and isinstance(law, Compliant) and isinstance(other, Compliant)
 
     def together(self, laws: Sequence[Any], links: Links) -> CoupledContacts:
         """See `Formulation`."""
@@ -167,8 +148,6 @@ class Penalty(Formulation):
         With it, see `penalty.FrictionalPenalty`.
     """
 
-    both_passes = True
-
     def __init__(self, stiffness: float | None = None, friction: Coulomb | None = None) -> None:
         self.stiffness = None if stiffness is None else validate_positive("stiffness", stiffness, "N/m3")
         self.friction = friction
@@ -201,42 +180,6 @@ class Penalty(Formulation):
             return bed_stiffness(gaps)
         inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
         return inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
-
-
-class TwoPasses(Formulation):
-    """A formulation in two passes, each with half of the forces and another body as slave; see `two_pass.TwoPass`.
-
-    Parameters
-    ----------
-    half : Formulation
-        Formulation of each pass.
-    """
-
-    def __init__(self, half: Formulation) -> None:
-        self.half, self.rows = half, half.rows
-
-    def check(self, bodies: Sequence[ReducedBody]) -> None:
-        """See `Formulation`."""
-        if not self.half.both_passes or len(bodies) < 2:
-            raise InputError("passes: 'two' needs two partition bodies and formulation 'compliance' or 'penalty'")
-        self.half.check(bodies)
-
-    def with_friction(self, friction: Coulomb) -> Formulation:
-        """See `Formulation`; two passes have none."""
-        raise InputError("passes: 'two' has no friction; leave passes out, or friction")
-
-    def law(self, gaps: Gaps) -> TwoPass:
-        """See `Formulation`."""
-        if any(side.zone is not None for side in gaps.sides):
-            raise InputError("passes: 'two' knows no plastic zones; leave passes out, or hardening= of the material")
-        there, back = self.half.law(gaps), self.half.law(gaps.exchanged() if isinstance(gaps, PatchGaps) else gaps)
-        if not isinstance(there, ElasticContact) or not isinstance(back, ElasticContact):
-            raise InputError("passes: 'two' needs a formulation whose laws are elastic (law.ElasticContact)")
-        return TwoPass(there, back)
-
-    def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
-        """See `Formulation`."""
-        return self.half.couples(law, other, shared)
 
 
 def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:

@@ -90,7 +90,7 @@ class Law(Protocol):
 
     @property
     def gaps(self) -> Gaps:
-        """The gaps; with two passes those of the first pass."""
+        """The gaps."""
 
     @property
     def lam(self) -> Array:
@@ -304,12 +304,9 @@ class Formulation(Protocol):
     ----------
     rows : {"integrated", "node-to-segment"}
         Default kind of the gap rows.
-    both_passes : bool
-        Whether it works in two passes, each with half of the forces and another body as slave.
     """
 
     rows: RowKind = "integrated"
-    both_passes: bool = False
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """Raise InputError if the bases of the bodies lack what the formulation needs."""

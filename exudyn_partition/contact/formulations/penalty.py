@@ -1,6 +1,6 @@
 """Contact by a penalty: an elastic layer on the slave's patch, for comparison, and for bodies with any basis.
 
-Theory: examples/site/theory.md, "Penalty and two passes".
+Theory: examples/site/theory.md, "Penalty".
 """
 
 from __future__ import annotations

@@ -106,5 +106,3 @@ def test_what_is_no_formulation_is_refused(mbs, bodies):
     items = [ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP), ep.CreatePartitionBody(mbs, bodies[1])]
     with pytest.raises(InputError, match="formulation: expected one of 'compliance', 'lagrange', 'penalty'"):
         ep.CreatePartitionContact(mbs, *items, formulation=object())
-    with pytest.raises(InputError, match="passes: 'two' needs two partition bodies and formulation"):
-        ep.CreatePartitionContact(mbs, *items, formulation=Springs(), passes="two")

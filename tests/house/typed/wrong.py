@@ -25,7 +25,7 @@ ep.CreatePartitionBody(mbs, body, inertiaTerms=["coriolys"])  # list-item
 ep.CreatePartitionBody(mbs, body, initialVelocity="down")  # arg-type
 ep.CreatePartitionContact(mbs, item, item, formulation="multipliers")  # call-overload
 ep.CreatePartitionContact(mbs, item, item, rows="nodes")  # call-overload
-ep.CreatePartitionContact(mbs, item, item, passes="one")  # call-overload
+ep.CreatePartitionContact(mbs, item, item, passes="two")  # call-overload
 ep.CreatePartitionContact(mbs, body, item)  # call-overload
 ep.solve_dynamic(mbs, end_time=1e-3, method="Newmark")  # arg-type
 ep.solve_dynamic(mbs, 1e-3)  # call-arg

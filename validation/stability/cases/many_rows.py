@@ -47,12 +47,6 @@ def flat(method):
     return kept(run, energy=5e-3) | exchanged(run, 0.02)
 
 
-@case("flat on flat, two passes", "velocities swap 2 %", warns=("ModelLimitWarning",))
-def flat_two_passes(method):
-    run = bars(method, {"passes": "two"})
-    return kept(run, energy=5e-3, solve=False) | exchanged(run, 0.02)
-
-
 @case("flat on flat, multipliers", "velocities swap but for what nodes carry, 10 %, which warns; no penetration",
       warns=("ModelLimitWarning",))  # fmt: skip
 def flat_multipliers(method):
