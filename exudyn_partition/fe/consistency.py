@@ -25,11 +25,11 @@ _AT_A_NODE = {4: 0.02, 8: 0.02, 10: 0.02, 20: 0.1}
 _CENTRE = 0.05  # of mass, by the body's size: that of nodes is not quite that of curved elements
 _SYMMETRIC = 1e-8  # round-off, by the largest entry
 # Uniform strains xx, yy, zz, yz, xz, xy as gradients of motions, (6, 3, 3), and what they are called.
-_STRAINS = np.zeros((6, 3, 3))
-_STRAINS[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
-_STRAINS[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = _STRAINS[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 0.5
+UNIFORM_STRAINS = np.zeros((6, 3, 3))
+UNIFORM_STRAINS[[0, 1, 2], [0, 1, 2], [0, 1, 2]] = 1.0
+UNIFORM_STRAINS[[3, 4, 5], [1, 0, 0], [2, 2, 1]] = UNIFORM_STRAINS[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 0.5
 _CALLED = [f"strain along {axis}" for axis in "xyz"] + [f"shear of {axes}" for axes in ("yz", "xz", "xy")]
-_ALL = np.array([0.8, -0.5, 0.6, 0.9, -0.4, 0.6])  # a strain that has all of them
+ALL_STRAINS = np.array([0.8, -0.5, 0.6, 0.9, -0.4, 0.6])  # a strain that has all of them
 Elastic = Material | Regions
 
 
@@ -99,14 +99,14 @@ def check_elements(
             f"{bad[0]} at ({where}). Expected nodes in VTK order, which gives positive volumes; exchange two corners"
         )
     _check_mass(mass, cell_mass, elastic.rho * volume, points, points[cells].mean(axis=1))
-    lame, shear = (np.broadcast_to(x, len(volume)) for x in (elastic.lame, elastic.shear_modulus))
-    motions = np.einsum("na,vab->nbv", points - points.mean(axis=0), _STRAINS).reshape(-1, 6)
+    motions = np.einsum("na,vab->nbv", points - points.mean(axis=0), UNIFORM_STRAINS).reshape(-1, 6)
     forces = stiffness @ motions
-    _check_energies(motions.T @ forces, volume, lame, shear, elastic)
-    strain = np.einsum("v,vab->ab", _ALL, _STRAINS)
+    check_energies(motions.T @ forces, volume, elastic)
+    lame, shear = (np.broadcast_to(x, len(volume)) for x in (elastic.lame, elastic.shear_modulus))
+    strain = np.einsum("v,vab->ab", ALL_STRAINS, UNIFORM_STRAINS)
     spherical, deviatoric = lame * np.trace(strain), 2 * shear
     of_cells = gradients @ (spherical[:, None, None] * np.eye(3) + deviatoric[:, None, None] * strain)
-    _check_forces(points, cells, (forces @ _ALL).reshape(-1, 3), of_cells)
+    _check_forces(points, cells, (forces @ ALL_STRAINS).reshape(-1, 3), of_cells)
 
 
 def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: Array, centres: Array) -> None:
@@ -120,16 +120,7 @@ def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: 
             f"{worst} has {cell_mass[worst]:.4g} kg for {expected[worst]:.4g} kg. Are points, cells and material those "
             "that the matrices were made with, in the same units?"
         )
-    for axis, name in enumerate("xyz"):
-        along = np.zeros(mass.shape[0])
-        along[axis::3] = 1.0
-        moved = float(along @ (mass @ along))
-        if abs(moved - total) > EQUAL * total:
-            raise InputError(
-                f"mass: a motion along {name} moves {moved:.6g} kg by the mass matrix, but the elements have "
-                f"{total:.6g} kg by cell_mass, {total / moved:.4g} times as much. Expected the matrix of these points, "
-                "cells and material, in the same units"
-            )
+    check_moved_mass(mass, total, f"the elements have {total:.6g} kg by cell_mass", EQUAL)
     away = np.linalg.norm((mass @ np.ones(mass.shape[0])).reshape(-1, 3).mean(axis=1) @ points - cell_mass @ centres)
     if away > _CENTRE * total * np.ptp(points, axis=0).max():
         raise InputError(
@@ -138,12 +129,33 @@ def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: 
         )
 
 
-def _check_energies(energies: Array, volume: Array, lame: Array, shear: Array, elastic: Elastic) -> None:
-    """Compare twice the energies of uniform strains, (6, 6) [J], with those of the elements."""
-    traces = np.einsum("vaa->v", _STRAINS)
-    products = np.einsum("vab,wab->vw", _STRAINS, _STRAINS)
+def check_moved_mass(mass: sp.csr_matrix, total: float, of: str, equal: float) -> None:
+    """Raise `InputError` unless a motion along each axis moves the total mass [kg], within a relative difference."""
+    for axis, name in enumerate("xyz"):
+        along = np.zeros(mass.shape[0])
+        along[axis::3] = 1.0
+        moved = float(along @ (mass @ along))
+        if abs(moved - total) > equal * total:
+            raise InputError(
+                f"mass: a motion along {name} moves {moved:.6g} kg by the mass matrix, but {of}, "
+                f"{total / moved:.4g} times as much. Expected the matrix of these points, facets or "
+                "cells, and material, in the same units"
+            )
+
+
+def check_energies(energies: Array, volume: Array, elastic: Elastic, equal: float = EQUAL) -> None:
+    """Compare twice the energies of uniform strains, (6, 6) [J], with those of some volumes, (ne,) [m3].
+
+    Raises
+    ------
+    InputError
+        If they differ by more than `equal`, by the largest.
+    """
+    lame, shear = (np.broadcast_to(x, len(volume)) for x in (elastic.lame, elastic.shear_modulus))
+    traces = np.einsum("vaa->v", UNIFORM_STRAINS)
+    products = np.einsum("vab,wab->vw", UNIFORM_STRAINS, UNIFORM_STRAINS)
     expected = (lame @ volume) * np.outer(traces, traces) + 2 * (shear @ volume) * products
-    off = (abs(energies - expected) > EQUAL * expected.max()).any(axis=1)
+    off = (abs(energies - expected) > equal * expected.max()).any(axis=1)
     if off.any():
         first, per = int(off.argmax()), 2 * volume.sum()
         raise InputError(
@@ -172,6 +184,11 @@ def _check_forces(points: Array, cells: Array, found: Array, of_cells: Array) ->
             f"differs by {off[node]:.3g} N from that of the elements around it, of which one makes {scale[node]:.3g} "
             "N. Is an element missing in cells, a modulus at the wrong place, or a node's number another?"
         )
+
+
+def element_volumes(points: Array, cells: Array) -> Array:
+    """(ne,) array: volume of each element [m3], negative where it is inverted."""
+    return _integrals(points, cells)[0]
 
 
 def _integrals(points: Array, cells: Array) -> tuple[Array, Array]:

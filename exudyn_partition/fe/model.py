@@ -24,12 +24,21 @@ from ..support.checks import (
     validate_type,
     validate_whole,
 )
-from .consistency import check_elements, check_symmetric, largest_entry, plain_matrix
+from .consistency import check_elements, check_symmetric, element_volumes, largest_entry, plain_matrix
 from .facets import check_neighbours, facet_corners, part_sizes
+from .given_matrices import (
+    cells_beneath,
+    check_against_surface,
+    check_free,
+    check_surface,
+    lumped_by_diagonal,
+    ordered,
+    reach,
+)
 from .material import Material, Regions
 from .places import nearest_node
 from .shapes import CELL_FACES, ORDERS
-from .walls import Wall, weakest_wall
+from .walls import Wall, weakest_between, weakest_wall
 
 MassKind = Literal["consistent", "lumped"]
 MASSES: tuple[MassKind, ...] = get_args(MassKind)
@@ -44,6 +53,8 @@ _HRZ_SHARE = {
 }
 # Volume of the regular tetrahedron, and of the cube, with edges of length one.
 _TETRAHEDRON, _CUBE = 2**-0.5 / 6, 1.0
+# Largest distance of two nodes of an element by that edge: measured of meshes of Netgen, and of a cube.
+_TETRAHEDRA, _HEXAHEDRA = 1.35, 3**0.5
 
 # Speeds of waves in bars, sqrt(E / rho), in metres and in millimetres a second: from foam to beyond diamond.
 _WAVE_SPEEDS = ((10.0, 2e4), (1e6, 2e7))
@@ -79,6 +90,9 @@ class FEModel:
         Named boundaries as rows of `facets`.
     regions : Regions or None
         Which element is of which material, if there are several or the modulus differs from place to place.
+    surface : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array or None
+        Outward surface facets of a model whose elements are not known, with `cells` of shape (0, k); see
+        `from_matrices`.
 
     Raises
     ------
@@ -99,6 +113,7 @@ class FEModel:
     material: Material
     boundaries: dict[str, Array]
     regions: Regions | None = field(default=None, metadata={"added": True})
+    surface: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_type("material", self.material, Material, "ep.Material()")
@@ -138,6 +153,11 @@ class FEModel:
         read_only(self.cells)
         if self.regions is not None and len(self.regions.number) != len(cells):
             raise MeshError(f"regions: expected one for each of {len(cells)} elements, got {len(self.regions.number)}")
+        if not len(cells):
+            self._check_without_cells()
+            return
+        if self.surface is not None:
+            raise InputError("surface: expected none beside cells, whose faces it would be")
         nu = float(np.max(self.elastic.nu))
         if self.order == 1 and nu > _LINEAR_NU:
             raise LockingError(
@@ -157,16 +177,29 @@ class FEModel:
                 f"{', '.join(map(str, parts[:5]))}{', ...' if len(parts) > 5 else ''} elements. Merge coincident nodes "
                 "where they touch, or make one FE model of each"
             )
-        scale = largest_entry(self.stiffness) * np.ptp(points, axis=0).max()
+        self._check_rigid_motion()
+        self._check_boundaries()
+        check_elements(points, cells, self.cell_mass, self.mass, self.stiffness, self.elastic)
+
+    def _check_without_cells(self) -> None:
+        if self.surface is None:
+            raise MeshError("cells: expected elements, got none; without them give facets to FEModel.from_matrices")
+        check_indices("facets", self.surface, (None, None), self.n_nodes)
+        read_only(self.surface)
+        check_free(self.mass, self.stiffness)
+        check_surface(self.points, self.surface)
+        self._check_rigid_motion()
+        self._check_boundaries()
+        check_against_surface(self.points, self.surface, self.mass, self.stiffness, self.material)
+
+    def _check_rigid_motion(self) -> None:
+        scale = largest_entry(self.stiffness) * np.ptp(self.points, axis=0).max()
         strain_force = abs(self.stiffness @ self.rigid_modes).max()
         if strain_force > 1e-8 * scale:
             raise MeshError(
                 f"stiffness: rigid motion gives forces of {strain_force:.3g}, expected none; is a node held, or the "
-                "order of dofs not x y z x y z?"
+                "order of dofs not x y z x y z? Files need ten digits"
             )
-        self._check_boundaries()
-        if len(cells):
-            check_elements(points, cells, self.cell_mass, self.mass, self.stiffness, self.elastic)
 
     def _check_boundaries(self) -> None:
         if not isinstance(self.boundaries, dict):
@@ -217,6 +250,88 @@ class FEModel:
                 stacklevel=3,
             )
 
+    @classmethod
+    def from_matrices(
+        cls,
+        mass: sp.spmatrix | Array,
+        stiffness: sp.spmatrix | Array,
+        points: Array,
+        facets: Array | None = None,
+        *,
+        material: Material,
+        cells: Array | None = None,
+        dofs: Array | None = None,
+        boundaries: dict[str, Array] | None = None,
+    ) -> FEModel:
+        """FE model with the mass and stiffness of another program, by its elements or by its surface alone.
+
+        All that comes of mass, stiffness and surface needs no elements: bodies, contact, joints, forces and motion.
+        Strain and stress inside, plastic flow and the error of the mesh need them. The matrices are compared with the
+        material: the mass with density times volume, energies of uniform strains, and the forces at all nodes under
+        one of them.
+
+        Parameters
+        ----------
+        mass, stiffness : (3n, 3n) sparse matrix or array
+            Of the free body [kg, N/m], both triangles. `ep.read_matrices` reads files of other programs.
+        points : (n, 3) array
+            Nodes [m].
+        facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array, optional
+            The whole surface, as rows of `points`: corners counter-clockwise seen from outside, then nodes on edges.
+        material : Material
+            The one that the matrices were made with, for waves and contact.
+        cells : (ne, k) int array, optional
+            Instead of facets: all elements, see `FEModel`.
+        dofs : (3n, 2) int array, optional
+            What each row and column is: a row of `points`, and 0, 1 or 2 for x, y, z. Default: x y z of each node.
+        boundaries : dict of str to int array, optional
+            Named boundaries, as rows of the facets.
+
+        Returns
+        -------
+        FEModel
+
+        Raises
+        ------
+        MeshError
+            If a matrix is not symmetric, rigid motion strains the body, or facets are not a closed surface.
+        InputError
+            If both or none of facets and cells are given, dofs are held or missing, or points, material, mass and
+            stiffness are not of one model.
+
+        Warns
+        -----
+        UnitsWarning
+            If sizes or the material are unlikely.
+        """
+        validate_type("material", material, Material, "ep.Material()")
+        if (facets is None) == (cells is None):
+            raise InputError(f"facets, cells: expected one of them, got {'none' if facets is None else 'both'}")
+        points = validate_array("points", points, (None, 3))
+        M = ordered("mass", mass, len(points), dofs)
+        K = ordered("stiffness", stiffness, len(points), dofs)
+        check_free(M, K)
+        if facets is None:
+            elements, surface = validate_whole("cells", cells, "integers, (ne, k)"), None
+            check_indices("cells", elements, (None, None), len(points))
+            known = len(elements) and elements.shape[1] in CELL_FACES
+            cell_mass = material.rho * element_volumes(points, elements) if known else np.ones(len(elements))
+        else:
+            surface = validate_whole("facets", facets, "integers, (nf, k)").copy()
+            check_indices("facets", surface, (None, None), len(points))
+            elements, cell_mass = np.empty((0, cells_beneath(surface)), dtype=np.int64), np.empty(0)
+        model = cls(points, elements, M, K, cell_mass, material, boundaries or {}, None, surface)
+        model.warn_if_units_slipped()
+        return model
+
+    def need_cells(self, what: str) -> None:
+        """Raise `InputError` that names what needs elements, if this model has none."""
+        if self.surface is not None:
+            raise InputError(
+                f"fem: {what} needs the elements, which this model of matrices and a surface has not; give cells= to "
+                "FEModel.from_matrices instead of facets"
+            )
+
     @property
     def elastic(self) -> Material | Regions:
         """Elastic constants: of the one material, or one number an element."""
@@ -245,6 +360,8 @@ class FEModel:
     @cached_property
     def facets(self) -> Array:
         """(nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array: outward surface triangles, see `FACET_NODES`, or quads."""
+        if self.surface is not None:
+            return self.surface
         cell, face = self._facet_faces.T
         facets: Array = self._faces[0].reshape(*self._faces[1].shape, -1)[cell, face]
         read_only(facets)
@@ -291,6 +408,10 @@ class FEModel:
     @cached_property
     def lumped_mass(self) -> Array:
         """(n,) array: nodal masses [kg] by HRZ lumping, positive for all orders (paper, section 2.1)."""
+        if self.surface is not None:
+            lumped = lumped_by_diagonal(self.mass)
+            read_only(lumped)
+            return lumped
         share = self.cell_mass[:, None] * _HRZ_SHARE[self.cells.shape[1]]
         lumped = np.bincount(self.cells.ravel(), share.ravel(), minlength=self.n_nodes)
         read_only(lumped)
@@ -304,7 +425,7 @@ class FEModel:
     @cached_property
     def total_mass(self) -> float:
         """Mass of the body [kg]."""
-        return float(self.cell_mass.sum())
+        return float(self.cell_mass.sum()) if self.surface is None else float(self.mass.sum()) / 3
 
     @cached_property
     def centre_of_mass(self) -> Array:
@@ -340,11 +461,16 @@ class FEModel:
 
     @property
     def max_size(self) -> float:
-        """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m]."""
+        """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m].
+
+        If elements are not known, by the distance of nodes that the stiffness couples.
+        """
         return float(self._sizes.max())
 
     @property
     def _sizes(self) -> Array:
+        if self.surface is not None:
+            return reach(self.points, self.stiffness) / (_HEXAHEDRA if self.surface.shape[1] == 4 else _TETRAHEDRA)
         volume: Array = self.cell_volume / (_CUBE if self.cells.shape[1] == 8 else _TETRAHEDRON)
         return np.cbrt(volume)
 
@@ -364,6 +490,8 @@ class FEModel:
     @cached_property
     def weakest_wall(self) -> Wall:
         """The wall whose bending waves the mesh resolves worst."""
+        if self.surface is not None:
+            return weakest_between(self.points, facet_corners(self.surface), self.order, self.material)
         faces, number = self._faces
         corners = facet_corners(faces).reshape(*number.shape, -1)
         facets = self._facet_faces
@@ -376,9 +504,11 @@ class FEModel:
         return nearest_node(self.points, point)
 
     def __repr__(self) -> str:
-        shape = "hexahedra" if self.cells.shape[1] == 8 else "tetrahedra"
+        shape = f"{len(self.cells)} {'hexahedra' if self.cells.shape[1] == 8 else 'tetrahedra'}"
+        if self.surface is not None:
+            shape = f"{len(self.surface)} facets around elements"
         return (
-            f"FEModel({self.n_nodes} nodes, {len(self.cells)} {shape} of order {self.order}, "
+            f"FEModel({self.n_nodes} nodes, {shape} of order {self.order}, "
             f"{self.n_dofs} dofs, {self.total_mass:.4g} kg)"
         )
 

@@ -72,7 +72,10 @@ def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
     ------
     EmptyRegionError
         If there is none.
+    InputError
+        If the elements are not known.
     """
+    fem.need_cells("plastic flow")
     away = np.linalg.norm(fem.points[fem.cells].mean(axis=1) - center, axis=1)
     within = away <= radius
     if not within.any():

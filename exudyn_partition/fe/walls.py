@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..support.arrays import Array
 from .material import Material
@@ -97,6 +98,18 @@ def weakest_wall(
     """
     length = _lengths(points, corners[facets[:, 0], facets[:, 1]])
     thickness = _thickness(points, corners, facets, number, _THICK * length)
+    return _weakest(length, thickness, order, materials)
+
+
+def weakest_between(points: Array, facets: Array, order: int, material: Material) -> Wall:
+    """`weakest_wall` of a body whose elements are not known, by the corners of its facets, (nf, 3) or (nf, 4) int."""
+    length = _lengths(points, facets)
+    thickness = _distance_to_opposite(points, facets, _THICK * length)
+    return _weakest(length, thickness, order, ((material, np.arange(len(facets))),))
+
+
+def _weakest(length: Array, thickness: Array, order: int, materials: Sequence[tuple[Material, Array]]) -> Wall:
+    """Weakest wall by the length of the elements and the thickness at each facet, (nf,) [m]."""
     walls = []
     for material, rows in materials:
         worst = rows[_resolved(length[rows], thickness[rows], order, material, accurate=False).argmin()]
@@ -184,6 +197,30 @@ def _thickness(points: Array, corners: Array, facets: Array, number: Array, limi
         ray, code = ray[on], code[on]
         cell, face = code // number.shape[1], code % number.shape[1]
     return np.where(thickness < limit, thickness, np.inf)
+
+
+def _distance_to_opposite(points: Array, facets: Array, limit: Array) -> Array:
+    """(nf,) array: distance of each facet to the nearest parallel one that lies behind it, through the body [m].
+
+    Infinite where that is above `limit`. A facet lies behind another one if the normal through the middle of that one
+    passes its own middle at no more than its size.
+    """
+    nodes = points[facets]
+    middle = nodes.mean(axis=1)
+    normal = np.cross(nodes[:, 2] - nodes[:, 0], nodes[:, -1] - nodes[:, 1])
+    size = np.linalg.norm(nodes - middle[:, None], axis=2).max(axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    near = cKDTree(middle).query_ball_point(middle, limit + size.max())
+    one = np.repeat(np.arange(len(facets)), [len(found) for found in near])
+    other = np.concatenate(near).astype(np.int64)
+    away = middle[other] - middle[one]
+    depth = -np.einsum("pi,pi->p", away, normal[one])
+    aside = np.linalg.norm(away + depth[:, None] * normal[one], axis=1)
+    opposite = np.einsum("pi,pi->p", normal[one], normal[other]) < _OPPOSITE
+    behind = opposite & (depth > 0) & (depth < limit[one]) & (aside <= size[other])
+    thickness = np.full(len(facets), np.inf)
+    np.minimum.at(thickness, one[behind], depth[behind])
+    return thickness
 
 
 def _other_sides(number: Array) -> Array:

@@ -292,9 +292,12 @@ def surplus_of(fem: FEModel) -> Surplus:
     ------
     MeshError
         If the elements are no tetrahedra.
+    InputError
+        If they are not known.
     MemoryLimitError
     MissingPackageError
     """
+    fem.need_cells("the error of its mesh")
     if fem.cells.shape[1] not in TET_NODES:
         raise MeshError("cells: expected tetrahedra; the error of a mesh of hexahedra is not estimated")
     ngsolve, order = require("ngsolve"), fem.order

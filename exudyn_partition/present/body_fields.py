@@ -111,6 +111,8 @@ class BodyFields:
         if self.fem is not None:
             self.body.check_fem(self.fem, f"bodies, {self.item.name or 'a body'!r}")
         self._stressed = self.fem is not None and bool(_OF_STRESS & {*names})
+        if self.fem is not None and (self._stressed or not surface):
+            self.fem.need_cells("stress" if surface else "the inside")
         if self._stressed or not surface:
             self.body.check_inside(f"{'stress' if surface else 'the inside'} of {self.item.name or 'a body'!r}")
         cells = self.body.facets if surface or self.fem is None else self.fem.cells

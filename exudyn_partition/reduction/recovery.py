@@ -351,6 +351,7 @@ def _gradients(nodes: Array, local: Array) -> Array:
 
 def _validate_tetrahedra(fem: FEModel) -> None:
     validate_type("fem", fem, FEModel, "fe_model()")
+    fem.need_cells("strain and stress")
     if fem.cells.shape[1] not in TET_NODES:
         raise MeshError(f"cells: recovery expects tetrahedra with 4, 10 or 20 nodes, got {fem.cells.shape[1]} nodes")
 

@@ -83,6 +83,8 @@ class FullBody:
         validate_choice("mass", self.mass, MASSES)
         object.__setattr__(self, "patch", number_of_patch(self.partition, self.patch, "patch"))
         validate_choice("plastic", self.plastic, _EXTENTS)
+        if self.plastic == "everywhere":
+            self.fem.need_cells("plastic flow")
         if self.plastic == "everywhere" and self.fem.regions is not None:
             raise InputError("plastic: 'everywhere' expects a body of one material; take 'zone', or 'nowhere'")
         if self.plastic_state is not None:
