@@ -1,160 +1,19 @@
-"""The values of `misuse.py`: a small scene, and for each kind of argument a right value and many wrong ones.
+"""The kinds of arguments of `misuse.py`: for each a right value, where most calls take the same, and many wrong ones.
 
 A wrong value is wrong wherever its kind is asked for. So a call that accepts it silently is a fault.
 """
 
-import contextlib
-import io
-import os
-import tempfile
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import exudyn as exu
-import netgen.occ as occ
 import numpy as np
+import scipy.sparse as sp
 
 import exudyn_partition as ep
+from validation.stability.misuse_objects import Made, Scene, file, the
 
 LONG = "x" * 400  # longer than a file's name may be
-STEP, LENGTH = 0.5e-6, 0.04
-
-
-@dataclass(frozen=True)
-class Made:
-    """A value that is made of the scene for each call."""
-
-    make: Any
-
-    def __repr__(self):
-        return "..."
-
-
-class Scene:
-    """Two small bars, one above the other: as meshes, reduced, in models, after a run. Made once a process."""
-
-    def __init__(self):
-        self._folder = tempfile.TemporaryDirectory(prefix="misuse")
-        self.folder = Path(self._folder.name)
-        upper, lower = (occ.Box((-5e-3, -5e-3, z), (5e-3, 5e-3, z + LENGTH)) for z in (0.0, -LENGTH))
-        self.shape = upper
-        self.fem, self.other_fem = (ep.fe_model(s, ep.STEEL, maxh=8e-3) for s in (upper, lower))
-        high = np.flatnonzero(self.fem.points[:, 2] > LENGTH - 1e-9)
-        self.part = (
-            ep.Partition.ball(self.fem, (0, 0, 0), 4e-3, name="tip")
-            | ep.Partition.interface(self.fem, "pin", high, kind="averaged")
-            | ep.Partition.load(self.fem, "weight", ((-1, -1, LENGTH - 1e-9), (1, 1, 1)))
-        )
-        self.other_part = ep.Partition.ball(self.other_fem, (0, 0, 0), 4e-3)
-        self.body = ep.reduce(self.fem, self.part, f_cut=60e3)
-        self.other_body = ep.reduce(self.other_fem, self.other_part, f_cut=60e3)
-        self.full = ep.reference.FullBody(self.fem, self.part, velocity=(0, 0, -1))
-        self.other_full = ep.reference.FullBody(self.other_fem, self.other_part)
-        self.mbs, self.item, self.target, self.contact = self.model()
-        self.contact.AddMomentSensor(self.mbs)
-        self.mbs.Assemble()
-        self.result = ep.solve_dynamic(self.mbs, end_time=20 * STEP, step=STEP)
-        self.history = self.result.history(self.contact, {"P": (self.item, (0, 0, LENGTH), self.fem)})
-        self.comparison = ep.Comparison({"force": 0.1}, 1.0, 2.0, 1.0)
-        self.body.save(self.folder / "body.npz")
-        self.result.save(self.folder / "run.npz")
-        self.history.save(self.folder / "history.npz")
-        self.shape.WriteStep(str(self.folder / "block.step"))
-        (self.folder / "text.npz").write_text("no archive")
-        (self.folder / "empty.npz").write_bytes(b"")
-        whole = (self.folder / "body.npz").read_bytes()
-        (self.folder / "half.npz").write_bytes(whole[: len(whole) // 2])
-        np.savez(self.folder / "other.npz", x=1)
-        np.save(self.folder / "pickled.npy", np.array([{}], dtype=object), allow_pickle=True)
-
-    @cached_property
-    def softer(self):
-        """FE model of the upper block of a softer material, on the same mesh."""
-        return ep.fe_model(self.shape, replace(ep.STEEL, E=200e9), maxh=8e-3)
-
-    @cached_property
-    def heavier(self):
-        """FE model of the upper block of a denser material, on the same mesh."""
-        return ep.fe_model(self.shape, replace(ep.STEEL, rho=7900.0), maxh=8e-3)
-
-    @property
-    def moved(self):
-        """FE model of the upper block at another place."""
-        return replace(self.fem, points=self.fem.points + 1e-3)
-
-    @cached_property
-    def foreign(self):
-        """Body and contact of another model."""
-        _, item, _, contact = self.model()
-        return item, contact
-
-    @cached_property
-    def sticking(self):
-        """Contact of the upper block with a floor, with friction, and the result of its run."""
-        part = ep.Partition.ball(self.fem, (0, 0, 0), 4e-3, axes="xyz")
-        mbs = self.empty()
-        item = ep.CreatePartitionBody(mbs, ep.reduce(self.fem, part, f_cut=60e3), initialVelocity=[0.1, 0, -1])
-        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3)
-        mbs.Assemble()
-        return contact, ep.solve_dynamic(mbs, end_time=20 * STEP, step=STEP)
-
-    @cached_property
-    def yielding(self):
-        """Contact of the upper block, which may yield, with a floor, and the result of its run."""
-        material = replace(self.fem.material, yield_stress=1e-3 * self.fem.material.E, hardening=0.0)
-        fem = replace(self.fem, material=material)
-        mbs = self.empty()
-        body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 4e-3), f_cut=60e3)
-        item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -1])
-        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
-        mbs.Assemble()
-        return contact, ep.solve_dynamic(mbs, end_time=20 * STEP, step=STEP)
-
-    def falling(self):
-        """Model of the upper block under gravity."""
-        mbs = self.empty()
-        ep.CreatePartitionBody(mbs, self.body, gravity=[0, 0, -9.81])
-        return mbs
-
-    @cached_property
-    def working(self):
-        """Sensor of the work of gravity, and the result of its run."""
-        mbs = self.falling()
-        sensor = ep.CreateWorkSensor(mbs)
-        mbs.Assemble()
-        return sensor, ep.solve_dynamic(mbs, end_time=4 * STEP, step=STEP)
-
-    def apart(self):
-        """Model of both bodies without a contact; `striker` and `struck` are those of the last one."""
-        mbs = exu.SystemContainer().AddSystem()
-        self.striker = ep.CreatePartitionBody(mbs, self.body, name="upper", initialVelocity=[0, 0, -1])
-        self.struck = ep.CreatePartitionBody(mbs, self.other_body, name="lower")
-        return mbs
-
-    def model(self):
-        """Model, striker, target and contact, not assembled."""
-        mbs = self.apart()
-        contact = ep.CreatePartitionContact(mbs, self.striker, self.struck, name="contact")
-        return mbs, self.striker, self.struck, contact
-
-    def assembled(self):
-        """A model that is ready to run."""
-        mbs = self.model()[0]
-        mbs.Assemble()
-        return mbs
-
-    def empty(self):
-        """A model without anything."""
-        return exu.SystemContainer().AddSystem()
-
-    def pipe(self):
-        """A pipe that nobody writes into."""
-        path = self.folder / "pipe"
-        with contextlib.suppress(FileExistsError):
-            os.mkfifo(path)
-        return path
 
 
 @dataclass(frozen=True)
@@ -163,7 +22,6 @@ class Kind:
 
     wrong: dict[str, Any]
     right: Any = None
-    optional: bool = field(default=False)
 
     def but(self, *names, **more):
         """The same kind without some of the wrong values, and with others."""
@@ -270,9 +128,9 @@ path_out = Kind(
         "empty": "",
         "NUL": "a\0b",
         "400 characters": LONG,
-        "folder": Made(lambda s: s.folder),
-        "no folder": Made(lambda s: s.folder / "none" / "x"),
-        "below a file": Made(lambda s: s.folder / "text.npz" / "x"),
+        "folder": the.folder,
+        "no folder": file("none/x"),
+        "below a file": file("text.npz/x"),
         "device": "/dev/full",
         "/proc": "/proc/x",
         "pipe": Made(Scene.pipe),
@@ -282,29 +140,29 @@ path_in = path_out.but(
     "device",
     "/proc",
     **{
-        "missing": Made(lambda s: s.folder / "none"),
-        "no archive": Made(lambda s: s.folder / "text.npz"),
-        "empty file": Made(lambda s: s.folder / "empty.npz"),
-        "half a file": Made(lambda s: s.folder / "half.npz"),
-        "another archive": Made(lambda s: s.folder / "other.npz"),
-        "pickle": Made(lambda s: s.folder / "pickled.npy"),
+        "missing": file("none"),
+        "no archive": file("text.npz"),
+        "empty file": file("empty.npz"),
+        "half a file": file("half.npz"),
+        "another archive": file("other.npz"),
+        "pickle": file("pickled.npy"),
         "device": "/dev/null",
     },
 )
-folder = path_out.but("folder", "no folder", file=Made(lambda s: s.folder / "text.npz"))
+folder = path_out.but("folder", "no folder", file=file("text.npz"))
 
 _OWN = {
     "material": Made(lambda s: ep.STEEL),
-    "fem": Made(lambda s: s.fem),
-    "part": Made(lambda s: s.part),
-    "body": Made(lambda s: s.body),
-    "item": Made(lambda s: s.item),
-    "contact": Made(lambda s: s.contact),
-    "result": Made(lambda s: s.result),
-    "history": Made(lambda s: s.history),
-    "mbs": Made(lambda s: s.mbs),
-    "comparison": Made(lambda s: s.comparison),
-    "shape": Made(lambda s: s.shape),
+    "fem": the.fem,
+    "part": the.part,
+    "body": the.body,
+    "item": the.item,
+    "contact": the.contact,
+    "result": the.result,
+    "history": the.history,
+    "mbs": the.mbs,
+    "comparison": the.comparison,
+    "shape": the.shape,
 }
 
 
@@ -320,15 +178,9 @@ material, fem, part, body, item = (own(name) for name in ("material", "fem", "pa
 contact, result, history, mbs = (own(name) for name in ("contact", "result", "history", "mbs"))
 mbs = mbs.but(**{"a SystemContainer": Made(lambda s: exu.SystemContainer())})
 own_result = result
-result = result.but(**{"of another model": Made(lambda s: _result_of_another(s))})
+result = result.but(**{"of another model": Made(Scene.another_result)})
 run = own("result", "history")
 item_or_body = own("item", "body")
-
-
-def _result_of_another(scene):
-    mbs = scene.assembled()
-    with contextlib.redirect_stdout(io.StringIO()):
-        return ep.solve_dynamic(mbs, end_time=2 * STEP, step=STEP)
 
 
 def several(kind):
@@ -339,3 +191,82 @@ def several(kind):
         return Made(lambda s: [value.make(s) if isinstance(value, Made) else value])
 
     return Kind({**wrong, **{f"[{name}]": listed(value) for name, value in wrong.items()}, "dict": {1: 2}})
+
+
+# Kinds of several functions
+foreign_item, foreign_contact = {"of another model": the.foreign.item}, {"of another model": the.foreign.contact}
+of_mesh = fem.but(**{"another mesh": the.other_fem})
+of_body = of_mesh.but(**{"another material": the.softer, "another density": the.heavier}, elsewhere=the.moved)
+inside = vector.but(outside=(1, 1, 1))
+scale = positive.but(**{"1e300": 1e300})
+# Hollows are right; one that fits the other surface is not, for they would touch all over.
+radius_of_two = limit.but("negative", **{"hollow of the other's radius": -0.01, "narrower hollow": -0.005})(0.01)
+numbers = Kind({**NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]}, np.arange(2))
+nodes = Kind({**NOTHING, "none": [], "halves": [0.5, 1.5, 2.5], "beyond": [0, 1, 10**6], "negative": [-1, 0, 1]})
+nodes = nodes.but(Trues=[True, False, True])(np.arange(12))
+motion = Kind({**NOTHING, "number": 1.0, "flat": np.zeros(3), "nan": np.full((1, 12), nan), "texts": [["a"]]})
+patches = Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1}, (None, None))
+runs = Kind({**NOTHING, "list": [1], "of numbers": {"a": 1.0}, "empty name": {"": None}})
+runs = runs(Made(lambda s: {"run": s.comparison}))
+model_and_partition = Kind(
+    {
+        **NOTHING,
+        "fem": the.fem,
+        "swapped": Made(lambda s: (s.part, s.fem)),
+        "three": Made(lambda s: (s.fem, s.part, 1)),
+        "of two meshes": Made(lambda s: (s.fem, s.other_part)),
+    }
+)
+model_and_body = Kind(
+    {
+        **NOTHING,
+        "fem": the.fem,
+        "swapped": Made(lambda s: (s.body, s.fem)),
+        "three": Made(lambda s: (s.fem, s.body, 1)),
+        "of two meshes": Made(lambda s: (s.fem, s.other_body)),
+        "of two materials": Made(lambda s: (s.softer, s.body)),
+    }
+)
+shape_and_material = Kind(
+    {
+        **NOTHING,
+        "shape": the.shape,
+        "swapped": Made(lambda s: (ep.STEEL, s.shape)),
+        "three": Made(lambda s: (s.shape, ep.STEEL, 1)),
+        "FE model": Made(lambda s: (s.fem, ep.STEEL)),
+        "no STEP file": Made(lambda s: (s.folder / "text.npz", ep.STEEL)),
+        "missing": ("none.step", ep.STEEL),
+        "flat": Made(lambda s: (s.shape, ep.STEEL)),
+    }
+)
+
+
+def matrix(name):
+    """Values of a matrix of an FE model."""
+
+    def changed(change):
+        return Made(lambda s: change(getattr(s.fem, name)))
+
+    def by_axes(matrix):  # all dofs x first, then y, then z
+        order = np.arange(matrix.shape[0]).reshape(-1, 3).T.ravel()
+        return matrix[order][:, order]
+
+    return Kind(
+        {
+            **NOTHING,
+            "zeros": changed(lambda m: 0 * m),
+            "times 1000": changed(lambda m: 1000 * m),
+            "complex": changed(lambda m: m * (1 + 0.1j)),
+            "complex list of lists": changed(lambda m: sp.lil_matrix(m) * 1j),
+            "one triangle": changed(lambda m: sp.triu(m, format="csr")),
+            "an entry on one side": changed(lambda m: m + sp.csr_matrix(([1e-3 * m.max()], ([0], [5])), m.shape)),
+            "one row changed": changed(lambda m: sp.diags(1 + (np.arange(m.shape[0]) == 7)) @ m),
+            "not square": changed(lambda m: m[:-3]),
+            "truth values": changed(lambda m: m.astype(bool)),
+            "dense of text": changed(lambda m: m.toarray().astype(str)),
+            "other order of dofs": changed(by_axes),
+            "of another mesh": sp.identity(3),
+            "nan": changed(lambda m: m * nan),
+        },
+        changed(lambda m: m),
+    )
