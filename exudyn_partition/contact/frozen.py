@@ -3,110 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from ..algebra.block_complementarity import FlatBlocks, pooled
+from ..algebra.block_complementarity import FlatBlocks
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .gaps import Gaps
-from .pairings import LinearGaps
-
-_CLEARLY = 1 - 1e-6  # rounding of what pairs have slid, relative to their reach
-_FEW = 8  # lowest rows
-
-
-class FlatRows(NamedTuple):
-    """Rows of all contacts in flat arrays, see `LinearGaps`.
-
-    Parameters
-    ----------
-    starts, places, drift_starts : (n + 1,) int arrays
-        Where the rows of each contact begin, its coordinates in `dofs`, and its pairs in `drift_start`.
-    dofs : array of int
-        Numbers of each contact's coordinates in the model.
-    numbers : array
-        Matrices of all contacts; equal ones are there once.
-    H, drift, normals : (n,) int arrays
-        Where these of each contact begin in `numbers`; H is transposed.
-    start, drift_start : arrays
-    reach : (n,) array
-        A little less, so that pairs that stay frozen here do so in their laws too.
-    """
-
-    starts: Array
-    places: Array
-    drift_starts: Array
-    dofs: Array
-    numbers: Array
-    H: Array
-    drift: Array
-    normals: Array
-    start: Array
-    drift_start: Array
-    reach: Array
-
-    @classmethod
-    def of(cls, frozen: Sequence[LinearGaps], normals: Sequence[Array], dofs: Sequence[Array]) -> FlatRows:
-        """Put the rows of contacts one after the other."""
-        numbers, at = pooled([*(g.H.T for g in frozen), *(g.drift for g in frozen), *normals])
-        H, drift, normal = at.reshape(3, -1)
-        return cls(
-            _starts([g.start for g in frozen]),
-            _starts(dofs),
-            _starts([g.drift_start for g in frozen]),
-            np.concatenate(dofs),
-            numbers,
-            H,
-            drift,
-            normal,
-            np.concatenate([g.start for g in frozen]),
-            np.concatenate([g.drift_start for g in frozen]),
-            np.array([_CLEARLY * g.reach for g in frozen]),
-        )
-
-
-class LowestRows(NamedTuple):
-    """Rows with the smallest gaps of each contact: one of them keeps the smallest while the contact moves a little.
-
-    Parameters
-    ----------
-    H : array
-        Transposes of the rows, (n, k), one contact after the other.
-    start : (nc, k) array
-    at : array
-        Coordinates of each contact where they were chosen.
-    numbers : array
-        `turn` and `slide` of all contacts; equal ones are there once.
-    turn, slide : (nc,) int arrays
-        Where these begin, (n,) each: how much the gaps of two rows change against each other, and pairs slide, at most
-        with each coordinate.
-    room, slack : (nc,) arrays
-        How much they may from there, so that the rows hold and pairs stay frozen [m].
-    """
-
-    H: Array
-    start: Array
-    at: Array
-    numbers: Array
-    turn: Array
-    slide: Array
-    room: Array
-    slack: Array
-
-    @classmethod
-    def of(cls, frozen: Sequence[LinearGaps]) -> LowestRows:
-        """Return none chosen yet."""
-        nc, k, n = len(frozen), min(_FEW, *(len(g.start) for g in frozen)), sum(g.H.shape[1] for g in frozen)
-        turns = {id(g.H): np.ptp(g.H, axis=0) for g in frozen}
-        numbers, at = pooled([turns[id(g.H)] for g in frozen] + [abs(g.drift).max(axis=0, initial=0) for g in frozen])
-        turn, slide = at.reshape(2, -1)
-        return cls(np.empty(k * n), np.empty((nc, k)), np.empty(n), numbers, turn, slide, *np.zeros((2, nc)))
+from .linear_gaps import FlatRows, LowestRows
 
 
 class FrozenContacts:
-    """Frictionless contacts with frozen pairs on common bodies, evaluated at once. Only where loops are compiled.
+    """Frictionless contacts with frozen pairs on common bodies, evaluated at once where `loops.at_once`.
 
     Parameters
     ----------
@@ -158,8 +66,6 @@ class FrozenContacts:
         Return False if pairs begin to slide, or forces do not settle soon; then each contact must be evaluated. While
         all contacts stay open, their lowest rows are enough; `evaluate_rows` finds the gaps of all.
         """
-        loops = kernels("contact")
-        assert loops is not None
         if not self.pushes and loops.fly_on(self._rows, self._lowest, q, self.h, self.told):
             self.whole = False
             return True
@@ -167,8 +73,6 @@ class FrozenContacts:
 
     def evaluate_rows(self, q: Array) -> bool:
         """Find gaps of all rows too, see `evaluate`."""
-        loops = kernels("contact")
-        assert loops is not None
         self.whole = self.pushes = True
         if len(q) != len(self.force):
             self.force = np.empty(len(q))
@@ -192,8 +96,3 @@ class FrozenContacts:
         found = self._blocks.iterations.copy()
         self._blocks.iterations[:] = 0
         return found
-
-
-def _starts(arrays: Sequence[Array]) -> Array:
-    """Where each of some arrays begins in all of them together, and their end, (n + 1,)."""
-    return np.cumsum([0, *map(len, arrays)])

@@ -23,10 +23,10 @@ from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
-from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints, at_points, on_nodes
 from ..surfaces.rows import directed_matrix, point_matrix
-from .pairings import LinearGaps
+from . import loops
+from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side, Standing
 
 if TYPE_CHECKING:
@@ -299,11 +299,7 @@ class Gaps:
 
     def _pushes(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
-        if loops := kernels("contact"):
-            mean = self.points.mean
-            found: Array = loops.pushes(mean.indptr, mean.indices, mean.data, lam, self.normals)
-            return found
-        return self.points.spread(lam)[:, None] * self.normals
+        return loops.pushes(self.points, lam, self.normals)
 
     def on_nodes(self, forces: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N].

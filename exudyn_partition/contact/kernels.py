@@ -14,7 +14,7 @@ from ..support.compiled import compiled, inlined
 from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
-    from .frozen import FlatRows, LowestRows
+    from .linear_gaps import FlatRows, LowestRows
 
 
 @compiled
@@ -307,7 +307,7 @@ def choose_lowest(rows: FlatRows, lowest: LowestRows, j: int, own: Array, gap: A
 
 @compiled
 def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
-    """Tell the smallest gap of each contact; False if one is closed or pairs slide. See `frozen.LowestRows`."""
+    """Tell the smallest gap of each contact; False if one is closed or pairs slide. See `linear_gaps.LowestRows`."""
     few, gap = lowest.start.shape[1], np.empty(lowest.start.shape[1])
     for j in range(len(told)):
         own, place, turned, slides, least = coordinates_of(rows, j, q), rows.places[j], 0.0, 0.0, np.inf

@@ -17,6 +17,7 @@ from ..surfaces.near import pair_wandering
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, directed_matrix, pair_surfaces
 from ..surfaces.witnesses import spread
+from .linear_gaps import LinearGaps
 from .side import Side
 
 _MOST = 16  # pairings that are kept with a body, those used last
@@ -24,31 +25,6 @@ _ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places 
 
 # Pairings hold arrays alone. One that held a body would keep it, and so itself, for ever.
 KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = weakref.WeakKeyDictionary()
-
-
-@dataclass(frozen=True, eq=False)
-class LinearGaps:
-    """Gaps of pairs that are frozen, as long as three of them slide less than `reach`.
-
-    Parameters
-    ----------
-    H : (nr, n) array
-        Gaps by the coordinates.
-    start : (nr,) array
-        Gaps at zero coordinates [m].
-    drift : (6, n) array
-        Sliding of three pairs along two tangents, by the coordinates; empty if pairs never change.
-    drift_start : (6,) array
-        That where the pairs were found [m].
-    reach : float
-        [m]
-    """
-
-    H: Array
-    start: Array
-    drift: Array
-    drift_start: Array
-    reach: float
 
 
 @dataclass(eq=False)

@@ -17,23 +17,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..algebra.complementarity import ROUNDING, Complementarity
+from ..algebra.complementarity import Complementarity
 from ..algebra.products import largest_change, moved, weighted_rows
 from ..support.arrays import Array
-from ..support.compiled import kernels
 from ..support.twins import Known, copied
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import pose_of, seen_from, triangle_frame, witnesses_of
+from . import loops
 from .gaps import BULGE, SAME, Gaps, Pressed, needed
-from .pairings import LinearGaps, Pairing, drift_rows
+from .linear_gaps import LinearGaps
+from .pairings import Pairing, drift_rows
 from .side import Side
 
 if TYPE_CHECKING:
@@ -170,12 +170,11 @@ class PatchGaps(Gaps):
 
     def _generalised(self, lam: Array) -> Array:
         """See `Gaps._generalised`; one compiled call while points are followed, if no frame moves."""
-        loops, (slave, master) = kernels("contact"), (side.fixed for side in self.near_sides)
-        if loops is None or slave is None or master is None or not self._just_followed:
+        slave, master = (side.fixed for side in self.near_sides)
+        if not loops.at_once() or slave is None or master is None or not self._just_followed:
             return super()._generalised(lam)
         moving = self._pairs.moving(self.points, self._followed_points)
-        value: Array = loops.generalised(moving, lam, self.normals, slave, master)
-        return value
+        return loops.generalised(moving, lam, self.normals, slave, master)
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """See `Gaps.nodal_forces`."""
@@ -357,8 +356,8 @@ class PatchGaps(Gaps):
         None if the patches have moved by more than `reach` [m] since the last search, or a point has come to a facet
         that is not followed. `places` are those of the nodes of both sides, by default those that are followed.
         """
-        if loops := kernels("contact"):
-            return self._follow_compiled(loops, reach, places)
+        if loops.at_once():
+            return self._follow_at_once(reach, places)
         places = self.places_now() if places is None else places
         here = seen_from(places, self._witnesses)
         if self._searched_at is None or largest_change(here, self._searched_at) > reach:
@@ -368,22 +367,22 @@ class PatchGaps(Gaps):
         gap = self.points.average(of_points)
         return None if math.isnan(gap.sum()) else (gap, not self._others_close(gap, here))
 
-    def _follow_compiled(self, loops: ModuleType, reach: float, places: list[Array] | None) -> _Found:
-        """Do the same as `_follow`, compiled."""
+    def _follow_at_once(self, reach: float, places: list[Array] | None) -> _Found:
+        """Do the same as `_follow` in one call."""
         if self._rows_followed is None:
             assert self._searched_at is not None
             at_choice = self._searched_at, self._from, self._rigidly, self._pose
             self._rows_followed = self._pairs.followed(self.points, self._followed_points, *self._witnesses, *at_choice)
         rows, bounds = self._rows_followed, (BULGE, _NEAR * self.size)
-        how = rows, reach, FOLLOWED, STEPS, self.size, *bounds
+        how = reach, FOLLOWED, STEPS, self.size, *bounds
         slave, master = (side.fixed for side in self.near_sides)
         if places is None and slave is not None and master is not None:
-            found = loops.pressed_at(self._q, slave, master, *how, *(self._asked or _NOT_ASKED), ROUNDING)
+            found = loops.pressed_at(self._q, slave, master, rows, how, self._asked or _NOT_ASKED)
             here, normals, of_points, lost, gap, least, others, lam, force, settled = found
             self._pressed = (lam, force, least) if settled else None
         else:
             places = self.places_now() if places is None else places
-            here, normals, of_points, lost, gap, least, others = loops.followed_gaps(*places, *how)
+            here, normals, of_points, lost, gap, least, others = loops.followed_gaps(rows, places, how)
         if not len(normals):
             return None
         if len(lost):

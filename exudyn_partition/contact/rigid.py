@@ -14,7 +14,7 @@ from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps
-from .pairings import LinearGaps
+from .linear_gaps import LinearGaps
 from .side import Side
 
 

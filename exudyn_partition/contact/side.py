@@ -14,12 +14,13 @@ from ..algebra.products import congruence, largest_change
 from ..fe.model import node_dofs
 from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import Kinematics, Rows
+from ..frames.loops import fixed
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
-from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
+from . import loops
 from .plasticity.zone_run import ZoneMotion
 
 if TYPE_CHECKING:
@@ -68,12 +69,10 @@ class Side:
     @cached_property
     def fixed(self) -> Fixed | None:
         """What compiled loops need to place its nodes; None if its frame moves or the rows of its body are sparse."""
-        own, loops = self.kinematics, kernels("frames")
-        if loops is None or not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
+        own = self.kinematics
+        if not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
             return None
-        active = np.arange(len(own.start)) if self.active is None else self.active
-        value: Fixed = loops.fixed(own.start, own.rows, active, np.full(own.start.shape, np.nan))
-        return value
+        return fixed(own.start, own.rows, np.arange(len(own.start)) if self.active is None else self.active)
 
     @property
     def normal_only(self) -> bool:
@@ -221,17 +220,7 @@ class LoadedNodes:
         """
         nodes, weights = self.column[shares[0]], shares[1]
         along = np.ones((len(normals), 1)) if self.side.normal_only else self.side.kinematics.in_frame(q, normals)
-        if loops := kernels("contact"):
-            mean = points.mean
-            rows = loops.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, along, len(self.nodes))
-        else:
-            row, point, share = points.triplets
-            columns = along.shape[1] * nodes[point][:, :, None] + np.arange(along.shape[1])
-            cells = columns + len(self.F) * row[:, None, None]
-            values = (share[:, None] * weights[point])[:, :, None] * along[point][:, None, :]
-            size = len(points.area) * len(self.F)
-            rows = np.bincount(cells.ravel(), values.ravel(), minlength=size).reshape(-1, len(self.F))
-        return congruence(rows, self.F)
+        return congruence(loops.rows_along(points, nodes, weights, along, len(self.nodes)), self.F)
 
 
 class Standing(NamedTuple):

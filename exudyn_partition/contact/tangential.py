@@ -18,9 +18,9 @@ from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
-from ..support.compiled import kernels
 from ..surfaces.points import at_points
 from ..surfaces.surface import cross
+from . import loops
 from .gaps import Gaps
 from .side import LoadedNodes, Standing
 
@@ -109,28 +109,20 @@ class TangentialRows:
         if self._tangents_of is normals:
             return
         self._axes = self.gaps.sides[-1].kinematics.frame(self.gaps.coordinates[-1])[1]
-        self._tangents, cosines = tangents_of(normals, self._axes[:, self._axis])
+        self._tangents, cosines = loops.tangents_of(normals, self._axes[:, self._axis])
         if cosines.max(initial=0.0) > _STEEP:
-            others = [tangents_of(normals, axis) for axis in self._axes.T]
+            others = [loops.tangents_of(normals, axis) for axis in self._axes.T]
             self._axis = int(np.argmin([cosines.max() for _, cosines in others]))
             self._tangents = others[self._axis][0]
         self._tangents_of = normals
 
     def in_space(self, along: Array) -> Array:
         """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""
-        if loops := kernels("contact"):
-            found: Array = loops.in_space(self.tangents, along)
-            return found
-        vectors: Array = np.einsum("rk,rkd->rd", along, self.tangents)
-        return vectors
+        return loops.in_space(self.tangents, along)
 
     def along(self, vectors: Array) -> Array:
         """Components along the tangents, (nr, 2), of vectors in space, (nr, 3)."""
-        if loops := kernels("contact"):
-            found: Array = loops.along(self.tangents, vectors)
-            return found
-        along: Array = np.einsum("rd,rkd->rk", vectors, self.tangents)
-        return along
+        return loops.along(self.tangents, vectors)
 
     def way(self) -> Array:
         """How far the rows have slid along their tangents since `hold`, (nr, 2) [m]."""
@@ -225,17 +217,9 @@ class TangentialRows:
         """Nodes of one side's patch, k of them, and some rows on their flexibility coordinates, (3 na, 3 k)."""
         side, q, loaded = self.gaps.sides[place], self.gaps.coordinates[place], self.gaps.loaded_nodes(place)
         in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
-        k = len(loaded.nodes)
-        if loops := kernels("contact"):
-            mean, (nodes, weights) = self.gaps.points.mean, self.gaps.shares[place]
-            normals = side.kinematics.in_frame(q, self.gaps.normals)
-            triple = mean.indptr, mean.indices, mean.data
-            return loaded, loops.directed_rows(*triple, index, loaded.column[nodes], weights, normals, in_body, k)
-        used, own = self._node_weights(place, index)
-        weights = np.zeros((len(index), k))
-        weights[:, loaded.column[used]] = own
-        normal = sp.csr_matrix(self.gaps.side_rows(place)[index])[:, node_dofs(loaded.nodes)].toarray()
-        return loaded, np.asarray(_interleaved(normal, _directed(weights, in_body)))
+        (nodes, weights), normals = self.gaps.shares[place], side.kinematics.in_frame(q, self.gaps.normals)
+        carried = loaded.column[nodes], weights
+        return loaded, loops.directed_rows(self.gaps.points, index, *carried, normals, in_body, len(loaded.nodes))
 
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
@@ -288,13 +272,7 @@ class TangentialRows:
 
     def at_points(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], of forces along the directions of rows, (nr, 3)."""
-        gaps = self.gaps
-        if loops := kernels("contact"):
-            mean = gaps.points.mean
-            found: Array = loops.at_points(mean.indptr, mean.indices, mean.data, lam, self.tangents, gaps.normals)
-            return found
-        pushed = gaps.points.spread(np.hstack([lam[:, :1], self.in_space(lam[:, 1:])]))
-        return np.asarray(pushed[:, :1] * gaps.normals + pushed[:, 1:])
+        return loops.at_points(self.gaps.points, lam, self.tangents, self.gaps.normals)
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], of forces along the rows, (nr, 3) [N]."""
@@ -331,17 +309,6 @@ class TangentialRows:
             return np.asarray(self._all_rows().T @ lam.ravel())
         parts = zip(gaps.near_sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
-
-
-def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
-    """Two unit tangents, (k, 2, 3), of normals, (k, 3), the first across an axis, (3,); cosines of normals and axis."""
-    if loops := kernels("contact"):
-        tangents, cosines = loops.tangents_of(normals, np.ascontiguousarray(axis))
-        return tangents, cosines
-    normal = normals / np.sqrt(np.einsum("rd,rd->r", normals, normals))[:, None]
-    first = cross(normal, axis[None])
-    first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
-    return np.stack([first, cross(normal, first)], axis=1), abs(normal @ axis)
 
 
 def _nearly_equal(rows: Array, others: Array) -> bool:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from exudyn_partition.contact.frozen import FlatRows, LowestRows
-from exudyn_partition.contact.pairings import LinearGaps
-from exudyn_partition.support.compiled import compiles, kernels
+from exudyn_partition.contact import loops
+from exudyn_partition.contact.linear_gaps import FlatRows, LinearGaps, LowestRows
+from exudyn_partition.support.compiled import compiles
 
 pytestmark = pytest.mark.skipif(not compiles(), reason="numba does not load here")
 N = 12  # coordinates of a contact
@@ -33,7 +33,7 @@ def test_the_smallest_gap_is_that_of_all_rows(sizes, ties):
     phases = rng.uniform(0, 6, dofs[-1][-1] + 1)
     for step in range(2000):
         q, before = 0.05 * np.sin(0.01 * step + phases), lowest.at.copy()
-        assert kernels("contact").fly_on(rows, lowest, q, work, told)
+        assert loops.fly_on(rows, lowest, q, work, told)
         gaps = [g.start + g.H @ q[own] for g, own in zip(frozen, dofs, strict=True)]
         np.testing.assert_allclose(told[:, 5], [gap.min() for gap in gaps], rtol=1e-12)
         assert not told[:, :5].any()
@@ -44,7 +44,7 @@ def test_the_smallest_gap_is_that_of_all_rows(sizes, ties):
         q = np.zeros(len(phases))
         q[dofs[one]] = -2.0 * frozen[one].H[0] / (frozen[one].H[0] @ frozen[one].H[0])
         assert (frozen[one].start + frozen[one].H @ q[dofs[one]]).min() < 0.0
-        assert not kernels("contact").fly_on(rows, lowest, q, work, told)
+        assert not loops.fly_on(rows, lowest, q, work, told)
 
 
 def test_a_row_that_comes_down_alone_becomes_the_lowest():
@@ -56,7 +56,7 @@ def test_a_row_that_comes_down_alone_becomes_the_lowest():
         frozen = [LinearGaps(H, start, np.zeros((6, N)), np.zeros(6), 1.0)]
         rows, lowest = FlatRows.of(frozen, [np.zeros((nr, 3))], [np.arange(N)]), LowestRows.of(frozen)
         for way in np.linspace(0.0, height + 0.5, 200):
-            assert kernels("contact").fly_on(rows, lowest, way * np.eye(N)[0], np.zeros(nr), told)
+            assert loops.fly_on(rows, lowest, way * np.eye(N)[0], np.zeros(nr), told)
             assert told[0, 5] == pytest.approx(min(1.0, 1.0 + height - way))
 
 
@@ -71,7 +71,7 @@ def test_pairs_that_slide_are_found():
     for size in np.linspace(0, 10, 300):
         q = size * along
         slides = [abs(g.drift @ q[own] - g.drift_start).max() for g, own in zip(frozen, dofs, strict=True)]
-        assert kernels("contact").fly_on(rows, lowest, q, work, told) == (max(slides) <= 10.0)
+        assert loops.fly_on(rows, lowest, q, work, told) == (max(slides) <= 10.0)
     assert max(slides) > 10.0
     for wrong in (np.nan, np.inf):
-        assert not kernels("contact").fly_on(rows, lowest, np.full(len(along), wrong), work, told)
+        assert not loops.fly_on(rows, lowest, np.full(len(along), wrong), work, told)

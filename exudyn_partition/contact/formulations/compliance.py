@@ -10,12 +10,12 @@ import math
 import numpy as np
 import scipy.linalg
 
-from ...algebra.complementarity import ROUNDING, Complementarity, regularised
+from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.products import dense, smallest
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ...support.compiled import kernels
+from .. import loops
 from ..gaps import BULGE, Gaps
 from ..plasticity.yielding_patches import YieldingPatches
 from ..side import Standing
@@ -120,15 +120,15 @@ class ComplianceContact(ElasticContact):
         return same and rows is self.gaps.row_nodes and self.index.size > 0
 
     def _answered_again(self, h: Array) -> bool:
-        """Find the forces, if the rows that can close and those that are closed stay the same; only compiled."""
-        loops, problem, near = kernels("contact"), self.problem, self._near
-        if loops is None or near is None or not self._same_rows or problem.F is not self._flexibility(near):
+        """Find the forces, if the rows that can close and those that are closed stay the same."""
+        problem, near = self.problem, self._near
+        if near is None or not self._same_rows or problem.F is not self._flexibility(near):
             return False
-        lam, least, settled = loops.answer_again(h, near, *problem.compiled, BULGE, ROUNDING)
-        if settled:
+        found = loops.answer_again(h, near, problem, BULGE)
+        if found is not None:
             problem.iterations += 1
-            self.lam, self.least_gap = lam, least
-        return bool(settled)
+            self.lam, self.least_gap = found
+        return found is not None
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -140,9 +140,7 @@ class ComplianceContact(ElasticContact):
             return self._everything
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        loops, limit, near = kernels("contact"), -BULGE * least, self._near
-        if near is None or loops is None or not loops.same_rows(h, limit, near):
-            near = self._near = np.flatnonzero(h < limit)
+        near = self._near = loops.rows_below(h, -BULGE * least, self._near)
         F = self._flexibility(near)
         if self.problem.F is not F:
             self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])

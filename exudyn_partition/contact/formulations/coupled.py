@@ -14,7 +14,7 @@ from ...algebra.block_complementarity import BlockComplementarity
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
-from ...support.compiled import compiles
+from .. import loops
 from ..between import SAME, Exchange, FlexibilityBetween, Link
 from ..frozen import FrozenContacts
 from ..side import Standing
@@ -128,7 +128,7 @@ class CoupledContacts:
         last : FrozenContacts or None
             What this returned before. It is used again if it has the same pairs.
         """
-        if not self._jointly or not compiles() or any(law.gaps.linear is None for law in self.laws):
+        if not self._jointly or not loops.at_once() or any(law.gaps.linear is None for law in self.laws):
             return None
         laws = cast("list[ComplianceContact]", self.laws)
         if last is None or not last.has_pairs_of([law.gaps for law in laws]):

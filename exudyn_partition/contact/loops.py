@@ -1,0 +1,227 @@
+"""The loops over the rows of contacts: compiled if numba is there, else by NumPy.
+
+This is the only module of `contact` that knows which. `kernels` beside it has the compiled loops.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ..algebra.complementarity import ROUNDING, Complementarity
+from ..algebra.products import smallest
+from ..support.arrays import Array
+from ..support.compiled import kernels
+from ..surfaces.points import ContactPoints
+from ..surfaces.surface import cross
+
+if TYPE_CHECKING:
+    from ..frames.kernels import Fixed
+    from ..surfaces.moving_kernels import Followed, Moving
+    from .linear_gaps import FlatRows, LowestRows
+
+_Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
+_Pressed: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool, Array, Array, bool]  # see `pressed_at`
+
+
+def at_once() -> bool:
+    """Whether one call does several steps of an evaluation, or evaluates several contacts; only compiled loops do.
+
+    The functions at the end of this module are only for these.
+    """
+    return kernels("contact") is not None
+
+
+def pushes(points: ContactPoints, lam: Array, normals: Array) -> Array:
+    """Forces at points, (p, 3) [N], of forces on the rows, (nr,) [N], along the normals of their points, (p, 3)."""
+    if compiled := kernels("contact"):
+        mean = points.mean
+        found: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, normals)
+        return found
+    return points.spread(lam)[:, None] * normals
+
+
+def rows_along(points: ContactPoints, nodes: Array, weights: Array, along: Array, n: int) -> Array:
+    """Rows on d values of each of n nodes, (nr, d n): means of points, along a vector of each point.
+
+    Parameters
+    ----------
+    points : ContactPoints
+    nodes, weights : (p, k) int array, (p, k) array
+        Nodes that carry each point, by their numbers among the n, and their signed weights.
+    along : (p, d) array
+    n : int
+    """
+    if compiled := kernels("contact"):
+        mean = points.mean
+        rows: Array = compiled.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, along, n)
+        return rows
+    (row, point, share), d = points.triplets, along.shape[1]
+    columns = d * nodes[point][:, :, None] + np.arange(d)
+    cells = columns + d * n * row[:, None, None]
+    values = (share[:, None] * weights[point])[:, :, None] * along[point][:, None, :]
+    return np.bincount(cells.ravel(), values.ravel(), minlength=len(points.area) * d * n).reshape(-1, d * n)
+
+
+def directed_rows(
+    points: ContactPoints, index: Array, nodes: Array, weights: Array, normals: Array, tangents: Array, n: int
+) -> Array:
+    """Rows of the normals and tangents of some rows on n nodes, (3 na, 3 n): normal, two tangents, row after row.
+
+    Parameters
+    ----------
+    points : ContactPoints
+    index : (na,) int array
+        Numbers of the rows.
+    nodes, weights : (p, k) int array, (p, k) array
+        See `rows_along`.
+    normals : (p, 3) array
+        Of the points.
+    tangents : (na, 2, 3) array
+        Of the rows `index`.
+    n : int
+    """
+    if compiled := kernels("contact"):
+        mean = points.mean.indptr, points.mean.indices, points.mean.data
+        rows: Array = compiled.directed_rows(*mean, index, nodes, weights, normals, tangents, n)
+        return rows
+    carried = rows_along(points, nodes, weights, np.ones((len(normals), 1)), n)[index]
+    result = np.empty((len(index), 3, n, 3))
+    result[:, 0] = rows_along(points, nodes, weights, normals, n)[index].reshape(-1, n, 3)
+    result[:, 1:] = carried[:, None, :, None] * tangents[:, :, None, :]
+    return result.reshape(3 * len(index), 3 * n)
+
+
+def in_space(tangents: Array, along: Array) -> Array:
+    """Vectors in space, (nr, 3), of components, (nr, 2), along two tangents of each row, (nr, 2, 3)."""
+    if compiled := kernels("contact"):
+        found: Array = compiled.in_space(tangents, along)
+        return found
+    vectors: Array = np.einsum("rk,rkd->rd", along, tangents)
+    return vectors
+
+
+def along(tangents: Array, vectors: Array) -> Array:
+    """Components, (nr, 2), along two tangents of each row, (nr, 2, 3), of vectors in space, (nr, 3)."""
+    if compiled := kernels("contact"):
+        found: Array = compiled.along(tangents, vectors)
+        return found
+    components: Array = np.einsum("rd,rkd->rk", vectors, tangents)
+    return components
+
+
+def at_points(points: ContactPoints, lam: Array, tangents: Array, normals: Array) -> Array:
+    """Forces at points, (p, 3) [N], of forces on the rows along their normals and tangents, (nr, 3) [N].
+
+    Tangents belong to rows, (nr, 2, 3), normals to points, (p, 3).
+    """
+    if compiled := kernels("contact"):
+        mean = points.mean
+        found: Array = compiled.at_points(mean.indptr, mean.indices, mean.data, lam, tangents, normals)
+        return found
+    pushed = points.spread(np.hstack([lam[:, :1], in_space(tangents, lam[:, 1:])]))
+    return np.asarray(pushed[:, :1] * normals + pushed[:, 1:])
+
+
+def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
+    """Two unit tangents, (k, 2, 3), of normals, (k, 3), the first across an axis, (3,); cosines of normals and axis."""
+    if compiled := kernels("contact"):
+        tangents, cosines = compiled.tangents_of(normals, np.ascontiguousarray(axis))
+        return tangents, cosines
+    normal = normals / np.sqrt(np.einsum("rd,rd->r", normals, normals))[:, None]
+    first = cross(normal, axis[None])
+    first /= np.sqrt(np.einsum("rd,rd->r", first, first))[:, None]
+    return np.stack([first, cross(normal, first)], axis=1), abs(normal @ axis)
+
+
+def rows_below(h: Array, limit: float, known: Array | None) -> Array:
+    """Numbers of the rows with gaps h, (nr,), below a limit [m], ascending; `known` itself if these are its numbers."""
+    if known is not None and (compiled := kernels("contact")):
+        return known if compiled.same_rows(h, limit, known) else np.flatnonzero(h < limit)
+    found = np.flatnonzero(h < limit)
+    return known if known is not None and np.array_equal(found, known) else found
+
+
+def answer_again(h: Array, near: Array, problem: Complementarity, bulge: float) -> tuple[Array, float] | None:
+    """Forces on all rows, (nr,) [N], and the least gap [m], if the problem's active rows stay the same; else None.
+
+    Parameters
+    ----------
+    h : (nr,) array
+        Gaps of all rows [m].
+    near : (k,) int array
+        Rows that could close at the last answer: those of the problem. None is returned, too, if others can.
+    problem : Complementarity
+        With active rows.
+    bulge : float
+        Rows can close whose gap is less than that share of the deepest row's depth.
+    """
+    if compiled := kernels("contact"):
+        lam, least, settled = compiled.answer_again(h, near, *problem.compiled, bulge, ROUNDING)
+        return (lam, least) if settled else None
+    least = smallest(h)
+    if not (least < 0.0 and math.isfinite(least)) or rows_below(h, -bulge * least, near) is not near:
+        return None
+    some, _, count = problem.check(h[near])
+    lam = np.zeros(len(h))
+    lam[near] = some
+    return None if count else (lam, least)
+
+
+# Several steps in one call, only where loops do them `at_once`.
+
+
+def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:
+    """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`."""
+    found: _Gaps = _compiled().followed_gaps(*places, rows, *how)
+    return found
+
+
+def pressed_at(
+    q: Array, slave: Fixed, master: Fixed, rows: Followed, how: tuple[float, ...], asked: tuple[Array | float, ...]
+) -> _Pressed:
+    """Place nodes, follow points, and find gaps and forces; see `kernels.pressed_at`."""
+    found: _Pressed = _compiled().pressed_at(q, slave, master, rows, *how, *asked, ROUNDING)
+    return found
+
+
+def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> tuple[Array, float, bool]:
+    """Gaps of rows from those of their points, the least gap [m], and whether other rows may close."""
+    found: tuple[Array, float, bool] = _compiled().row_gaps(rows, of_points, here, *bounds)
+    return found
+
+
+def generalised(points: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
+    """Generalised forces of both bodies, (n,), of forces on rows, (nr,) [N], along their points' normals, (p, 3)."""
+    found: Array = _compiled().generalised(points, lam, normals, slave, master)
+    return found
+
+
+def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
+    """Set h, (nr,) [m], to the gaps at the model's coordinates q, (nq,); return whether all pairs stay frozen."""
+    return bool(_compiled().gaps_of_frozen(rows, q, h))
+
+
+def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
+    """Write the smallest gap of each contact to `told`, (n, 6); False if one is closed or pairs slide.
+
+    `h`, (nr,), is room to work in. See `linear_gaps.LowestRows`.
+    """
+    return bool(_compiled().fly_on(rows, lowest, q, h, told))
+
+
+def forces_of_frozen(
+    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, told: Array, stored: Array
+) -> None:
+    """Set `force`, `told` and `stored` by gaps and forces of all rows, see `frozen.FrozenContacts`."""
+    _compiled().forces_of_frozen(rows, h, lam, pushed, force, told, stored)
+
+
+def _compiled() -> ModuleType:
+    compiled = kernels("contact")
+    assert compiled is not None, "asked for what is only done at once"
+    return compiled
