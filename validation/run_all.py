@@ -212,6 +212,10 @@ def limits(units):
     return rows
 
 
+def experiment(d):
+    return [Row(name, "see its docstring and data", limit, d["found"][name]) for name, limit in d["limits"].items()]
+
+
 def gears(d):
     shown = limits(("transmission", "shares", "iso_stiffness", "impact_force", "impact_impulse"))(d)
     asked, quicker = d["faster_asked"], d["faster_than_explicit"]
@@ -243,6 +247,7 @@ def pareto(d):
     return rows
 
 
+EXPERIMENTS = ("tilted_bar", "zener", "ball_on_beam")  # scripts of experiments/
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
@@ -324,6 +329,8 @@ CASES = {
     "ordering": Case("benchmarks/ordering.py", ordering, quick=None),
     **{f"time_{scene}": Case(f"error_against_time/{scene}.py", error_against_time, full=("--again",))
        for scene in SCENES},
+    **{name: Case(f"experiments/{name}.py", experiment, ("--quick", "--out", f"{{out}}/{name}_quick.json"),
+                  (f"experiments_{name}.png",)) for name in EXPERIMENTS},
     "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
     "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
     "order": Case("mesh/order.py", limits(("unknowns",))),

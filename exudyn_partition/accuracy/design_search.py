@@ -45,6 +45,8 @@ _RESOLVE = 0.5  # ratio by which a mesh that resolves too little is to become be
 _FINER = 4  # steps of the default one, to tell the error of the step
 _SETTLED = 0.2  # relative change of the contact radius after which both contacts are meshed anew
 
+_MESHINGS, _SMALLER = 4, 0.9  # tries after a mesh that cannot be used, and elements of each by those before
+
 
 class Search:
     """Meshes, one after the other, until one is good enough."""
@@ -188,8 +190,13 @@ class Search:
             )
         return look
 
-    def make_model(self, i: int, own: Sizes, circle: float, *, one_thread: bool = False) -> dict[str, float]:
-        """Mesh a body and assemble its FE model; return the times [s]."""
+    def make_model(
+        self, i: int, own: Sizes, circle: float, *, one_thread: bool = False, again: int = _MESHINGS
+    ) -> dict[str, float]:
+        """Mesh a body and assemble its FE model; return the times [s].
+
+        Netgen's meshes have an element without volume at times, by chance: then others are tried, up to `again` times.
+        """
         begin, scene = time.perf_counter(), self.scene
         self.spaces.pop(i, None)
         with beside_other_work() if one_thread else contextlib.nullcontext():
@@ -205,10 +212,12 @@ class Search:
                 )
             try:
                 self.models[i] = own, circle, scene.model(i, mesh, own, circle)
-            except MeshError:  # curved sides turned elements inside out
-                if own.curvature == CURVATURE:
+            except MeshError:  # curved sides turned elements inside out, or an element within is flat
+                if not again:
                     raise
-                return self.make_model(i, replace(own, curvature=CURVATURE), circle, one_thread=one_thread)
+                other = replace(own, far=_SMALLER * own.far) if own.curvature == CURVATURE else own
+                other = replace(other, curvature=CURVATURE)
+                return self.make_model(i, other, circle, one_thread=one_thread, again=again - 1)
         return {"mesh": meshed - begin, "assemble": time.perf_counter() - meshed}
 
     def grown_space(self, model: Model, tolerance: float, keep: bool) -> AdaptedSpace:

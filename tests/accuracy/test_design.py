@@ -1,6 +1,6 @@
 """From shapes to bodies: the promise beside Hertz, what is told, and what is refused."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import exudyn as exu
@@ -10,7 +10,10 @@ import pytest
 from oracles import SPHERE_MATERIAL, relative
 
 import exudyn_partition as ep
+from exudyn_partition.accuracy.contact_place import contact_place
 from exudyn_partition.accuracy.design_search import Search
+from exudyn_partition.accuracy.impact_scene import Scene
+from exudyn_partition.accuracy.mesh_rules import Sizes
 from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
@@ -148,3 +151,26 @@ def test_meshes_change_even_if_each_part_of_the_error_is_small(design):
 def test_an_error_between_promise_and_tolerance_is_told(design):
     beyond = replace(design, limit="max_dofs", tolerance=1.1 * design.error)
     assert f"not promised: must be below {1.1 * design.error / 1.25:.2%}" in str(beyond)
+
+
+@dataclass(frozen=True, eq=False)
+class UnluckyScene(Scene):
+    """Its first meshes cannot be used, as some of Netgen's have an element without volume."""
+
+    sizes: list = field(default_factory=list)  # of elements that were tried
+
+    def model(self, i, mesh, sizes, circle):
+        self.sizes.append(sizes.far)
+        if len(self.sizes) < 4:
+            raise MeshError("1 of 2747 elements are inverted or have no volume")
+        return super().model(i, mesh, sizes, circle)
+
+
+def test_a_mesh_with_an_element_that_has_no_volume_is_made_again_with_others():
+    place = contact_place((BALL,), ep.RigidPlane(), np.zeros(3), lambda radius: 0.05 * radius)
+    scene = UnluckyScene((BALL,), (SPHERE_MATERIAL,), ep.RigidPlane(), place, SPEED, TOLERANCE, 100_000)
+    search = Search(scene, END)
+    search.make_model(0, Sizes(2, 3e-3, 0.5e-3, "a test"), 0.2e-3)
+    assert scene.sizes == sorted(scene.sizes, reverse=True)
+    assert scene.sizes[-1] < scene.sizes[0]
+    assert search.models[0][0].far == scene.sizes[-1]
