@@ -29,6 +29,40 @@ RUNNABLE = v.mbs.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": 
 MOTION_OF_BOTH = v.motion(Made(lambda s: np.zeros(s.body.n_dofs + s.other_body.n_dofs)))
 _t, _x = np.linspace(0, 1, 101), np.sin(np.linspace(0, np.pi, 101)) ** 2
 
+
+def _dofs(scene):
+    """What each row of the upper bar's matrices is."""
+    return np.column_stack(np.divmod(np.arange(scene.fem.n_dofs), 3))
+
+
+OF_A_MODEL = dict(
+    points=Kind(
+        {
+            **v.NOTHING,
+            "twice": Made(lambda s: 2 * s.fem.points),
+            "some": Made(lambda s: s.fem.points[:-1]),
+            "in another order": Made(lambda s: s.fem.points[::-1]),
+            "masked": Made(lambda s: np.ma.array(s.fem.points, mask=s.fem.points > 0.02)),
+            "of a unit": Made(lambda s: v.WithUnit.of(s.fem.points)),
+        },
+        the.fem.points,
+    ),
+    mass=v.matrix("mass"),
+    stiffness=v.matrix("stiffness"),
+    material=v.material.but(aluminium=ep.ALUMINIUM, **{"other nu": ep.Material(E=210e9, nu=0.29, rho=7800.0)}),
+    boundaries=Kind(
+        {
+            "None": None,
+            "text": "x",
+            "list": ["top"],
+            "no names": {1: np.arange(3)},
+            "beyond": {"top": np.array([10**6])},
+            "halves": {"top": np.array([0.5])},
+            "names of names": {"top": "x"},
+        },
+        {"top": np.arange(3)},
+    ),
+)
 ARGUMENTS = {
     # What the library makes
     "mbs": v.mbs,
@@ -124,7 +158,7 @@ ARGUMENTS = {
     "cache": v.path_out.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")(False),
     # The rest
     **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor update_initial", v.flag),
-    **each("go_on adaptive surface static_answer", v.flag),
+    **each("go_on adaptive static_answer", v.flag),
     **each("progress loadUserFunction loadVectorUserFunction", v.function),
     "refine": Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ()),
     "settings": Kind({"text": "x", "number": 1, "dict": {}, "a model": the.mbs}),
@@ -177,17 +211,7 @@ CALLS = {
         scale=v.positive,
     ),
     "FEModel": dict(
-        points=Kind(
-            {
-                **v.NOTHING,
-                "twice": Made(lambda s: 2 * s.fem.points),
-                "some": Made(lambda s: s.fem.points[:-1]),
-                "in another order": Made(lambda s: s.fem.points[::-1]),
-                "masked": Made(lambda s: np.ma.array(s.fem.points, mask=s.fem.points > 0.02)),
-                "of a unit": Made(lambda s: v.WithUnit.of(s.fem.points)),
-            },
-            the.fem.points,
-        ),
+        **OF_A_MODEL,
         cells=Kind(
             {
                 **v.NOTHING,
@@ -201,8 +225,6 @@ CALLS = {
             },
             the.fem.cells,
         ),
-        mass=v.matrix("mass"),
-        stiffness=v.matrix("stiffness"),
         cell_mass=v.samples.but(
             **{
                 "times 1000": Made(lambda s: 1000 * s.fem.cell_mass),
@@ -211,20 +233,37 @@ CALLS = {
                 "of others": Made(lambda s: np.roll(s.fem.cell_mass, 1) * np.where(np.arange(len(s.fem.cells)), 1, 2)),
             }
         )(the.fem.cell_mass),
-        material=v.material.but(aluminium=ep.ALUMINIUM, **{"other nu": ep.Material(E=210e9, nu=0.29, rho=7800.0)}),
-        boundaries=Kind(
-            {
-                "None": None,
-                "text": "x",
-                "list": ["top"],
-                "no names": {1: np.arange(3)},
-                "beyond": {"top": np.array([10**6])},
-                "halves": {"top": np.array([0.5])},
-                "names of names": {"top": "x"},
-            },
-            {"top": np.arange(3)},
-        ),
         regions=Kind({"text": "x", "a material": ep.STEEL, "numbers": np.arange(3)}),
+        surface=Kind({"text": "x", "number": 1, "of cells": the.fem.facets}),
+    ),
+    "FEModel.from_matrices": dict(
+        **{**OF_A_MODEL, "boundaries": OF_A_MODEL["boundaries"].or_none},
+        facets=Kind(
+            {
+                **v.NOTHING,
+                "halves": Made(lambda s: s.fem.facets + 0.5),
+                "from 1": Made(lambda s: s.fem.facets + 1),
+                "one missing": Made(lambda s: s.fem.facets[1:]),
+                "one twice": Made(lambda s: np.vstack([s.fem.facets, s.fem.facets[:1]])),
+                "inside out": Made(lambda s: s.fem.facets[:, [1, 0, 2, 3, 5, 4]]),
+                "of another mesh": Made(lambda s: s.fem.facets[:, ::-1]),
+                "five nodes": Made(lambda s: s.fem.facets[:, :5]),
+            },
+            the.fem.facets,
+        ),
+        cells=Kind({"text": "x", "number": 1, "beside facets": the.fem.cells}),
+        dofs=Kind(
+            {
+                "text": "x",
+                "number": 1,
+                "flat": Made(lambda s: np.arange(s.fem.n_dofs)),
+                "one missing": Made(lambda s: _dofs(s)[1:]),
+                "one twice": Made(lambda s: _dofs(s)[[0, *range(s.fem.n_dofs - 1)]]),
+                "from 1": Made(lambda s: _dofs(s) + 1),
+                "all x first": Made(lambda s: _dofs(s)[np.argsort(_dofs(s)[:, 1], kind="stable")]),
+                "halves": Made(lambda s: _dofs(s) + 0.5),
+            }
+        ),
     ),
     "FEModel.material_beneath": dict(facets=v.numbers),
     "FEModel.nearest_node": {},
@@ -586,7 +625,7 @@ CALLS = {
         folder=file("paraview"),
         result=v.own_result,
         fields=v.choice.but(none=[], **{"stress without a mesh": "stress"})("velocity"),
-        surface=True,
+        surface=v.flag(True),
     ),
     "plot.force": {},
     "plot.velocity": dict(
@@ -637,6 +676,7 @@ NOT_CALLED = {
     },
     "PlasticState": _MADE_BY_US,
     **{f"PlasticState.{name}": _INSIDE for name in ("virgin", "at", "changed")},
+    "FEModel.need_cells": _INSIDE,
     "Refine.n_elements": _INSIDE,
     "Partition.is_of": _INSIDE,
     "Partition.check_mesh": _INSIDE,
