@@ -28,6 +28,7 @@ from ._version import __version__ as __version__
 _HOMES = {
     "fe.material": ("Material", "STEEL", "ALUMINIUM"),
     "meshing.feminterface": ("from_feminterface",),
+    "meshing.matrix_files": ("FileMatrices", "read_matrices"),
     "meshing.mesh_size": ("Refine",),
     "meshing.netgen_mesh": ("generate_mesh",),
     "meshing.ngsolve_fem": ("fe_model",),

@@ -21,6 +21,7 @@ from .fe.model import FEModel
 from .fe.partition import Partition
 from .frames.damping import Rayleigh
 from .meshing.feminterface import from_feminterface
+from .meshing.matrix_files import FileMatrices, read_matrices
 from .meshing.mesh_size import Refine
 from .meshing.netgen_mesh import generate_mesh
 from .meshing.ngsolve_fem import fe_model
@@ -57,6 +58,7 @@ __all__ = [
     "CreateWorkSensor",
     "Estimate",
     "FEModel",
+    "FileMatrices",
     "History",
     "ImpactDesign",
     "Material",
@@ -90,6 +92,7 @@ __all__ = [
     "plot",
     "progress",
     "pyvista_view",
+    "read_matrices",
     "recovery",
     "reduce",
     "reduce_pair",

@@ -22,7 +22,7 @@ _OF_AN_ELEMENT = 1e-2  # the same of one element with curved sides, which codes 
 # The same of the force of a uniform strain at a node, by the largest of an element around it. Codes integrate cubic
 # elements by different numbers of points, which differ by 0.02 of coarse curved ones.
 _AT_A_NODE = {4: 0.02, 8: 0.02, 10: 0.02, 20: 0.1}
-_CENTRE = 0.05  # of mass, by the body's size: that of nodes is not quite that of curved elements
+CENTRE = 0.05  # of mass, by the body's size: that of nodes is not quite that of curved elements
 _SYMMETRIC = 1e-8  # round-off, by the largest entry
 # Uniform strains xx, yy, zz, yz, xz, xy as gradients of motions, (6, 3, 3), and what they are called.
 UNIFORM_STRAINS = np.zeros((6, 3, 3))
@@ -122,7 +122,7 @@ def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: 
         )
     check_moved_mass(mass, total, f"the elements have {total:.6g} kg by cell_mass", EQUAL)
     away = np.linalg.norm((mass @ np.ones(mass.shape[0])).reshape(-1, 3).mean(axis=1) @ points - cell_mass @ centres)
-    if away > _CENTRE * total * np.ptp(points, axis=0).max():
+    if away > CENTRE * total * np.ptp(points, axis=0).max():
         raise InputError(
             f"mass: its centre lies {away / total:.4g} m from that of the elements, expected the same; is the order of "
             "nodes another, or the order of dofs not x y z x y z?"

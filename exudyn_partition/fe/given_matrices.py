@@ -17,6 +17,7 @@ from ..support.arrays import Array
 from ..support.checks import check_indices, validate_whole
 from .consistency import (
     ALL_STRAINS,
+    CENTRE,
     EQUAL,
     UNIFORM_STRAINS,
     check_energies,
@@ -175,6 +176,16 @@ def enclosed_volume(points: Array, facets: Array) -> float:
     return float(-np.einsum("fkd,fkd->", points[facets], facet_forces(points, facets, None)) / 3)
 
 
+def _centre(points: Array, facets: Array) -> Array:
+    """Centre, (3,) [m], of the volume inside a closed surface, whose facets are taken as flat."""
+    corners = facet_corners(facets)
+    fans = [corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)]
+    middle = points.mean(axis=0)
+    a, b, c = (points[np.concatenate(fans)] - middle).transpose(1, 0, 2)
+    volumes = np.einsum("ti,ti->t", a, np.cross(b, c))  # six times those of tetrahedra between facets and the middle
+    return np.asarray(middle + volumes @ (a + b + c) / (4 * volumes.sum()))
+
+
 def check_against_surface(
     points: Array, facets: Array, mass: sp.csr_matrix, stiffness: sp.csr_matrix, material: Material
 ) -> None:
@@ -192,6 +203,14 @@ def check_against_surface(
     equal = EQUAL + _CURVED * abs(volume - flat) / volume
     expected = material.rho * volume
     check_moved_mass(mass, expected, f"density times the volume inside the facets is {expected:.6g} kg", equal)
+    size, centre = np.ptp(points, axis=0).max(), _centre(points, facets)
+    weights = (mass @ np.ones(mass.shape[0])).reshape(-1, 3).mean(axis=1)
+    away = np.linalg.norm(weights @ points / weights.sum() - centre)
+    if away > CENTRE * size:
+        raise InputError(
+            f"mass: its centre lies {away:.4g} m from that of the volume inside the facets, expected the same; is the "
+            "order of nodes another?"
+        )
     motions = np.einsum("na,vab->nbv", points - points.mean(axis=0), UNIFORM_STRAINS).reshape(-1, 6)
     forces = stiffness @ motions
     check_energies(motions.T @ forces, np.array([volume]), material, equal)

@@ -126,11 +126,12 @@ class Assembly:
         self._nodes: dict[int, _Numbering] = {}  # by the part's id, and so below
         self._elements: dict[int, _Numbering] = {}
         self._blocks: list[tuple[int, Elements, Array]] = []  # first row, and rows of the nodes, (k, n)
-        points = []
+        points, numbers = [], []
         n, self._count = 0, 0
         for part in placed:
             labels, places = _nodes_once([nodes for scope in part.scopes for nodes in scope.nodes])
             points.append(places @ part.turn.T + part.shift)
+            numbers.append(labels)
             self._nodes[id(part)] = _Numbering(labels, n)
             n += len(labels)
             blocks = [block for scope in part.scopes for block in scope.elements]
@@ -140,6 +141,7 @@ class Assembly:
                 self._blocks.append((self._count, block, self._rows_of_nodes(part, block)))
                 self._count += len(block.labels)
         self._points = np.concatenate([np.zeros((0, 3)), *points])
+        self._labels = _joined(iter(numbers))
         kinds = dict.fromkeys(block.kind for _, block, _ in self._blocks if block.kind is not None)
         self._of_kind = {kind: [found for found in self._blocks if found[1].kind == kind] for kind in kinds}
         self._solids = _joined(
@@ -181,7 +183,7 @@ class Assembly:
             for scope in part.scopes:
                 self._name_surfaces(part, scope, before, faces, node_sets)
                 self._name_sets(part, scope, before, faces, node_sets)
-        return FileMesh(self._points, cells, faces, node_sets, self._regions())
+        return FileMesh(self._points, cells, faces, node_sets, self._regions(), self._labels)
 
     def _name_surfaces(
         self, part: Part, scope: Part, before: str, faces: dict[str, list[Array]], node_sets: dict[str, Array]

@@ -71,6 +71,8 @@ class FileMesh:
         Rows of `points`.
     regions : sequence of CellRegions
         Of the solid elements, if they have several, or names that a user may give materials to.
+    labels : (n,) int array or None
+        Numbers of the nodes in the file, if it has some.
     """
 
     points: Array
@@ -78,6 +80,7 @@ class FileMesh:
     faces: dict[str, list[Array]] = field(default_factory=dict)
     node_sets: dict[str, Array] = field(default_factory=dict)
     regions: Sequence[CellRegions] = ()
+    labels: Array | None = None
 
     @property
     def solids(self) -> dict[str, Array]:

@@ -118,7 +118,7 @@ def read_nastran(path: Path) -> FileMesh:
                 properties.setdefault(kind, []).extend(card.integer(2, 0) for card, _ in of_kind)
     mesh = Assembly([part], {}).mesh(path)
     of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
-    return FileMesh(mesh.points, mesh.cells, regions=_regions(found, of_solids))
+    return FileMesh(mesh.points, mesh.cells, regions=_regions(found, of_solids), labels=mesh.labels)
 
 
 def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:

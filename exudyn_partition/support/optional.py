@@ -8,12 +8,12 @@ from types import ModuleType
 from ..errors import MissingPackageError
 
 
-def require(package: str) -> ModuleType:
-    """Import `package`, or raise `MissingPackageError` with the pip line."""
+def require(package: str, distribution: str | None = None) -> ModuleType:
+    """Import `package`, or raise `MissingPackageError` with the pip line, where it may have another name."""
     try:
         return importlib.import_module(package)
     except ImportError as error:
-        name = package.split(".")[0]
+        name = distribution or package.split(".")[0]
         raise MissingPackageError(
             f"{name} is needed for this and could not be imported ({error}): pip install {name}"
         ) from error

@@ -149,6 +149,13 @@ def softer_somewhere(fem):
     return ep.fe_model(bored(), ep.STEEL, maxh=9e-3, order=fem.order, modulus=lambda places: modulus).stiffness
 
 
+def upside(fem):
+    """Dofs of nodes in the order of their mass, heavy ones below."""
+    order = np.empty(fem.n_nodes, dtype=int)
+    order[np.argsort(fem.points[:, 2])] = np.argsort(-fem.lumped_mass)
+    return (3 * order[:, None] + np.arange(3)).ravel()
+
+
 def inner(fem):
     """Two nodes of the surface far from each other."""
     nodes = np.unique(fem.facets)
@@ -174,6 +181,10 @@ WRONG = {
     "another order of both": (
         lambda f: {"stiffness": moved(f.stiffness, *inner(f)), "mass": moved(f.mass, *inner(f))},
         "stiffness: ",
+    ),
+    "the lower nodes of the mass upside": (
+        lambda f: {"mass": f.mass[upside(f)][:, upside(f)]},
+        "mass: its centre lies .* m from that of the volume",
     ),
     "one triangle": (lambda f: {"stiffness": sp.triu(f.stiffness)}, "stiffness: expected a symmetric matrix"),
     "one triangle of the mass": (lambda f: {"mass": sp.triu(f.mass)}, "mass: expected a symmetric matrix"),

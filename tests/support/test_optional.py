@@ -9,3 +9,5 @@ from exudyn_partition.support.optional import require
 def test_a_missing_package_is_named_with_its_pip_line():
     with pytest.raises(MissingPackageError, match="pip install no_such_package"):
         require("no_such_package")
+    with pytest.raises(MissingPackageError, match="pip install no-such-package"):
+        require("no.such.package", "no-such-package")
