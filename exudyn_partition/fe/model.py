@@ -320,7 +320,9 @@ class FEModel:
             surface = validate_whole("facets", facets, "integers, (nf, k)").copy()
             check_indices("facets", surface, (None, None), len(points))
             elements, cell_mass = np.empty((0, cells_beneath(surface)), dtype=np.int64), np.empty(0)
-        model = cls(points, elements, M, K, cell_mass, material, boundaries or {}, None, surface)
+        model = cls(
+            points, elements, M, K, cell_mass, material, {} if boundaries is None else boundaries, None, surface
+        )
         model.warn_if_units_slipped()
         return model
 

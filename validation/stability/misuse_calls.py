@@ -178,6 +178,7 @@ ARGUMENTS = {
 }
 OBJECTS = {
     "FEModel": the.fem,
+    "FileMatrices": Made(lambda s: ep.read_matrices(s.matrix_files())),
     "Partition": the.part,
     "ReducedBody": the.body,
     "PartitionBody": the.item,
@@ -265,6 +266,26 @@ CALLS = {
             }
         ),
     ),
+    "read_matrices": dict(
+        source=v.path_in(Made(Scene.matrix_files)),
+        mass=v.path_in.or_none,
+        mass_unit=v.positive,
+        stiffness_unit=v.positive,
+    ),
+    "FileMatrices.on": dict(
+        labels=Kind(
+            {
+                **v.NOTHING,
+                "number": 1,
+                "halves": [0.5],
+                "unknown": Made(lambda s: np.arange(s.fem.n_nodes) + 2),
+                "twice": Made(lambda s: np.ones(s.fem.n_nodes, dtype=int)),
+                "negative": Made(lambda s: -np.arange(s.fem.n_nodes)),
+            },
+            Made(lambda s: np.arange(s.fem.n_nodes) + 1),
+        )
+    ),
+    "FileMatrices.fe_model": dict(mesh=v.path_in(file("matrices.inp")), scale=v.positive),
     "FEModel.material_beneath": dict(facets=v.numbers),
     "FEModel.nearest_node": {},
     "Partition.ball": dict(
@@ -659,6 +680,7 @@ _MADE_BY_US = "made by the library, whose functions check what it is made of"
 _EVERY_STEP = "called by Exudyn's solvers in every step, with what they have"
 _INSIDE = "takes what the library has checked, in loops"
 NOT_CALLED = {
+    "FileMatrices": _MADE_BY_US,
     "Partition": _MADE_BY_US,
     "Estimate": _MADE_BY_US,
     "ImpactDesign": _MADE_BY_US,

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
+import scipy.sparse as sp
 from exudyn.FEM import FEMinterface
 
 import exudyn_partition as ep
@@ -192,6 +193,23 @@ class Scene:
         fem = FEMinterface()
         fem.ImportMeshFromNGsolve(mesh, ep.STEEL.rho, ep.STEEL.E, ep.STEEL.nu, meshOrder=1, boundaryNamesList=[])
         return fem
+
+    def matrix_files(self):
+        """Matrices of the upper block as CalculiX writes them, and the deck that they were made of."""
+        path = self.folder / "matrices.sti"
+        if path.exists():
+            return path
+        for suffix, matrix in ((".sti", self.fem.stiffness), (".mas", self.fem.mass)):
+            rows, columns, values = sp.find(sp.triu(matrix))
+            np.savetxt(path.with_suffix(suffix), np.column_stack([rows + 1, columns + 1, values]), "%d %d %.13e")
+        nodes = np.arange(self.fem.n_nodes) + 1
+        path.with_suffix(".dof").write_text("\n".join(f"{node}.{way}" for node in nodes for way in (1, 2, 3)))
+        with path.with_suffix(".inp").open("w") as deck:
+            deck.write("*NODE\n")
+            np.savetxt(deck, np.column_stack([nodes, self.fem.points]), "%d, %.17g, %.17g, %.17g")
+            deck.write("*ELEMENT, TYPE=C3D10\n")
+            np.savetxt(deck, np.column_stack([np.arange(len(self.fem.cells)) + 1, self.fem.cells + 1]), "%d", ", ")
+        return path
 
     def plastic_file(self):
         """File of what the upper block, which may yield, keeps."""
