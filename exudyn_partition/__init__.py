@@ -64,6 +64,9 @@ _HOMES = {
     "prediction.spectrum": ("amplitude_spectrum", "truncation_frequency"),
     "present.view": ("CreatePartitionView",),
     "support.progress": ("progress",),
+    "studies.restitution_map": ("restitution_map",),
+    "studies.restitution_values": ("RestitutionMap",),
+    "studies.restitution_law": ("RestitutionLaw",),
     "results.compare": ("Comparison", "compare", "versions"),
 }
 _MODULES = {

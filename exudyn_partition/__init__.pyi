@@ -44,6 +44,9 @@ from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
 from .simulation.statics import solve_static
 from .simulation.step_control import time_to_contact
+from .studies.restitution_law import RestitutionLaw
+from .studies.restitution_map import restitution_map
+from .studies.restitution_values import RestitutionMap
 from .support.progress import progress
 
 __all__ = [
@@ -69,6 +72,8 @@ __all__ = [
     "Rayleigh",
     "ReducedBody",
     "Refine",
+    "RestitutionLaw",
+    "RestitutionMap",
     "Result",
     "RigidCylinder",
     "RigidMesh",
@@ -98,6 +103,7 @@ __all__ = [
     "reduce_pair",
     "reference",
     "report",
+    "restitution_map",
     "solve_dynamic",
     "solve_static",
     "stability_limit",

@@ -14,7 +14,7 @@ PACKAGE = ROOT / "exudyn_partition"
 LAYERS = [  # lowest first; a package may import those before it, and so may what is imported for type checking
     "_version", "errors", "support", "algebra", "fe", "meshing", "surfaces", "plasticity", "prediction", "reduction",
     "frames", "contact.plasticity", "contact", "contact.formulations", "accuracy", "results", "exudyn_bodies",
-    "exudyn_contacts", "present", "simulation", "reference", "cli", "__main__", "__init__",
+    "exudyn_contacts", "present", "simulation", "studies", "reference", "cli", "__main__", "__init__",
 ]  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def test_outer_packages_have_one_door_each(modules):
     assert users["netgen"] == {"meshing.netgen_mesh", "meshing.ngsolve_fem", "cli.doctor"}  # the doctor tries them
     assert users["meshio"] == {"meshing.mesh_files"}
     folders = {module.split(".")[0] for module in users["exudyn"]}
-    assert folders == {"exudyn_bodies", "exudyn_contacts", "present", "simulation", "cli"}
+    assert folders == {"exudyn_bodies", "exudyn_contacts", "present", "simulation", "studies", "cli"}
     assert {module for module in users["exudyn"] if module.startswith("present.")} == {"present.view"}
 
 

@@ -137,23 +137,20 @@ def impact(omega, normal, speeds, hertz, end, step, *, along=None, friction=0.0,
     """
     q, v, count = np.zeros_like(omega), np.array(speeds, dtype=float), int(np.ceil(end / step))
     square, force, tangential = omega**2, np.zeros(count + 1), np.zeros(count + 1)
-    stretch = place = 0.0
+    pull = place = last = 0.0
     for i in range(1, count + 1):
         q = q + step * v
         approach = max(-(normal @ q), 0.0)
         force[i] = hertz * approach**1.5
         push = normal * force[i]
         if friction:
-            now = along @ q
-            stiffness = ratio * 1.5 * hertz * approach**0.5
-            # What the contact has lost in stiffness by unloading, its tangential spring has lost too.
-            stretch, place = stretch + now - place, now
-            if force[i]:
-                bound = friction * force[i] / stiffness
-                stretch = float(np.clip(stretch, -bound, bound))
-            else:
-                stretch = 0.0
-            tangential[i] = -stiffness * stretch if force[i] else 0.0
-            push = push + along * tangential[i]
+            now, stiffness = along @ q, ratio * 1.5 * hertz * approach**0.5
+            # Area that is new carries nothing yet; area that is lost takes its share away.
+            pull = pull * min(1.0, stiffness / last) if last else 0.0
+            pull -= stiffness * (now - place)
+            bound = friction * force[i]
+            pull, place, last = min(max(pull, -bound), bound), now, stiffness
+            tangential[i] = pull
+            push = push + along * pull
         v = v + step * (push - square * q)
     return Impact(step * np.arange(count + 1), force, tangential)

@@ -23,6 +23,9 @@ def each(names, entry, of=""):
 
 
 PLANE = Made(lambda s: ep.RigidPlane())
+AXIS = v.positive.but(
+    "None", "list", "one in an array", "zero", empty=[], twice=[1.0, 1.0], ragged=[1.0, [1.0]], holed=[1.0, v.nan]
+)
 RUNNABLE = v.mbs.but(**{"not assembled": Made(lambda s: s.model()[0]), "empty": Made(Scene.empty)})(
     Made(Scene.assembled)
 )
@@ -187,6 +190,7 @@ OBJECTS = {
     "PlasticState": the.plastic_state,
     "Result": the.result,
     "History": the.history,
+    "RestitutionMap": the.map,
     "hertz.HertzImpact": Made(lambda s: ep.hertz.impact(1.0, 1.0, 1.0, 1.0, ep.STEEL)),
     "recovery.StaticAnswer": Made(lambda s: ep.recovery.StaticAnswer(s.fem, s.body)),
 }
@@ -673,6 +677,30 @@ CALLS = {
     "pyvista_view.turntable": dict(
         path=file("turn.gif"), result=v.own_result, size=(80, 60), frames=v.count.but(one=1, beyond=10**6)(2)
     ),
+    "restitution_map": dict(
+        bodies=Kind(
+            {
+                **v.NOTHING,
+                "a body": the.body,
+                "a rigid surface first": Made(lambda s: (ep.RigidPlane(), s.body)),
+                "one": Made(lambda s: (s.body,)),
+                "no partner": Made(lambda s: (s.body, None)),
+                "a function of nothing useful": lambda place: None,
+            },
+            Made(lambda s: (s.body, ep.RigidPlane())),
+        ),
+        speed=AXIS.but(zero=0.0)(1.0),
+        angle=AXIS.but(degrees=45.0)(0.0),
+        friction=AXIS(0.0),
+        place=Kind({**v.NOTHING, "beside given bodies": 1.0}, None).or_none,
+        along=v.direction.or_none,
+        duration=v.positive.or_none(1e-4),
+        workers=v.count,
+        file=v.path_out.or_none,
+    ),
+    "RestitutionMap.load": dict(path=v.path_in(file("map.npz"))),
+    "RestitutionMap.save": dict(path=file("saved_map.npz")),
+    "RestitutionMap.plot": dict(quantity=v.choice("restitution"), over=v.choice.or_none),
     "progress": dict(after=v.number.but(negative=-1.0)(0.0)),
 }
 
@@ -684,6 +712,8 @@ NOT_CALLED = {
     "Partition": _MADE_BY_US,
     "Estimate": _MADE_BY_US,
     "ImpactDesign": _MADE_BY_US,
+    "RestitutionMap": _MADE_BY_US,
+    "RestitutionLaw": _MADE_BY_US,
     "ReducedBody": _MADE_BY_US,
     "PartitionBody": _MADE_BY_US,
     "PartitionContact": _MADE_BY_US,

@@ -89,6 +89,8 @@ class Scene:
         self.body.save(self.folder / "body.npz")
         self.result.save(self.folder / "run.npz")
         self.history.save(self.folder / "history.npz")
+        self.map = ep.restitution_map((self.body, ep.RigidPlane()), speed=1.0, duration=1e-4)
+        self.map.save(self.folder / "map.npz")
         self.shape.WriteStep(str(self.folder / "block.step"))
         (self.folder / "text.npz").write_text("no archive")
         (self.folder / "empty.npz").write_bytes(b"")

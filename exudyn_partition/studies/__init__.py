@@ -1,0 +1,1 @@
+"""Studies of many runs: restitution over speed, angle, place and friction."""

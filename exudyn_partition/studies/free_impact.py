@@ -1,0 +1,222 @@
+"""One free impact in Exudyn, and what a rigid code has to know of it: restitution, friction, and where energy went."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+
+from ..contact.rigid import RigidSurface
+from ..errors import InputError, PartitionWarning
+from ..exudyn_bodies.create_body import CreatePartitionBody
+from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.create_contact import CreatePartitionContact
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..reduction.body import ReducedBody
+from ..simulation.result import Result
+from ..simulation.solve import solve_dynamic
+from ..simulation.step_control import time_to_contact
+from ..support.arrays import Array
+from ..support.optional import require
+from .impact_setup import Pair, Point, approach, sideways
+
+QUANTITIES = {
+    "restitution": "1",
+    "tangential_restitution": "1",
+    "impulse_ratio": "1",
+    "centre_tangential": "1",
+    "rebound_angle": "rad",
+    "spin": "rad/s",
+    "contacts": "1",
+    "contact_time": "s",
+    "span": "s",
+    "peak_force": "N",
+    "impulse": "N s",
+    "rigid_share": "1",
+    "vibration_first": "1",
+    "vibration_second": "1",
+    "plastic_share": "1",
+    "friction_share": "1",
+    "balance": "1",
+    "over": "1",
+}
+_TWICE = 3  # times that an impact is watched twice as long, if more contacts may come
+_STANDS = 1e-9  # of the speed: a tangential speed that is none
+_LONGEST_FLIGHT = 10  # times the time that an impact is watched
+_STEPS_AHEAD = 4  # before the first touch, so that the run begins with an open contact
+
+
+def free_impact(
+    pair: Pair, point: Point, along: Array | None, duration: float
+) -> tuple[dict[str, float], list[tuple[str, str]]]:
+    """Run one impact until no contact can follow.
+
+    Parameters
+    ----------
+    pair : (ReducedBody, ReducedBody or rigid surface)
+    point : Point
+    along : (3,) array or None
+        Direction of the motion along the surface.
+    duration : float
+        Time to watch after the first touch, at first [s].
+
+    Returns
+    -------
+    dict of str to float
+        `QUANTITIES`; nan where one is not defined.
+    list of (str, str)
+        Kind and text of the warnings.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for again in range(_TWICE + 1):
+            caught.clear()
+            found = _watched(pair, point, along, duration * 2**again)
+            if found["over"]:
+                break
+    told = [w for w in caught if issubclass(w.category, PartitionWarning)]
+    return found, [(w.category.__name__, str(w.message)) for w in told]
+
+
+def _watched(pair: Pair, point: Point, along: Array | None, duration: float) -> dict[str, float]:
+    """What follows from a run of this length."""
+    normal = approach(pair)
+    beside = sideways(normal, along)
+    velocity = point.speed * (math.cos(point.angle) * normal + math.sin(point.angle) * beside)
+    mbs = require("exudyn").SystemContainer().AddSystem()
+    first, second = pair
+    # It begins apart, by some steps of the highest frequency, so that the start of the contact is seen.
+    clearance = _STEPS_AHEAD * float(velocity @ normal) / (25 * first.f_cut)
+    apart = -clearance * normal
+    items = [
+        CreatePartitionBody(
+            mbs, first, name="first", frame="floating", referencePosition=apart, initialVelocity=velocity
+        )
+    ]
+    if isinstance(second, ReducedBody):
+        items.append(CreatePartitionBody(mbs, second, name="second", frame="floating"))
+    partner: PartitionBody | RigidSurface = items[1] if isinstance(second, ReducedBody) else second
+    contact = CreatePartitionContact(mbs, items[0], partner, friction=point.friction or None, name="contact")
+    mbs.Assemble()
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    places = [part for item, _ in contact.sides for part in coordinate_slices(mbs, item)]
+    q, q_t = (
+        np.concatenate([np.asarray(get(initial))[part] for part in places])
+        for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t)
+    )
+    flight = time_to_contact(contact, q, q_t)
+    if not flight < _LONGEST_FLIGHT * duration:
+        raise InputError(
+            f"bodies: expected a pair that touches as it is placed, or nearly so; flying along {normal.round(6)}, the "
+            f"first body needs {flight:.3g} s until it touches"
+        )
+    result = solve_dynamic(mbs, end_time=duration + flight, progress=lambda share: None)
+    return _measured(result, items, contact, point, normal, beside)
+
+
+def _measured(
+    result: Result, items: list[PartitionBody], contact: PartitionContact, point: Point, normal: Array, beside: Array
+) -> dict[str, float]:
+    """`QUANTITIES` of a run."""
+    force, impacts = contact.force(result), contact.impacts(result)
+    if not impacts:
+        return dict.fromkeys(QUANTITIES, math.nan) | {"contacts": 0.0, "over": 0.0}
+    ends = result.at(result.t[[0, -1]])
+    centre = _centre(contact, result.at(result.t[[int(force.argmax())]]), normal)
+    motions = [
+        item.kinematics.mean_velocity(item.coordinates(ends), item.coordinates_t(ends), centre) for item in items
+    ]
+    velocity = motions[0] - sum(motions[1:])  # of the first body at the contact, before and after, (2, 3)
+    middles = [item.momentum(ends) / item.body.total_mass for item in items]
+    middle = middles[0] - sum(middles[1:])
+    tangential = velocity @ beside
+    spin = _spin(items[0], ends) @ np.cross(normal, beside)
+    impulse = np.trapezoid(force, result.t)
+    along = 0.0 if contact.friction is None else np.trapezoid(contact.tangential_force(result) @ beside, result.t)
+    sign = 1.0 if contact.slave is items[0] else -1.0
+    found = {
+        "restitution": -(velocity[1] @ normal) / (velocity[0] @ normal),
+        "tangential_restitution": -_ratio(tangential[1], tangential[0], point.speed),
+        "impulse_ratio": -sign * along / impulse,
+        "centre_tangential": _ratio(middle[1] @ beside, middle[0] @ beside, point.speed),
+        "rebound_angle": math.atan2(middle[1] @ beside, -(middle[1] @ normal)),
+        "spin": spin,
+        "contacts": len(impacts),
+        "contact_time": sum(one.end - one.start for one in impacts),
+        "span": impacts[-1].end - impacts[0].start,
+        "peak_force": force.max(),
+        "impulse": impulse,
+        **_shares(items, contact, result, ends),
+        "over": _is_over(items, contact, ends, velocity[1], normal),
+    }
+    return {key: float(found[key]) for key in QUANTITIES}
+
+
+def _ratio(after: float, before: float, speed: float) -> float:
+    """After over before; nan if before is nothing beside the speed."""
+    return after / before if abs(before) > _STANDS * speed else math.nan
+
+
+def _centre(contact: PartitionContact, peak: Result, normal: Array) -> Array:
+    """Centre of the contact force in space at its peak, (3,) [m]."""
+    item = contact.slave
+    weights = abs(contact.nodal_forces(peak)[0][0] @ normal)
+    q = item.coordinates(peak)[0]
+    centre: Array = weights @ item.kinematics.at(contact.law.gaps.slave.surface.nodes).place(q) / weights.sum()
+    return centre
+
+
+def _spin(item: PartitionBody, ends: Result) -> Array:
+    """Angular velocity of the body as a rigid one at the end, (3,) [rad/s]."""
+    q, q_t = item.coordinates(ends)[1], item.coordinates_t(ends)[1]
+    at = [item.kinematics.mean_velocity(q, q_t, place) for place in (np.zeros(3), *np.eye(3))]
+    turns = np.array(at[1:]) - at[0]  # rows: omega x e_i
+    spin: Array = np.array([turns[1, 2], turns[2, 0], turns[0, 1]])
+    return spin
+
+
+def _shares(items: list[PartitionBody], contact: PartitionContact, result: Result, ends: Result) -> dict[str, float]:
+    """Where the energy of the start is at the end, by its amount."""
+    energy = [item.energy(ends) for item in items]
+    start, vibration = sum(e[0] for e in energy), [_vibration(item, ends)[1] for item in items]
+    rigid = sum(e[1] for e in energy) - sum(vibration)
+    plastic = contact.plastic_work(result)[-1] if contact.yielding is not None else 0.0
+    friction = contact.dissipated_energy(result)[-1] - plastic if contact.friction is not None else 0.0
+    stored = contact.energy(ends)[1]  # by residual stress, if it yields
+    return {
+        "rigid_share": rigid / start,
+        "vibration_first": vibration[0] / start,
+        "vibration_second": vibration[1] / start if len(items) == 2 else 0.0,
+        "plastic_share": plastic / start,
+        "friction_share": friction / start,
+        "balance": (rigid + sum(vibration) + plastic + friction + stored) / start - 1,
+    }
+
+
+def _vibration(item: PartitionBody, result: Result) -> Array:
+    """Energy of the body beyond that of a rigid one with its momenta, (n,) [J]."""
+    q, q_t = item.coordinates(result), item.coordinates_t(result)
+    rigid = np.array([item.kinematics.rigid_part(v) for v in q_t])
+    vibration: Array = item.energy(result) - item.kinematics.kinetic_energy(q, rigid)
+    return vibration
+
+
+def _is_over(items: list[PartitionBody], contact: PartitionContact, ends: Result, after: Array, normal: Array) -> bool:
+    """Whether no vibration can close the contact again, however its modes come together.
+
+    A body with the strain and kinetic energy E of vibration moves a point that has the flexibility c by sqrt(2 E c) at
+    most. The gap of the bodies without vibration must be wider, and not shrink.
+    """
+    if after @ normal >= 0:
+        return False
+    last = ends.at(ends.t[[1]])
+    gap, reach = float(contact.gap(last)[-1].min()), 0.0
+    for item, patch in contact.sides:
+        body, part = item.body, item.body.partition.patches[patch]
+        row = part.direction @ (body.rows(part.nodes[:1]) @ np.eye(body.n_dofs))
+        gap += float(row @ item.kinematics.deformed(item.coordinates(last)[0]))
+        flexibility = float(row @ np.linalg.lstsq(body.stiffness.toarray(), row, rcond=1e-10)[0])
+        reach += math.sqrt(max(2 * _vibration(item, last)[0] * flexibility, 0.0))
+    return bool(gap > reach)
