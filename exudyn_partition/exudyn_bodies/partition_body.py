@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..frames.floating import FloatingKinematics
 from ..frames.kinematics import Frame
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
+from ..reduction.matrices import BodyMatrices
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_text, validate_vector
 from ..support.foreign import ItemIndex, LoadIndex, MainSystem, MarkerIndex, ObjectIndex, UserFunction
@@ -77,6 +79,24 @@ class PartitionBody(BodyResults):
         undamped = ("damping of the kept modes (damping= of CreatePartitionBody)",)
         said = self.body.left_out + self._frame_left_out
         return said + undamped * (self.damping is None) + dents * bool(self.point_markers)
+
+    def matrices(self) -> BodyMatrices:
+        """`ReducedBody.matrices` with the damping of this item.
+
+        Raises
+        ------
+        InputError
+            If the damping is that of a floating frame whose basis keeps nodes, which has coordinates of its own.
+        """
+        found = self.body.matrices()
+        if self.damping is None:
+            return found
+        if self.frame == "floating" and len(self.body.basis.nodal):
+            raise InputError(
+                "body: its floating frame has coordinates of its own for the kept nodes; take those of the body, "
+                "body.matrices(), or create it with frame='inertial'"
+            )
+        return replace(found, damping=self.damping.matrix())
 
     def CreateInterfaceMarker(self, mbs: MainSystem, interface: str) -> MarkerIndex:
         """Marker with the position and rotation of an interface, for any joint, spring-damper, load or sensor.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,12 +33,14 @@ from ..support.checks import (
     validate_vector,
     validate_whole,
 )
+from ..support.files import replacing, writable
 from ..surfaces.surface import Surface
 from .basis import ReducedBasis
 from .estimate import Estimate
 from .inertia import InertiaIntegrals
 from .loads import patch_slice
 from .matrices import BodyMatrices, ContactRows
+from .sid import Frame, sid_lines
 
 _SAME_PLACE = 1e-8  # by the body's size or mass: round-off of meshes that were made twice
 _SAME_ENERGY = 1e-4  # of shapes, which are eigenmodes but for the tolerance of their search
@@ -438,6 +441,49 @@ class ReducedBody:
             interfaces=interfaces,
             loads=loads,
         )
+
+    def save_sid(self, path: str | Path, nodes: Sequence[int] | Array = ()) -> Path:
+        """Write the body as standard input data (SID) for other multibody codes; see `reduction.sid`.
+
+        Frames are those of the interfaces, numbered from 1 on, then of nodes, which have no rotation. There is no
+        contact flexibility in this format: coordinates beyond f_cut are left out.
+
+        Parameters
+        ----------
+        path : str or Path
+            Usually `.SID_FEM`.
+        nodes : (k,) int array
+            Nodes of the FE model that get a frame too, for loads, springs and pictures.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the basis keeps nodes, a node is not kept, or no file can stand there.
+        OutputError
+            If the system cannot write.
+        """
+        if len(self.basis.nodal):
+            raise InputError(
+                f"body: basis {self.basis.name!r} keeps nodes, and standard input data have modes alone; take "
+                "another basis of reduce()"
+            )
+        of_nodes = np.asarray(self.rows(np.asarray(nodes))).reshape(-1, 3, self.n_dofs)[:, :, 6:]
+        moved = [(joint.position, self.interface_rows(joint.name)[:, 6:]) for joint in self.partition.interfaces]
+        places = [place for place, _ in moved] + list(self.points[np.asarray(nodes, dtype=int)])
+        motions = [np.split(rows, 2) for _, rows in moved] + [[phi, np.zeros(phi.shape)] for phi in of_nodes]
+        frames = [
+            Frame(number, place - self.centre_of_mass, *motion)
+            for number, (place, motion) in enumerate(zip(places, motions, strict=True), 1)
+        ]
+        path = writable(path)
+        with replacing(path, "w") as file:
+            for line in sid_lines(self.total_mass, self.inertia, self.basis.omega[6:], frames, self.labels[6:]):
+                file.write(f"{line}\n")
+        return path
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -12,12 +12,13 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..support.arrays import Array
 from ..support.files import filling, replacing, writable
+from ..support.foreign import SecondOrderModel
 from ..support.optional import require
 
 _LEGEND = """\
 SI units. Coordinates q are those of a body whose frame does not move; the list below says what each is. Shapes have
 unit modal mass, so that their coordinates are in m sqrt(kg); those of nodes are in m.
-Equations of motion: mass q_tt + stiffness q = forces.
+Equations of motion: mass q_tt + damping q_t + stiffness q = forces; without damping if there is none.
 A contact's rows q are the displacements of its nodes along its directions [m]. Forces lam [N] on the nodes along these
 directions are the forces rows' lam. Besides, they move the nodes by flexibility lam [m], which the coordinates lack.
 Directions are the outward normals, or x, y, z of each node.
@@ -66,6 +67,7 @@ class BodyMatrices:
         By the names of the patches, or their numbers.
     interfaces : dict of str to (6, n) array
     loads : dict of str to (n,) array
+    damping : (n, n) csr matrix or None
     """
 
     mass: sp.csr_matrix
@@ -75,6 +77,7 @@ class BodyMatrices:
     contacts: Mapping[str, ContactRows] = field(default_factory=dict)
     interfaces: Mapping[str, Array] = field(default_factory=dict)
     loads: Mapping[str, Array] = field(default_factory=dict)
+    damping: sp.csr_matrix | None = None
 
     @property
     def legend(self) -> str:
@@ -84,6 +87,8 @@ class BodyMatrices:
     def arrays(self) -> dict[str, object]:
         """All of them by flat names, as `save` writes them: mass, ..., contact_NAME_rows, interface_NAME, load_NAME."""
         found: dict[str, object] = {"mass": self.mass, "stiffness": self.stiffness, "rigid": self.rigid}
+        if self.damping is not None:
+            found["damping"] = self.damping
         for name, contact in self.contacts.items():
             for key in ("points", "directions", "area", "rows", "flexibility"):
                 if (value := getattr(contact, key)) is not None:
@@ -91,6 +96,41 @@ class BodyMatrices:
         found |= {f"interface_{name}": rows for name, rows in self.interfaces.items()}
         found |= {f"load_{name}": force for name, force in self.loads.items()}
         return found
+
+    def to_pymor(self) -> SecondOrderModel:
+        """Return a model of pyMOR, for its frequency responses and reductions; needs `pip install pymor`.
+
+        Inputs are forces on the nodes of contacts along their directions, on interfaces (force and moment), and loads,
+        in this order. Outputs are the motions of contacts and interfaces. The contacts' own flexibility is the
+        feedthrough; that between two patches is left out. Transfer functions of more than 100 outputs need pyMOR's
+        `set_defaults({"pymor.operators.interface.as_array_max_length.value": 1000})`.
+
+        Returns
+        -------
+        pymor.models.iosys.SecondOrderModel
+
+        Raises
+        ------
+        MissingPackageError
+            If pyMOR is not installed.
+        """
+        iosys = require("pymor.models.iosys", "pymor")
+        moved = [*(contact.rows for contact in self.contacts.values()), *self.interfaces.values()]
+        none = sp.csr_matrix((0, self.mass.shape[0]))
+        outputs = sp.vstack([none, *map(sp.csr_matrix, moved)], format="csr")
+        inputs = sp.hstack([outputs.T, *(sp.csr_matrix(load[:, None]) for load in self.loads.values())], format="csr")
+        given = [
+            sp.csr_matrix((contact.rows.shape[0],) * 2) if contact.flexibility is None else contact.flexibility
+            for contact in self.contacts.values()
+        ]
+        n = sum(len(rows) for rows in self.interfaces.values())
+        own = sp.block_diag([*given, sp.csr_matrix((n, n))])
+        through = sp.hstack([own, sp.csr_matrix((own.shape[0], len(self.loads)))], format="csr")
+        damping = sp.csr_matrix(self.mass.shape) if self.damping is None else self.damping
+        dense = [matrix.toarray() for matrix in (inputs, outputs, through)]
+        return iosys.SecondOrderModel.from_matrices(
+            self.mass, damping, self.stiffness, dense[0], dense[1], D=dense[2], name="body"
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write to a file of MATLAB, `.mat`, or to a folder of Matrix Market files, one for each array.

@@ -45,5 +45,6 @@ PolyData = _Unknown  # pyvista.PolyData
 Actor = _Unknown  # pyvista.Actor
 DataFrame = _Unknown  # pandas.DataFrame
 Dataset = _Unknown  # xarray.Dataset
+SecondOrderModel = _Unknown  # pymor.models.iosys.SecondOrderModel
 ProgressBar = _Unknown  # rich.progress.Progress
 JSON = _Unknown  # a value in the types of JSON, from a file

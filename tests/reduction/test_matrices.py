@@ -82,3 +82,46 @@ def test_files_bring_them_back(given, tmp_path):
     assert "0: " in (folder / "legend.txt").read_text()
     with pytest.raises(InputError, match=r"\.mat, or a folder"):
         matrices.save(tmp_path / "ball.npz")
+
+
+def test_a_model_of_pymor_responds_as_the_matrices_do(given):
+    """Transfer function from all forces to all motions, with the patch's own flexibility, against a dense solution."""
+    defaults = pytest.importorskip("pymor.core.defaults")
+    defaults.set_defaults({"pymor.operators.interface.as_array_max_length.value": 1000})
+    _, body, _ = given
+    mbs = exu.SystemContainer().AddSystem()
+    matrices = ep.CreatePartitionBody(mbs, body, damping=0.02).matrices()
+    model, s = matrices.to_pymor(), 2j * np.pi * 21e3
+    (contact,) = matrices.contacts.values()
+    outputs = np.vstack([contact.rows, matrices.interfaces["top"]])
+    inputs = np.column_stack([outputs.T, matrices.loads["push"]])
+    dynamic = s**2 * matrices.mass + s * matrices.damping + matrices.stiffness
+    expected = outputs @ np.linalg.solve(dynamic.toarray(), inputs.astype(complex))
+    k = len(contact.rows)
+    expected[:k, :k] += contact.flexibility
+    np.testing.assert_allclose(model.transfer_function.eval_tf(s), expected, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_damping_is_that_of_the_item(given, frame):
+    """Half of the ratio's rate for each elastic mode, none for rigid motion; None without damping."""
+    _, body, matrices = given
+    mbs = exu.SystemContainer().AddSystem()
+    damped = ep.CreatePartitionBody(mbs, body, frame=frame, damping=0.02, name="damped").matrices()
+    expected = np.r_[np.zeros(6), 2 * 0.02 * body.basis.omega[6:]]
+    np.testing.assert_allclose(damped.damping.toarray(), np.diag(expected), rtol=1e-14)
+    assert "damping" in damped.arrays()
+    assert matrices.damping is ep.CreatePartitionBody(mbs, body, frame=frame, name="free").matrices().damping is None
+
+
+def test_damping_of_kept_nodes_has_no_place_in_a_floating_frame(given):
+    fem, _, _ = given
+    part = ep.Partition.ball(fem, (0, 0, 0), 1.2e-3, direction=(0, 0, -1))
+    body = ep.reduce(fem, part, f_cut=190e3, basis="free")
+    mbs = exu.SystemContainer().AddSystem()
+    rayleigh = ep.Rayleigh(10.0, 1e-7)
+    found = ep.CreatePartitionBody(mbs, body, damping=rayleigh, name="one").matrices()
+    expected = 10.0 * body.mass + 1e-7 * body.stiffness
+    assert abs(found.damping - expected).max() < 1e-12 * abs(expected).max()
+    with pytest.raises(InputError, match="floating frame has coordinates of its own"):
+        ep.CreatePartitionBody(mbs, body, damping=rayleigh, frame="floating", name="two").matrices()

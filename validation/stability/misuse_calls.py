@@ -373,6 +373,7 @@ CALLS = {
     ),
     "load_body": dict(path=v.path_in(file("body.npz"))),
     "ReducedBody.save": dict(path=file("saved.npz"), inside=True),
+    "ReducedBody.save_sid": dict(path=file("saved.SID_FEM"), nodes=v.numbers),
     "ReducedBody.rows": dict(nodes=v.numbers),
     "ReducedBody.reduced_rows": {},
     "ReducedBody.displacement": dict(q=v.motion.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
