@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.contact.side import Side
+from exudyn_partition.fe.elements import BY_NAME
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.support.compiled import compiles, kernels
@@ -59,10 +60,70 @@ def hexahedra(*n):
     return points, np.stack(parts, axis=1)
 
 
+def split(points, hexahedra, kinds):
+    """Split hexahedra into elements of other kinds.
+
+    `kinds` names for each hexahedron: "hexahedron"; "wedge", two, whose quadrilaterals are upright; "pyramid", six
+    around its middle; or "foot", the same with two tetrahedra below. Returns points and blocks for `write_deck`.
+    """
+    faces = [[0, 1, 2, 3], [4, 7, 6, 5], [0, 4, 5, 1], [1, 5, 6, 2], [2, 6, 7, 3], [3, 7, 4, 0]]
+    parts = {"hexahedron": [], "wedge": [], "pyramid": [], "tetra": []}
+    middles = []
+    for cell, kind in zip(np.asarray(hexahedra), kinds, strict=True):
+        if kind == "hexahedron":
+            parts[kind].append(cell)
+        elif kind == "wedge":
+            parts[kind] += [cell[[0, 1, 2, 4, 5, 6]], cell[[0, 2, 3, 4, 6, 7]]]
+        else:
+            middle = len(points) + len(middles)
+            middles.append(points[cell].mean(axis=0))
+            for number, (a, b, c, d) in enumerate(cell[faces]):
+                if kind == "foot" and number == 0:
+                    parts["tetra"] += [[a, b, c, middle], [a, c, d, middle]]
+                else:
+                    parts["pyramid"].append([a, b, c, d, middle])
+    points = np.vstack([points, np.reshape(middles, (-1, 3))])
+    return points, [(kind, np.array(cells)) for kind, cells in parts.items() if cells]
+
+
+QUADRATIC = {"hexahedron": "hexahedron20", "wedge": "wedge15", "pyramid": "pyramid13", "tetra": "tetra10"}
+
+
+def quadratic(points, blocks):
+    """Add the nodes in the middle of edges to elements of the first order."""
+    ends = [np.sort(cells[:, BY_NAME[kind].edges], axis=2) for kind, cells in blocks]
+    edges, number = np.unique(np.concatenate([part.reshape(-1, 2) for part in ends]), axis=0, return_inverse=True)
+    middles = np.split(len(points) + number.ravel(), np.cumsum([part[..., 0].size for part in ends])[:-1])
+    added = [
+        (QUADRATIC[kind], np.hstack([cells, own.reshape(len(cells), -1)]))
+        for (kind, cells), own in zip(blocks, middles, strict=True)
+    ]
+    return np.vstack([points, points[edges].mean(axis=1)]), added
+
+
 def write(path, points, *blocks, file_format=None, **data):
     """Write a mesh to a file, and return its path."""
     blocks = [block if isinstance(block, tuple) else (KINDS[block.shape[1]], block) for block in blocks]
     meshio.write(path, meshio.Mesh(points, blocks, **data), file_format=file_format)
+    return path
+
+
+TYPES = {"hexahedron": "C3D8", "hexahedron20": "C3D20", "wedge": "C3D6", "wedge15": "C3D15", "pyramid": "C3D5",
+         "pyramid13": "C3D13", "tetra": "C3D4", "tetra10": "C3D10"}  # fmt: skip
+
+
+def write_deck(path, points, *blocks, more=()):
+    """Write elements of several kinds to a deck of CalculiX, and return its path."""
+    lines = ["*NODE", *(f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in enumerate(points.tolist(), 1))]
+    number = 0
+    for kind, cells in blocks:
+        lines.append(f"*ELEMENT, TYPE={TYPES[kind]}, ELSET=body")
+        for nodes in (cells + 1).tolist():
+            number += 1
+            row = [str(number), *map(str, nodes)]
+            parts = [row[i : i + 16] for i in range(0, len(row), 16)]
+            lines.append(",\n".join(", ".join(part) for part in parts))
+    path.write_text("\n".join([*lines, *more, ""]))
     return path
 
 

@@ -193,7 +193,7 @@ class BodyResults(dict[str, ItemIndex]):
             If a point lies outside the body, the FE model is of another one, or a contact's forces on nodes or its
             plastic strain are not known, as in results from files.
         MeshError
-            If the elements are no tetrahedra.
+            If a plastic zone has other elements than tetrahedra.
         """
         validate_result(result)
         self.body.check_fem(fem)

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import InputError
-from ..fe.facets import FLAT_TRIANGLES
+from ..fe.facets import flat_triangles
 from ..fe.model import node_dofs
 from ..fe.partition import interface_named
 from ..frames.floating import FloatingKinematics
@@ -84,7 +84,7 @@ def add_super_element(
         modal, integral = nodes["nModal"], kinematics.mass_integral
     else:
         modal, rows, integral = _add_idle_node(mbs, body.f_cut), np.zeros((len(rows), 1)), np.zeros((3, 1))
-    triangles = body.facets[:, FLAT_TRIANGLES[body.facets.shape[1]]].reshape(-1, 3)
+    triangles = flat_triangles(body.facets)[0]
     nothing = exu.MatrixContainer(np.zeros((rows.shape[1],) * 2))
     number = mbs.AddObject(
         items.ObjectFFRFreducedOrder(

@@ -41,7 +41,8 @@ def loaded_area(body: ReducedBody | FEModel, interface: Interface) -> float:
     """Area of an interface's face [m2], after a check that a force on the interface is a uniform traction on it.
 
     The force of an averaged interface is spread over its nodes by their areas, as finite elements spread a uniform
-    traction. At the mean of the face it has no moment.
+    traction; on quadrilaterals of 8 nodes by the areas of hats between the nodes, which have the same resultants on
+    each facet. At the mean of the face it has no moment.
 
     Raises
     ------

@@ -14,14 +14,14 @@ import scipy.sparse as sp
 from ..errors import InputError, MeshError
 from ..support.arrays import Array
 from ..support.checks import validate_array
+from .elements import centres_of, kinds_of
 from .material import Material, Regions
-from .shapes import integration_gradients, integration_weights
 
 EQUAL = 1e-4  # relative difference of mass, or of the energy of uniform strain, that files of few digits may make
 _OF_AN_ELEMENT = 1e-2  # the same of one element with curved sides, which codes integrate with different points
 # The same of the force of a uniform strain at a node, by the largest of an element around it. Codes integrate cubic
 # elements by different numbers of points, which differ by 0.02 of coarse curved ones.
-_AT_A_NODE = {4: 0.02, 8: 0.02, 10: 0.02, 20: 0.1}
+_AT_A_NODE, _AT_A_CUBIC_NODE = 0.02, 0.1
 CENTRE = 0.05  # of mass, by the body's size: that of nodes is not quite that of curved elements
 _SYMMETRIC = 1e-8  # round-off, by the largest entry
 # Uniform strains xx, yy, zz, yz, xz, xy as gradients of motions, (6, 3, 3), and what they are called.
@@ -77,7 +77,13 @@ def largest_entry(matrix: sp.csr_matrix) -> float:
 
 
 def check_elements(
-    points: Array, cells: Array, cell_mass: Array, mass: sp.csr_matrix, stiffness: sp.csr_matrix, elastic: Elastic
+    points: Array,
+    cells: Array,
+    hexahedra: bool,
+    cell_mass: Array,
+    mass: sp.csr_matrix,
+    stiffness: sp.csr_matrix,
+    elastic: Elastic,
 ) -> None:
     """Compare the matrices with the elements, and with their elasticity and density.
 
@@ -90,7 +96,7 @@ def check_elements(
     InputError
         If masses, energies of uniform strain, or its forces at nodes differ.
     """
-    volume, gradients = _integrals(points, cells)
+    volume, gradients = integrals(points, cells, hexahedra)
     bad = np.flatnonzero(volume <= 0)
     if len(bad):
         where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
@@ -98,7 +104,7 @@ def check_elements(
             f"cells: {len(bad)} of {len(volume)} elements are inverted or have no volume, the first is element "
             f"{bad[0]} at ({where}). Expected nodes in VTK order, which gives positive volumes; exchange two corners"
         )
-    _check_mass(mass, cell_mass, elastic.rho * volume, points, points[cells].mean(axis=1))
+    _check_mass(mass, cell_mass, elastic.rho * volume, points, centres_of(points, cells, hexahedra))
     motions = np.einsum("na,vab->nbv", points - points.mean(axis=0), UNIFORM_STRAINS).reshape(-1, 6)
     forces = stiffness @ motions
     check_energies(motions.T @ forces, volume, elastic)
@@ -106,7 +112,8 @@ def check_elements(
     strain = np.einsum("v,vab->ab", ALL_STRAINS, UNIFORM_STRAINS)
     spherical, deviatoric = lame * np.trace(strain), 2 * shear
     of_cells = gradients @ (spherical[:, None, None] * np.eye(3) + deviatoric[:, None, None] * strain)
-    _check_forces(points, cells, (forces @ ALL_STRAINS).reshape(-1, 3), of_cells)
+    cubic = cells.shape[1] == 20 and not hexahedra
+    _check_forces(points, cells, (forces @ ALL_STRAINS).reshape(-1, 3), of_cells, cubic)
 
 
 def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: Array, centres: Array) -> None:
@@ -165,13 +172,13 @@ def check_energies(energies: Array, volume: Array, elastic: Elastic, equal: floa
         )
 
 
-def _check_forces(points: Array, cells: Array, found: Array, of_cells: Array) -> None:
+def _check_forces(points: Array, cells: Array, found: Array, of_cells: Array, cubic: bool) -> None:
     """Compare forces of a uniform strain at nodes, (n, 3) [N], with those of the elements around, (ne, k, 3) [N]."""
     nodes, n = cells.ravel(), len(points)
     expected = np.column_stack([np.bincount(nodes, f.ravel(), n) for f in of_cells.transpose(2, 0, 1)])
     off = np.sqrt(((found - expected) ** 2).sum(axis=1))
     largest = np.sqrt((of_cells**2).sum(axis=2).max(axis=1))
-    tolerance = _AT_A_NODE[cells.shape[1]]
+    tolerance = _AT_A_CUBIC_NODE if cubic else _AT_A_NODE
     if off.max() <= tolerance * largest.min():
         return
     scale = np.zeros(n)
@@ -186,20 +193,18 @@ def _check_forces(points: Array, cells: Array, found: Array, of_cells: Array) ->
         )
 
 
-def element_volumes(points: Array, cells: Array) -> Array:
-    """(ne,) array: volume of each element [m3], negative where it is inverted."""
-    return _integrals(points, cells)[0]
-
-
-def _integrals(points: Array, cells: Array) -> tuple[Array, Array]:
+def integrals(points: Array, cells: Array, hexahedra: bool) -> tuple[Array, Array]:
     """Volumes of elements, (ne,) [m3], and integrals of the gradients of their shape functions, (ne, k, 3) [m2]."""
-    k = cells.shape[1]
-    x, volume, gradients = points[cells], np.zeros(len(cells)), np.zeros((*cells.shape, 3))
-    for weight, slopes in zip(integration_weights(k), integration_gradients(k), strict=True):
-        r, s, t = (np.tensordot(x, slope, (1, 0)).T for slope in slopes.T)  # tangents, (3, ne)
-        areas = np.stack([_cross(s, t), _cross(t, r), _cross(r, s)])
-        volume += weight * (r * areas[0]).sum(axis=0)
-        gradients += weight * np.tensordot(slopes, areas, (1, 0)).transpose(2, 0, 1)
+    volume, gradients = np.zeros(len(cells)), np.zeros((*cells.shape, 3))
+    for kind, rows in kinds_of(cells, hexahedra):
+        x, own = points[cells[rows][:, kind.columns]], np.zeros(len(rows))
+        of_own = np.zeros(x.shape)
+        for weight, slopes in zip(kind.rule[1], kind.gradients, strict=True):
+            r, s, t = (np.tensordot(x, slope, (1, 0)).T for slope in slopes.T)  # tangents, (3, ne)
+            areas = np.stack([_cross(s, t), _cross(t, r), _cross(r, s)])
+            own += weight * (r * areas[0]).sum(axis=0)
+            of_own += weight * np.tensordot(slopes, areas, (1, 0)).transpose(2, 0, 1)
+        volume[rows], gradients[rows] = own, kind.on_row(of_own)
     return volume, gradients
 
 

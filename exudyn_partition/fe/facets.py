@@ -6,28 +6,79 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import MeshError
+from ..errors import InputError, MeshError
 from ..support.arrays import Array
+from .shapes import QUADS
 
 # Flat triangles that a facet is split into, by the number of its nodes.
 FLAT_TRIANGLES = {
     3: np.array([[0, 1, 2]]),
     4: np.array([[0, 1, 2], [0, 2, 3]]),
     6: np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]),
+    8: np.array([[0, 4, 7], [4, 1, 5], [5, 2, 6], [6, 3, 7], [4, 5, 6], [4, 6, 7]]),
     10: np.array([[0, 3, 8], [3, 4, 9], [4, 1, 5], [8, 9, 7], [9, 5, 6], [7, 6, 2], [3, 9, 8], [4, 5, 9], [9, 6, 7]]),
 }
-# Share of each node in a uniform pressure on a facet; corners of quadratic facets have none.
+# Share of each node in a uniform pressure on a facet; corners of quadratic triangles have none. Those of quadrilaterals
+# of 8 nodes would have negative ones: theirs are of hats between the nodes, see `quadrature`.
 NODAL_SHARES = {
     3: np.full(3, 1 / 3),
     4: np.full(4, 1 / 4),
     6: np.r_[np.zeros(3), np.full(3, 1 / 3)],
+    8: np.r_[np.full(4, 1 / 24), np.full(4, 5 / 24)],
     10: np.r_[np.full(3, 1 / 30), np.full(6, 3 / 40), 9 / 20],
 }
 
 
 def facet_corners(facets: Array) -> Array:
-    """Corners, on axis 1, of triangles (nf, 3, ...), (nf, 6, ...) or (nf, 10, ...), or of quads (nf, 4, ...)."""
-    return facets[:, : 4 if facets.shape[1] == 4 else 3]
+    """Corners, on axis 1, of triangles (nf, 3, ...), (nf, 6, ...) or (nf, 10, ...), or of quads (nf, 4 or 8, ...)."""
+    return facets[:, : 4 if facets.shape[1] in QUADS else 3]
+
+
+def folded(facets: Array) -> Array:
+    """Whether each of some facets, (nf, k) int, is a triangle `a b c c` among quadrilaterals, (nf,) bool."""
+    if facets.shape[1] not in QUADS:
+        return np.zeros(len(facets), dtype=bool)
+    return np.asarray(facets[:, 2] == facets[:, 3])
+
+
+def by_shape(facets: Array) -> list[tuple[Array, Array]]:
+    """Rows of facets of one shape, (m,) int, and the columns of their nodes, for each shape that there is."""
+    if facets.shape[1] not in QUADS:
+        return [(np.arange(len(facets)), np.arange(facets.shape[1]))]
+    triangles = np.array([0, 1, 2] if facets.shape[1] == 4 else [0, 1, 2, 4, 5, 7])
+    is_folded = folded(facets)
+    found = [(np.flatnonzero(~is_folded), np.arange(facets.shape[1])), (np.flatnonzero(is_folded), triangles)]
+    return [(rows, columns) for rows, columns in found if len(rows)]
+
+
+def of_one_shape(facets: Array) -> Array:
+    """Facets of a patch, triangles among quadrilaterals as such.
+
+    Raises
+    ------
+    InputError
+        If some are triangles and some are not.
+    """
+    parts = by_shape(facets)
+    if len(parts) > 1:
+        triangles = np.count_nonzero(folded(facets))
+        raise InputError(
+            f"expected a contact patch of facets of one shape, got {triangles} triangles and "
+            f"{len(facets) - triangles} quadrilaterals. Choose a smaller region or other faces; or mesh the body such "
+            "that the place of contact has one kind of elements"
+        )
+    rows, columns = parts[0]
+    return facets[rows][:, columns]
+
+
+def flat_triangles(facets: Array) -> tuple[Array, Array]:
+    """Flat triangles that facets are split into, (m, 3) int, and the facet of each, (m,) int."""
+    triangles, owner = [], []
+    for rows, columns in by_shape(facets):
+        parts = columns[FLAT_TRIANGLES[len(columns)]]
+        triangles.append(facets[rows][:, parts].reshape(-1, 3))
+        owner.append(np.repeat(rows, len(parts)))
+    return np.concatenate(triangles), np.concatenate(owner)
 
 
 def area_vectors(points: Array, facets: Array) -> Array:
@@ -40,10 +91,13 @@ def area_vectors(points: Array, facets: Array) -> Array:
 def nodal_area(points: Array, facets: Array) -> Array:
     """(n,) array: area [m2] of each of n points under a uniform traction on `facets`, see `NODAL_SHARES`."""
     area = np.linalg.norm(area_vectors(points, facets), axis=1)
-    shares = NODAL_SHARES[facets.shape[1]]
-    loaded = shares > 0
-    parts = area[:, None] / (1 / shares[loaded])
-    return np.bincount(facets[:, loaded].ravel(), parts.ravel(), minlength=len(points))
+    total = np.zeros(len(points))
+    for rows, columns in by_shape(facets):
+        shares = NODAL_SHARES[len(columns)]
+        loaded = shares > 0
+        parts = area[rows, None] / (1 / shares[loaded])
+        total += np.bincount(facets[rows][:, columns[loaded]].ravel(), parts.ravel(), minlength=len(points))
+    return total
 
 
 def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
@@ -56,13 +110,15 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
     faces : (faces an element * ne, m) int array
         Nodes of all elements' faces, outward.
     number : (ne, faces an element) int array
-        Numbers that equal faces have in common.
+        Numbers that equal faces have in common; -1 where there is none.
 
     Raises
     ------
     MeshError
     """
-    count = np.bincount(number.ravel())
+    check_conforming(faces, number)
+    real = number.ravel() >= 0
+    count = np.bincount(number.ravel()[real])
     by_faces = np.sort(number, axis=1)
     order = np.lexsort(by_faces.T)
     same = np.flatnonzero((np.diff(by_faces[order], axis=0) == 0).all(axis=1))
@@ -79,11 +135,12 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
             f"{', '.join(map(str, owners))} (counted from 0), so that some of them overlap. Remove those, or mesh anew"
         )
     # Outward faces of two neighbours turn opposite ways.
+    faces = faces[real]
     ring = facet_corners(faces)
     start = ring.argmin(axis=1)[:, None]
-    k = ring.shape[1]
+    k = (ring.shape[1] - folded(faces))[:, None]
     after, before = (np.take_along_axis(ring, (start + step) % k, axis=1)[:, 0] for step in (1, -1))
-    turn = np.bincount(number.ravel(), np.where(after < before, 1, -1))
+    turn = np.bincount(number.ravel()[real], np.where(after < before, 1, -1))
     overlapping = np.flatnonzero((count == 2) & (turn != 0))
     if len(overlapping):
         owners = np.flatnonzero((number == overlapping[0]).any(axis=1))
@@ -94,8 +151,41 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
         )
 
 
+def check_conforming(faces: Array, number: Array) -> None:
+    """Refuse quadrilaterals that meet two triangles, which would leave a crack between them.
+
+    Parameters
+    ----------
+    faces : (faces an element * ne, m) int array
+        Nodes of all elements' faces.
+    number : (ne, faces an element) int array
+        Numbers that equal faces have in common; -1 where there is none.
+
+    Raises
+    ------
+    MeshError
+    """
+    flat = number.ravel()
+    alone = (np.bincount(flat[flat >= 0])[flat] == 1) & (flat >= 0)
+    own, is_folded = facet_corners(faces[alone]), folded(faces[alone])
+    if not is_folded.any():
+        return
+    triples = np.sort(own[~is_folded][:, [(0, 1, 2), (1, 2, 3), (2, 3, 0), (3, 0, 1)]].reshape(-1, 3), axis=1)
+    triangles = np.sort(own[is_folded][:, :3], axis=1)
+    _, place, count = np.unique(np.vstack([triangles, triples]), axis=0, return_inverse=True, return_counts=True)
+    met = np.flatnonzero(count[place.ravel()[: len(triangles)]] > 1)
+    if len(met):
+        owner = np.repeat(np.arange(len(number)), number.shape[1])[alone][is_folded][met[0]]
+        raise MeshError(
+            f"cells: {len(met)} triangles of elements lie on quadrilaterals of others, the first is of element {owner} "
+            "(counted from 0). Their edges fit, but their displacements do not; put pyramids between them"
+        )
+
+
 def part_sizes(face: Array) -> Array:
     """Number of elements of each part that is connected through faces, (ne, faces an element), largest first."""
-    of = sp.csr_matrix((np.ones(face.size), (np.repeat(np.arange(len(face)), face.shape[1]), face.ravel())))
+    real = face.ravel() >= 0
+    owner = np.repeat(np.arange(len(face)), face.shape[1])[real]
+    of = sp.csr_matrix((np.ones(len(owner)), (owner, face.ravel()[real])))
     part = connected_components(of @ of.T, directed=False)[1]
     return np.sort(np.bincount(part))[::-1]

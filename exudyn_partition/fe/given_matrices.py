@@ -133,9 +133,11 @@ def cells_beneath(facets: Array) -> int:
         If we have none.
     """
     found = [n for n, faces in CELL_FACES.items() if faces.shape[1] == facets.shape[1]]
+    if facets.shape[1] == 8:
+        found = [20]
     if not found or not len(facets):
         raise MeshError(
-            f"facets: expected triangles with 3, 6 or 10 nodes or quads with 4, got {len(facets)} facets of "
+            f"facets: expected triangles with 3, 6 or 10 nodes or quads with 4 or 8, got {len(facets)} facets of "
             f"{facets.shape[1]} nodes; corners first, then the nodes on edges"
         )
     return found[0]

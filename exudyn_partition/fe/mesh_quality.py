@@ -8,14 +8,15 @@ import numpy as np
 
 from ..errors import MeshError, MeshQualityWarning
 from ..support.arrays import Array
+from .elements import kinds_of
+from .facets import by_shape
 from .model import FEModel
-from .shapes import TET_EDGES, nodes_on_edges, shape_functions
+from .shapes import QUADS, TET_EDGES, nodes_on_edges, shape_functions
 
 _VOLUME, _INERTIA = 1e-6, 1e-3  # allowed relative difference of elements and surface
 _FAR = 3.0  # largest distance of a node from its nearest neighbour, by the longest edge opposite to it
 _BENT = 0.35  # largest distance of a node from its place on a straight edge, by the edge's length
 _FLAT = 0.01  # least shape quality of an element, by the mean of its neighbours
-_EDGES = {8: np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])}
 
 
 def check_mesh(fem: FEModel) -> None:
@@ -60,7 +61,7 @@ def check_mesh(fem: FEModel) -> None:
 def _check_inside(fem: FEModel) -> None:
     """Compare volume and second moments by the elements with those inside the surface."""
     origin = fem.points.mean(axis=0)
-    volume, moments = _inside(fem.points - origin, fem.facets)
+    volume, moments = volume_inside(fem.points - origin, fem.facets)
     by_cells = fem.cell_volume.sum()
     if abs(by_cells - volume) > _VOLUME * by_cells:
         raise MeshError(
@@ -79,45 +80,51 @@ def _check_inside(fem: FEModel) -> None:
         )
 
 
-def _inside(points: Array, facets: Array) -> tuple[float, Array]:
+def volume_inside(points: Array, facets: Array) -> tuple[float, Array]:
     """Volume inside facets, and its second moments of x, y and z, (3,), by the divergence theorem."""
     x, w = np.polynomial.legendre.leggauss(6)
-    r, s = (grid.ravel() for grid in np.meshgrid((x + 1) / 2, (x + 1) / 2))
-    weight = np.outer(w, w).ravel() / 4
-    if facets.shape[1] != 4:  # map the square to the triangle
-        weight, s = weight * (1 - r), s * (1 - r)
-    values, *derivatives = shape_functions(np.column_stack([r, s]), facets.shape[1]).swapaxes(0, 1)
-    nodes = points[facets]
-    position = values @ nodes  # (facets, points, 3)
-    flux = weight[:, None] * np.cross(*(derivative @ nodes for derivative in derivatives)) * position
-    return float(flux.sum() / 3), (position * position * flux).sum(axis=(0, 1)) / 3
+    volume, moments = 0.0, np.zeros(3)
+    for rows, columns in by_shape(facets):
+        r, s = (grid.ravel() for grid in np.meshgrid((x + 1) / 2, (x + 1) / 2))
+        weight = np.outer(w, w).ravel() / 4
+        if len(columns) not in QUADS:  # map the square to the triangle
+            weight, s = weight * (1 - r), s * (1 - r)
+        values, *derivatives = shape_functions(np.column_stack([r, s]), len(columns)).swapaxes(0, 1)
+        nodes = points[facets[rows][:, columns]]
+        position = values @ nodes  # (facets, points, 3)
+        flux = weight[:, None] * np.cross(*(derivative @ nodes for derivative in derivatives)) * position
+        volume += float(flux.sum() / 3)
+        moments += (position * position * flux).sum(axis=(0, 1)) / 3
+    return volume, moments
 
 
 def _far_nodes(fem: FEModel) -> tuple[Array, Array]:
     """Corner nodes much farther from all neighbours than these are from each other, and their points."""
-    edges = _EDGES.get(fem.cells.shape[1], TET_EDGES)
-    ends = fem.cells[:, edges]  # (ne, edges, 2)
-    length = np.linalg.norm(fem.points[ends[:, :, 1]] - fem.points[ends[:, :, 0]], axis=2)
-    nearest = np.full(fem.n_nodes, np.inf)
-    np.minimum.at(nearest, ends, length[:, :, None])
-    opposite = np.zeros(fem.n_nodes)
-    for corner in np.unique(edges):
-        without = length[:, (edges != corner).all(axis=1)].max(axis=1)
-        np.maximum.at(opposite, fem.cells[:, corner], without)
+    nearest, opposite = np.full(fem.n_nodes, np.inf), np.zeros(fem.n_nodes)
+    for kind, rows in kinds_of(fem.cells, fem.hexahedra):
+        cells = fem.cells[rows][:, kind.columns]
+        ends = cells[:, kind.edges]  # (ne, edges, 2)
+        length = np.linalg.norm(fem.points[ends[:, :, 1]] - fem.points[ends[:, :, 0]], axis=2)
+        np.minimum.at(nearest, ends, length[:, :, None])
+        for corner in range(kind.corners):
+            without = length[:, (kind.edges != corner).all(axis=1)].max(axis=1)
+            np.maximum.at(opposite, cells[:, corner], without)
     far = np.flatnonzero(np.isfinite(nearest) & (nearest > _FAR * opposite))
     return far, fem.points[far]
 
 
 def _flat_cells(fem: FEModel) -> tuple[Array, Array]:
     """Elements much flatter than their neighbours, and their centres; measured by volume over the cube of the size."""
-    corners = fem.points[fem.cells[:, : 8 if fem.cells.shape[1] == 8 else 4]]
+    corners = fem.points[fem.cells[:, : 8 if fem.hexahedra else 4]]
     extent = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
     quality = fem.cell_volume / extent**3
     number = fem.neighbours
-    total = np.bincount(number.ravel(), np.repeat(quality, number.shape[1]))
-    count = np.bincount(number.ravel())
-    others = (count[number] - 1).sum(axis=1)
-    mean = (total[number].sum(axis=1) - number.shape[1] * quality) / np.maximum(others, 1)
+    real = number >= 0
+    total = np.bincount(number[real], np.broadcast_to(quality[:, None], number.shape)[real])
+    count = np.bincount(number[real])
+    others = np.where(real, count[number] - 1, 0).sum(axis=1)
+    around = np.where(real, total[number], 0.0).sum(axis=1)
+    mean = (around - real.sum(axis=1) * quality) / np.maximum(others, 1)
     flat = np.flatnonzero((others > 0) & (quality < _FLAT * mean))
     return flat, corners[flat].mean(axis=1)
 
@@ -126,10 +133,13 @@ def _bent_cells(fem: FEModel) -> tuple[Array, Array]:
     """Elements with a node far from where it would be if its edge were straight, and their centres."""
     if fem.order == 1:
         return np.empty(0, dtype=int), np.empty((0, 3))
-    nodes = fem.points[fem.cells]
-    ends = nodes[:, TET_EDGES]
-    straight = ends.mean(axis=2) if fem.order == 2 else nodes_on_edges(nodes[:, :4], TET_EDGES)
-    off = np.linalg.norm(nodes[:, 4 : 4 + straight.shape[1]] - straight, axis=2)
-    length = np.repeat(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), fem.order - 1, axis=1)
-    bent = np.flatnonzero((off > _BENT * length).any(axis=1))
-    return bent, nodes[bent].mean(axis=1)
+    is_bent = np.zeros(len(fem.cells), dtype=bool)
+    for kind, rows in kinds_of(fem.cells, fem.hexahedra):
+        nodes = fem.points[fem.cells[rows][:, kind.columns]]
+        ends, c = nodes[:, kind.edges], kind.corners
+        straight = ends.mean(axis=2) if fem.order == 2 else nodes_on_edges(nodes[:, :4], TET_EDGES)
+        off = np.linalg.norm(nodes[:, c : c + straight.shape[1]] - straight, axis=2)
+        length = np.repeat(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), fem.order - 1, axis=1)
+        is_bent[rows] = (off > _BENT * length).any(axis=1)
+    bent = np.flatnonzero(is_bent)
+    return bent, fem.points[fem.cells[bent]].mean(axis=1)

@@ -20,11 +20,13 @@ from ..support.checks import (
     check_indices,
     read_only,
     validate_array,
+    validate_flag,
     validate_text,
     validate_type,
     validate_whole,
 )
-from .consistency import check_elements, check_symmetric, element_volumes, largest_entry, plain_matrix
+from .consistency import check_elements, check_symmetric, integrals, largest_entry, plain_matrix
+from .elements import HEXAHEDRA, Kind, faces_of, kinds_of
 from .facets import check_neighbours, facet_corners, part_sizes
 from .given_matrices import (
     cells_beneath,
@@ -37,22 +39,16 @@ from .given_matrices import (
 )
 from .material import Material, Regions
 from .places import nearest_node
-from .shapes import CELL_FACES, ORDERS
+from .shapes import ORDERS, QUADS
 from .walls import Wall, weakest_between, weakest_wall
+
+_CALLED = {4: "tetrahedra", 5: "pyramids", 6: "wedges", 8: "hexahedra"}  # elements by their corners
 
 MassKind = Literal["consistent", "lumped"]
 MASSES: tuple[MassKind, ...] = get_args(MassKind)
 
-# Share of an element's mass that each node carries, HRZ lumping (Hinton, Rock, Zienkiewicz 1976): the diagonal of
-# the consistent element mass, scaled to the element's mass. It is positive for quadratic and cubic elements too.
-_HRZ_SHARE = {
-    4: np.full(4, 1 / 4),
-    10: np.r_[np.full(4, 1 / 36), np.full(6, 4 / 27)],
-    20: np.r_[np.full(4, 4), np.full(12, 27), np.full(4, 108)] / 772,
-    8: np.full(8, 1 / 8),
-}
-# Volume of the regular tetrahedron, and of the cube, with edges of length one.
-_TETRAHEDRON, _CUBE = 2**-0.5 / 6, 1.0
+# Volume of the regular tetrahedron, pyramid and wedge, and of the cube, with edges of length one; by their corners.
+_VOLUMES = {4: 2**-0.5 / 6, 5: 2**-0.5 / 3, 6: 3**0.5 / 4, 8: 1.0}
 # Largest distance of two nodes of an element by that edge: measured of meshes of Netgen, and of a cube.
 _TETRAHEDRA, _HEXAHEDRA = 1.35, 3**0.5
 
@@ -78,7 +74,8 @@ class FEModel:
     points : (n, 3) array
         Nodal positions in the body's reference configuration [m].
     cells : (ne, 4), (ne, 10), (ne, 20) or (ne, 8) int array
-        Tetrahedra, linear, quadratic or cubic, or linear hexahedra, in VTK order with positive volume.
+        Tetrahedra, linear, quadratic or cubic, or hexahedra with 8 or 20 nodes, in VTK order with positive volume.
+        Wedges, pyramids and tetrahedra among hexahedra repeat nodes, see `fe.elements`.
     mass, stiffness : (3n, 3n) csr matrix
         Consistent mass [kg] and stiffness [N/m], dofs interleaved x y z x y z. Other sparse formats and dense arrays
         are converted.
@@ -90,9 +87,11 @@ class FEModel:
         Named boundaries as rows of `facets`.
     regions : Regions or None
         Which element is of which material, if there are several or the modulus differs from place to place.
-    surface : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array or None
+    surface : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array or None
         Outward surface facets of a model whose elements are not known, with `cells` of shape (0, k); see
         `from_matrices`.
+    hexahedra : bool
+        Whether cells with 20 nodes are hexahedra, not cubic tetrahedra. Those with 8 always are.
 
     Raises
     ------
@@ -114,9 +113,11 @@ class FEModel:
     boundaries: dict[str, Array]
     regions: Regions | None = field(default=None, metadata={"added": True})
     surface: Array | None = field(default=None, metadata={"added": True})
+    hexahedra: bool = field(default=False, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_type("material", self.material, Material, "ep.Material()")
+        validate_flag("hexahedra", self.hexahedra)
         if self.regions is not None:
             validate_type("regions", self.regions, Regions, "fe_model()")
         points = validate_array("points", self.points, (None, 3))
@@ -136,11 +137,14 @@ class FEModel:
                 f"cell_mass: {np.count_nonzero(self.cell_mass <= 0)} elements have no mass, or negative; expected "
                 "density times volume of each"
             )
-        if self.cells.shape[1] not in CELL_FACES:
+        if self.cells.shape[1] not in ORDERS:
             raise MeshError(
-                "cells: expected tetrahedra with 4, 10 or 20 nodes or hexahedra with 8, got "
-                f"{self.cells.shape[1]} nodes"
+                "cells: expected tetrahedra with 4, 10 or 20 nodes or hexahedra with 8 or 20, got "
+                f"{self.cells.shape[1]} nodes; wedges and pyramids are hexahedra that repeat nodes, see fe.elements"
             )
+        if self.hexahedra and self.cells.shape[1] not in HEXAHEDRA:
+            raise MeshError(f"cells: expected hexahedra with 8 or 20 nodes, got {self.cells.shape[1]} nodes")
+        object.__setattr__(self, "hexahedra", self.hexahedra or self.cells.shape[1] == 8)
         for name in ("mass", "stiffness"):
             matrix = plain_matrix(name, getattr(self, name), 3 * len(points))
             if not (matrix.diagonal() > 0).all():
@@ -179,7 +183,7 @@ class FEModel:
             )
         self._check_rigid_motion()
         self._check_boundaries()
-        check_elements(points, cells, self.cell_mass, self.mass, self.stiffness, self.elastic)
+        check_elements(points, cells, self.hexahedra, self.cell_mass, self.mass, self.stiffness, self.elastic)
 
     def _check_without_cells(self) -> None:
         if self.surface is None:
@@ -262,6 +266,7 @@ class FEModel:
         cells: Array | None = None,
         dofs: Array | None = None,
         boundaries: dict[str, Array] | None = None,
+        hexahedra: bool = False,
     ) -> FEModel:
         """FE model with the mass and stiffness of another program, by its elements or by its surface alone.
 
@@ -276,7 +281,7 @@ class FEModel:
             Of the free body [kg, N/m], both triangles. `ep.read_matrices` reads files of other programs.
         points : (n, 3) array
             Nodes [m].
-        facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array, optional
+        facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array, optional
             The whole surface, as rows of `points`: corners counter-clockwise seen from outside, then nodes on edges.
         material : Material
             The one that the matrices were made with, for waves and contact.
@@ -286,6 +291,8 @@ class FEModel:
             What each row and column is: a row of `points`, and 0, 1 or 2 for x, y, z. Default: x y z of each node.
         boundaries : dict of str to int array, optional
             Named boundaries, as rows of the facets.
+        hexahedra : bool
+            Whether cells with 20 nodes are hexahedra, see `FEModel`.
 
         Returns
         -------
@@ -314,15 +321,18 @@ class FEModel:
         if facets is None:
             elements, surface = validate_whole("cells", cells, "integers, (ne, k)"), None
             check_indices("cells", elements, (None, None), len(points))
-            known = len(elements) and elements.shape[1] in CELL_FACES
-            cell_mass = material.rho * element_volumes(points, elements) if known else np.ones(len(elements))
+            known = len(elements) and elements.shape[1] in ORDERS
+            as_hexahedra = validate_flag("hexahedra", hexahedra) or elements.shape[1] == 8
+            cell_mass = np.ones(len(elements))
+            if known and not (as_hexahedra and elements.shape[1] not in HEXAHEDRA):
+                cell_mass = material.rho * integrals(points, elements, as_hexahedra)[0]
         else:
             surface = validate_whole("facets", facets, "integers, (nf, k)").copy()
             check_indices("facets", surface, (None, None), len(points))
             elements, cell_mass = np.empty((0, cells_beneath(surface)), dtype=np.int64), np.empty(0)
-        model = cls(
-            points, elements, M, K, cell_mass, material, {} if boundaries is None else boundaries, None, surface
-        )
+            hexahedra = surface.shape[1] in QUADS
+        named = {} if boundaries is None else boundaries
+        model = cls(points, elements, M, K, cell_mass, material, named, None, surface, hexahedra)
         model.warn_if_units_slipped()
         return model
 
@@ -357,11 +367,24 @@ class FEModel:
     @property
     def order(self) -> int:
         """Polynomial order of the elements, 1, 2 or 3."""
-        return ORDERS[self.cells.shape[1]]
+        return 2 if self.hexahedra and self.cells.shape[1] == 20 else ORDERS[self.cells.shape[1]]
+
+    @property
+    def tetrahedral(self) -> bool:
+        """Whether all elements are tetrahedra, kept as such."""
+        return not self.hexahedra
+
+    @cached_property
+    def kinds(self) -> list[tuple[Kind, Array]]:
+        """Kinds of its elements, each with its rows of `cells`, (m,) int."""
+        return kinds_of(self.cells, self.hexahedra)
 
     @cached_property
     def facets(self) -> Array:
-        """(nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array: outward surface triangles, see `FACET_NODES`, or quads."""
+        """(nf, 3), (nf, 6) or (nf, 10) int array: outward surface triangles, see `FACET_NODES`.
+
+        Quads of hexahedra are (nf, 4) or (nf, 8); a triangle among them is `a b c c`, see `fe.elements`.
+        """
         if self.surface is not None:
             return self.surface
         cell, face = self._facet_faces.T
@@ -373,21 +396,21 @@ class FEModel:
     def _facet_faces(self) -> Array:
         """(nf, 2) int array: element of each surface facet, and its face there."""
         number = self._faces[1]
-        of_surface = np.flatnonzero(np.bincount(number.ravel())[number.ravel()] == 1)
+        flat = number.ravel()
+        of_surface = np.flatnonzero((np.bincount(flat[flat >= 0])[flat] == 1) & (flat >= 0))
         return np.column_stack(np.divmod(of_surface, number.shape[1]))
 
     @cached_property
     def _faces(self) -> tuple[Array, Array]:
         """Faces of all elements, (6 ne or 4 ne, k), and the number, (ne, 6 or 4), that equal faces have in common."""
-        local = CELL_FACES[self.cells.shape[1]]
-        faces = self.cells[:, local].reshape(-1, local.shape[1])
-        corners = np.sort(facet_corners(faces), axis=1)
-        number = np.unique(corners, axis=0, return_inverse=True)[1]
-        return faces, number.reshape(len(self.cells), len(local))
+        return faces_of(self.cells, self.hexahedra)
 
     @property
     def neighbours(self) -> Array:
-        """(ne, 4) or (ne, 6) int array: numbers of the elements' faces; two elements that share one are neighbours."""
+        """(ne, 4) or (ne, 6) int array: numbers of the elements' faces; two elements that share one are neighbours.
+
+        It is -1 where a wedge, pyramid or tetrahedron among hexahedra has no face.
+        """
         return self._faces[1]
 
     @cached_property
@@ -409,12 +432,17 @@ class FEModel:
 
     @cached_property
     def lumped_mass(self) -> Array:
-        """(n,) array: nodal masses [kg] by HRZ lumping, positive for all orders (paper, section 2.1)."""
+        """(n,) array: nodal masses [kg] by HRZ lumping, positive for all orders (paper, section 2.1).
+
+        Hinton, Rock and Zienkiewicz (1976): the diagonal of the consistent mass of each element, scaled to its mass.
+        """
         if self.surface is not None:
             lumped = lumped_by_diagonal(self.mass)
             read_only(lumped)
             return lumped
-        share = self.cell_mass[:, None] * _HRZ_SHARE[self.cells.shape[1]]
+        share = np.empty(self.cells.shape)
+        for kind, rows in self.kinds:
+            share[rows] = self.cell_mass[rows, None] * kind.mass_shares
         lumped = np.bincount(self.cells.ravel(), share.ravel(), minlength=self.n_nodes)
         read_only(lumped)
         return lumped
@@ -463,7 +491,7 @@ class FEModel:
 
     @property
     def max_size(self) -> float:
-        """Edge of the regular tetrahedron, or of the cube, that has the volume of the largest element [m].
+        """Edge of the regular tetrahedron, cube, wedge or pyramid that has the volume of the largest element [m].
 
         If elements are not known, by the distance of nodes that the stiffness couples.
         """
@@ -472,8 +500,10 @@ class FEModel:
     @property
     def _sizes(self) -> Array:
         if self.surface is not None:
-            return reach(self.points, self.stiffness) / (_HEXAHEDRA if self.surface.shape[1] == 4 else _TETRAHEDRA)
-        volume: Array = self.cell_volume / (_CUBE if self.cells.shape[1] == 8 else _TETRAHEDRON)
+            return reach(self.points, self.stiffness) / (_HEXAHEDRA if self.surface.shape[1] in QUADS else _TETRAHEDRA)
+        volume: Array = self.cell_volume.copy()
+        for kind, rows in self.kinds:
+            volume[rows] /= _VOLUMES[kind.corners]
         return np.cbrt(volume)
 
     @property
@@ -506,7 +536,8 @@ class FEModel:
         return nearest_node(self.points, point)
 
     def __repr__(self) -> str:
-        shape = f"{len(self.cells)} {'hexahedra' if self.cells.shape[1] == 8 else 'tetrahedra'}"
+        counts = {kind.corners: len(rows) for kind, rows in self.kinds}
+        shape = " and ".join(f"{count} {_CALLED[corners]}" for corners, count in counts.items())
         if self.surface is not None:
             shape = f"{len(self.surface)} facets around elements"
         return (

@@ -73,9 +73,14 @@ def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
     EmptyRegionError
         If there is none.
     InputError
-        If the elements are not known.
+        If the elements are not known, of another kind, or of several materials.
     """
     fem.need_cells("plastic flow")
+    if fem.hexahedra and [kind.name for kind, _ in fem.kinds] != ["hexahedron"]:
+        raise InputError(
+            f"plastic_radius: expected tetrahedra, or hexahedra with 8 nodes alone, got {fem}. Give an elastic "
+            "material, or mesh the body with tetrahedra"
+        )
     away = np.linalg.norm(fem.points[fem.cells].mean(axis=1) - center, axis=1)
     within = away <= radius
     if not within.any():
@@ -98,7 +103,7 @@ class Patch:
 
     Parameters
     ----------
-    facets : (nf, 3), (nf, 6), (nf, 10) or (nf, 4) int array
+    facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array
         Surface facets, as nodes of the body.
     direction : (3,) array
         Unit outward normal, area-weighted mean: the line of contact. With `normals` it only turns pictures.
@@ -349,7 +354,7 @@ def check_facets(facets: Array, n_nodes: int | None = None) -> None:
     """
     check_indices("facets", facets, (None, None), n_nodes)
     if facets.shape[1] not in FACET_NODES or not len(facets):
-        raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6) or (n, 10), got {facets.shape}")
+        raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6), (n, 8) or (n, 10), got {facets.shape}")
 
 
 PARTS = (Patch, PlasticRegion, Interface, LoadPattern)  # of a partition, as files know them

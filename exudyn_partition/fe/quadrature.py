@@ -7,17 +7,21 @@ import scipy.optimize
 
 from ..errors import EmptyRegionError
 from ..support.arrays import Array
-from .facets import FLAT_TRIANGLES
-from .shapes import FACET_NODES, shape_functions
+from .facets import FLAT_TRIANGLES, by_shape
+from .shapes import FACET_NODES, QUADS, shape_functions
 
 Rule = tuple[Array, Array, Array]
 
 
 def area_mean(points: Array, facets: Array) -> Array:
     """Mean place, (3,) [m], over the area of facets, (nf, k), curved ones too, of points, (n, 3) [m]."""
-    shape, area = facet_integration(points, facets)
-    places = np.einsum("fq,qk,fkd->d", area, shape, points[facets])
-    return np.asarray(places / area.sum())
+    places, total = np.zeros(3), 0.0
+    for rows, columns in by_shape(facets):
+        own = facets[rows][:, columns]
+        shape, area = facet_integration(points, own)
+        places += np.einsum("fq,qk,fkd->d", area, shape, points[own])
+        total += area.sum()
+    return places / total
 
 
 def facet_integration(points: Array, facets: Array) -> tuple[Array, Array]:
@@ -33,14 +37,19 @@ def facet_forces(points: Array, facets: Array, direction: Array | None) -> Array
 
     Pressures are integrated exactly on curved facets too, so that those of a closed surface are in balance.
     """
-    local, weight = _square_gauss() if facets.shape[1] == 4 else _triangle_gauss()
-    shape = shape_functions(local, facets.shape[1])
-    tangents = np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets])
-    normals = np.cross(*tangents)
-    if direction is None:
-        return np.asarray(-np.einsum("q,qk,fqd->fkd", weight, shape[:, 0], normals))
-    areas = np.einsum("q,qk,fq->fk", weight, shape[:, 0], np.linalg.norm(normals, axis=2))
-    return np.asarray(areas[:, :, None] * direction)
+    forces = np.zeros((*facets.shape, 3))
+    for rows, columns in by_shape(facets):
+        n = len(columns)
+        local, weight = _square_gauss() if n in QUADS else _triangle_gauss()
+        shape = shape_functions(local, n)
+        normals = np.cross(*np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets[rows][:, columns]]))
+        if direction is None:
+            own = -np.einsum("q,qk,fqd->fkd", weight, shape[:, 0], normals)
+        else:
+            areas = np.einsum("q,qk,fq->fk", weight, shape[:, 0], np.linalg.norm(normals, axis=2))
+            own = areas[:, :, None] * direction
+        forces[np.ix_(rows, columns)] = own
+    return forces
 
 
 def edges_between(facets: Array, nodes: Array) -> Array:
@@ -52,7 +61,7 @@ def edges_between(facets: Array, nodes: Array) -> Array:
         If there is none.
     """
     edges = facets[:, _EDGES[facets.shape[1]]].reshape(-1, len(_EDGES[facets.shape[1]][0]))
-    edges = edges[np.isin(edges, nodes).all(axis=1)]
+    edges = edges[np.isin(edges, nodes).all(axis=1) & (edges[:, 0] != edges[:, 1])]  # a triangle's fourth has no length
     _, first = np.unique(np.sort(edges[:, :2], axis=1), axis=0, return_index=True)
     if not len(first):
         raise EmptyRegionError(
@@ -78,6 +87,7 @@ _EDGES = {
     3: [[0, 1], [1, 2], [2, 0]],
     4: [[0, 1], [1, 2], [2, 3], [3, 0]],
     6: [[0, 1, 3], [1, 2, 4], [2, 0, 5]],
+    8: [[0, 1, 4], [1, 2, 5], [2, 3, 6], [3, 0, 7]],
     10: [[0, 1, 3, 4], [1, 2, 5, 6], [2, 0, 7, 8]],
 }
 
@@ -146,5 +156,25 @@ def _square_rule() -> Rule:
     return local, np.outer(w, w).ravel(), shape_functions(local, 4)[:, 0]
 
 
+def _split_square_rule() -> Rule:
+    """Three points in each triangle at a corner of a quadrilateral of 8 nodes, four in the square between its middles.
+
+    The rule is as symmetric as the square, so that its degree is three.
+    """
+    nodes, triangles = FACET_NODES[8], np.array([[0, 4, 7], [1, 5, 4], [2, 6, 5], [3, 7, 6]])
+    _, weight, barycentric = _triangle_rule()
+    x = (np.polynomial.legendre.leggauss(2)[0] + 1) / 2
+    inside = np.zeros((4, 8))
+    inside[:, 4:] = shape_functions(np.stack(np.meshgrid(x, x), axis=2).reshape(-1, 2), 4)[:, 0]
+    hats = np.vstack([(barycentric @ np.eye(8)[triangles]).reshape(-1, 8), inside])
+    return hats @ nodes, np.r_[np.tile(weight / 4, 4), np.full(4, 1 / 8)], hats
+
+
 # By the number of a facet's nodes: points, their weights, and the nodes' hat functions there, (nq, k).
-RULES = {3: _triangle_rule(), 4: _square_rule(), 6: _split_triangle_rule(), 10: _cubic_triangle_rule()}
+RULES = {
+    3: _triangle_rule(),
+    4: _square_rule(),
+    6: _split_triangle_rule(),
+    8: _split_square_rule(),
+    10: _cubic_triangle_rule(),
+}

@@ -93,7 +93,8 @@ def parts(fem: FEModel, number: Array, smooth: float) -> Array:
     owner = np.repeat(np.arange(len(number)), k)
     order = np.lexsort(sides.T)
     sides, owner = sides[order], owner[order]
-    same = np.flatnonzero((sides[1:] == sides[:-1]).all(axis=1))
+    long = sides[1:, 0] < sides[1:, 1]  # a triangle among quadrilaterals has one without length
+    same = np.flatnonzero((sides[1:] == sides[:-1]).all(axis=1) & long)
     one, other = owner[same], owner[same + 1]
     held = np.einsum("ij,ij->i", normals[one], normals[other]) > smooth
     joined = sp.coo_matrix((np.ones(held.sum()), (one[held], other[held])), shape=(len(number),) * 2)

@@ -6,10 +6,12 @@ import numpy as np
 
 from ..support.arrays import Array
 
-# Facets: nodes in the facet's coordinates. Corners come first, then the nodes on edges 01, 12, 20, then the middle.
+# Facets: nodes in the facet's coordinates. Corners come first, then the nodes on edges 01, 12, ..., then the middle.
 _TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 _RING = np.array([[0, 1], [1, 2], [2, 0]])
+QUADS = (4, 8)  # numbers of nodes of quadrilaterals
+CUBIC = (8, 10)  # of facets whose polynomials have terms of degree three
 
 
 def nodes_on_edges(corners: Array, edges: Array) -> Array:
@@ -29,6 +31,7 @@ FACET_NODES = {
     3: _TRIANGLE,
     4: _SQUARE,
     6: np.vstack([_TRIANGLE, _TRIANGLE[_RING].mean(axis=1)]),
+    8: np.vstack([_SQUARE, (_SQUARE + np.roll(_SQUARE, -1, axis=0)) / 2]),
     10: np.vstack([_TRIANGLE, nodes_on_edges(_TRIANGLE, _RING), np.full((1, 2), 1 / 3)]),
 }
 
@@ -48,21 +51,27 @@ _POLYNOMIALS = {
 
 
 def _monomials(local: Array, n_nodes: int) -> Array:
-    """1, r, s, r^2, rs, s^2 at points, (k, 6); for cubic triangles also r^3, r^2 s, r s^2, s^3, (k, 10)."""
-    monomials = np.empty((len(local), 10 if n_nodes == 10 else 6))
+    """1, r, s, r^2, rs, s^2 at points, (k, 6); for facets of 8 or 10 nodes also r^3, r^2 s, r s^2, s^3, (k, 10)."""
+    cubic = n_nodes in CUBIC
+    monomials = np.empty((len(local), 10 if cubic else 6))
     monomials[:, 0] = 1.0
     monomials[:, 1:3] = local
     np.multiply(local[:, :1], local, out=monomials[:, 3:5])
     np.multiply(local[:, 1], local[:, 1], out=monomials[:, 5])
-    if n_nodes == 10:
+    if cubic:
         np.multiply(local[:, :1], monomials[:, 3:6], out=monomials[:, 6:9])
         np.multiply(local[:, 1], monomials[:, 5], out=monomials[:, 9])
     return monomials
 
 
-def _cubic_polynomials() -> Array:
-    """(10, 10) array: Lagrange's polynomials of the nodes of a cubic triangle; their coefficients are halves."""
-    value: Array = np.rint(2 * np.linalg.inv(_monomials(FACET_NODES[10], 10)).T) / 2
+def _cubic_polynomials(n_nodes: int) -> Array:
+    """(n_nodes, 10) array: Lagrange's polynomials of the nodes of `CUBIC` facets; their coefficients are halves.
+
+    Those of quadrilaterals have neither r^3 nor s^3 (serendipity).
+    """
+    powers = np.setdiff1d(np.arange(10), [6, 9]) if n_nodes == 8 else np.arange(10)
+    value = np.zeros((n_nodes, 10))
+    value[:, powers] = np.rint(2 * np.linalg.inv(_monomials(FACET_NODES[n_nodes], n_nodes)[:, powers]).T) / 2
     return value
 
 
@@ -83,12 +92,16 @@ def _table(polynomials: Array) -> Array:
     return np.ascontiguousarray(np.hstack([value, _derivative(value, 0), _derivative(value, 1)]))
 
 
-_COEFFICIENTS = {n: np.array(p, dtype=float) for n, p in _POLYNOMIALS.items()} | {10: _cubic_polynomials()}
+_COEFFICIENTS = {n: np.array(p, dtype=float) for n, p in _POLYNOMIALS.items()}
+_COEFFICIENTS |= {n: _cubic_polynomials(n) for n in CUBIC}
 TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _COEFFICIENTS.items()}
-_BENDS = np.stack([_derivative(_derivative(_COEFFICIENTS[10].T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))], axis=2)
+_BENDS = {
+    n: np.stack([_derivative(_derivative(_COEFFICIENTS[n].T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))], axis=2)
+    for n in CUBIC
+}
 
 # Second derivatives by rr, rs and ss, the same everywhere in a facet that is not cubic, (n, 3).
-_SECOND_DERIVATIVES = {n: p[:, 3:] * [2, 1, 2] for n, p in _COEFFICIENTS.items() if n != 10}
+_SECOND_DERIVATIVES = {n: p[:, 3:] * [2, 1, 2] for n, p in _COEFFICIENTS.items() if n not in CUBIC}
 
 
 def curvature(local: Array, arms: Array) -> Array:
@@ -98,21 +111,22 @@ def curvature(local: Array, arms: Array) -> Array:
     -------
     (3, k) array
     """
-    if arms.shape[1] != 10:
-        return np.asarray((arms @ _SECOND_DERIVATIVES[arms.shape[1]]).T)
-    bends: Array = np.einsum("km,mnd,kn->dk", _monomials(local, 10), _BENDS, arms, optimize=True)
+    n = arms.shape[1]
+    if n not in CUBIC:
+        return np.asarray((arms @ _SECOND_DERIVATIVES[n]).T)
+    bends: Array = np.einsum("km,mnd,kn->dk", _monomials(local, n), _BENDS[n], arms, optimize=True)
     return bends
 
 
 def linear_shares(n_nodes: int) -> Array:
     """(n_nodes, 3 or 4) array: weights of a facet's corners at its nodes, of functions linear between corners."""
-    value: Array = np.rint(6 * shape_functions(FACET_NODES[n_nodes], 4 if n_nodes == 4 else 3)[:, 0]) / 6
+    value: Array = np.rint(6 * shape_functions(FACET_NODES[n_nodes], 4 if n_nodes in QUADS else 3)[:, 0]) / 6
     return value
 
 
 def corners_of(facets: Array) -> Array:
     """Coordinates of the corners in their facet, (3 or 4, 2)."""
-    return _SQUARE if facets.shape[1] == 4 else _TRIANGLE
+    return _SQUARE if facets.shape[1] in QUADS else _TRIANGLE
 
 
 def shape_functions(local: Array, n_nodes: int) -> Array:
@@ -122,8 +136,9 @@ def shape_functions(local: Array, n_nodes: int) -> Array:
     ----------
     local : (k, 2) array
         Coordinates (r, s) with r, s >= 0, r + s <= 1, or r, s <= 1 for quads.
-    n_nodes : {3, 6, 10, 4}
-        Triangle: corners, then nodes on the edges 01, 12, 20, then the middle, see `FACET_NODES`. Quad: corners.
+    n_nodes : {3, 6, 10, 4, 8}
+        Triangle: corners, then nodes on the edges 01, 12, 20, then the middle, see `FACET_NODES`. Quad: corners, then
+        nodes on its edges.
 
     Returns
     -------

@@ -175,7 +175,8 @@ def _thickness(points: Array, corners: Array, facets: Array, number: Array, limi
     middle = nodes.mean(axis=2)
     first, second, third, fourth = (nodes[:, :, i] for i in (0, 1, 2, -1))
     normal = np.cross(third - first, fourth - second)
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    length = np.linalg.norm(normal, axis=2, keepdims=True)
+    normal /= np.where(length > 0, length, 1.0)  # faces that a wedge or pyramid does not have have none
     across = _other_sides(number)
     cell, face = facets.T
     start, outward = middle[cell, face], normal[cell, face]
@@ -229,5 +230,6 @@ def _other_sides(number: Array) -> Array:
     order = np.argsort(flat, kind="stable")
     same = np.flatnonzero(flat[order][1:] == flat[order][:-1])
     other = np.full(len(flat), -1)
+    same = same[flat[order][same] >= 0]
     other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
     return other.reshape(number.shape)

@@ -16,10 +16,10 @@ from typing import TextIO
 import numpy as np
 
 from ..errors import InputError, MeshError, MeshQualityWarning, MissingPackageError
-from ..fe.shapes import CELL_FACES, integration_gradients
+from ..fe.elements import Kind, faces_of, kinds_named, kinds_of, rows_of_cells
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
-from ..support.foreign import MeshioMesh
+from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
 from .abaqus_decks import read_abaqus
 from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, refuse_regions
@@ -30,32 +30,34 @@ from .regions import regions_of
 
 _LOG = logging.getLogger(__name__)
 
-_VOLUMES = ("tetra", "tetra10", "hexahedron")
-
-# Order of nodes that mirrors an element.
-_MIRRORED = {4: [1, 0, 2, 3], 10: [1, 0, 2, 3, 4, 6, 5, 8, 7, 9], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
+_ORDERS = ({"tetra", "hexahedron", "wedge", "pyramid"}, {"tetra10", "hexahedron20", "wedge15", "pyramid13"})
+# Corners of an element in the order that mirrors it, by their number.
+_MIRRORED = {4: [1, 0, 2, 3], 5: [0, 3, 2, 1, 4], 6: [3, 4, 5, 0, 1, 2], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
 _NO_VOLUME = 1e-10  # six times the volume of an element, by the cube of its extent, below which it is round-off
 
 
 @dataclass(frozen=True, eq=False)
 class VolumeMesh:
-    """Points and volume elements of a mesh file, all of one kind.
+    """Points and volume elements of a mesh file, all of one order.
 
     Parameters
     ----------
     points : (n, 3) array
         Nodal positions in the file's order and unit of length.
-    cells : (ne, 4), (ne, 10) or (ne, 8) int array
-        Linear or quadratic tetrahedra or linear hexahedra, in VTK order with positive volume.
+    cells : (ne, 4), (ne, 10), (ne, 8) or (ne, 20) int array
+        Tetrahedra or hexahedra, in VTK order with positive volume; see `fe.elements` for wedges and pyramids.
     faces : dict of str to (k, 3) or (k, 4) int array
-        Corner nodes of the triangles or quadrilaterals that the file names.
+        Corner nodes of the faces that the file names; the fourth of a triangle among quadrilaterals is its third.
     regions : CellRegions
+    hexahedra : bool
+        Whether rows of `cells` are those of hexahedra.
     """
 
     points: Array
     cells: Array
     faces: dict[str, Array]
     regions: CellRegions
+    hexahedra: bool
 
     def __post_init__(self) -> None:
         read_only(self.points, self.cells, *self.faces.values())
@@ -63,7 +65,7 @@ class VolumeMesh:
     @property
     def order(self) -> int:
         """Polynomial order of the elements, 1 or 2."""
-        return 2 if self.cells.shape[1] == 10 else 1
+        return 1 if self.cells.shape[1] in (4, 8) else 2
 
 
 def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
@@ -84,8 +86,8 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     InputError
         If there is no such file, or it cannot be read.
     MeshError
-        If the file has no volume elements, elements other than linear or quadratic tetrahedra or linear hexahedra,
-        elements of several kinds or, without `several`, regions, or inverted elements; or if not all of it is read.
+        If the file has no volume elements, others than linear or quadratic tetrahedra, hexahedra, wedges and pyramids,
+        both linear and quadratic ones, without `several` regions, or inverted elements; or if not all of it is read.
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
@@ -93,27 +95,32 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     solids = file.solids
     if not solids:
         raise MeshError(
-            f"{path}: expected tetrahedra or hexahedra, got {_listing(file.cells) or 'no elements'}. Export the volume "
+            f"{path}: expected solid elements, got {_listing(file.cells) or 'no elements'}. Export the volume "
             "mesh, not only the surface"
         )
-    if len(solids) > 1 or not set(solids) <= set(_VOLUMES):
+    if not any(set(solids) <= kinds for kinds in _ORDERS):
         raise MeshError(
-            f"{path}: expected one of {', '.join(_VOLUMES)} alone, got {_listing(solids)}. Mesh the body with one "
-            "kind, best tetra10"
+            f"{path}: expected some of {', '.join(sorted(_ORDERS[0]))}, or of {', '.join(sorted(_ORDERS[1]))}, got "
+            f"{_listing(solids)}. Mesh the body with elements of one order, best tetra10"
         )
-    ((kind, cells),) = solids.items()
     points = validate_array(f"points of {path}", file.points, (None, 3))
-    cells = np.asarray(cells, dtype=np.int64)
-    _check_nodes(path, len(points), cells)
+    blocks = []
+    for kind, of_kind in zip(kinds_named([*solids]), solids.values(), strict=True):
+        found = np.asarray(of_kind, dtype=np.int64)
+        _check_nodes(path, len(points), found)
+        blocks.append((kind.name, _outward(path, points, kind, found)))
+    cells, hexahedra = rows_of_cells(blocks)
     regions = _regions(path, file, several, len(cells))
+    by_kind = np.concatenate([rows for _, rows in kinds_of(cells, hexahedra)])
+    cells, regions = cells[by_kind], regions._replace(number=regions.number[by_kind])
     used, numbers = np.unique(cells, return_inverse=True)
     if len(used) < len(points):
         _LOG.info("%s: left out %d nodes of no volume element", path, len(points) - len(used))
     number_of = np.full(len(points), -1)
     number_of[used] = np.arange(len(used))
-    faces = _named_faces(file, FACE_CORNERS["quad" if kind == "hexahedron" else "triangle"], cells)
+    faces = _named_faces(file, cells, hexahedra)
     faces = {name: number_of[rows][(number_of[rows] >= 0).all(axis=1)] for name, rows in faces.items()}
-    return VolumeMesh(points[used], _outward(path, points[used], numbers.reshape(cells.shape)), faces, regions)
+    return VolumeMesh(points[used], numbers.reshape(cells.shape), faces, regions, hexahedra)
 
 
 def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
@@ -167,7 +174,8 @@ def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
     """
     n_nodes = file.cells.shape[1]
     if order not in (None, file.order) and n_nodes != 4:
-        raise InputError(f"order: {path} holds elements of {n_nodes} nodes, expected {file.order}, got {order}")
+        kinds = ", ".join(kind.name for kind, _ in kinds_of(file.cells, file.hexahedra))
+        raise InputError(f"order: {path} holds {kinds}, expected {file.order}, got {order}")
     if order is None and n_nodes == 4:
         warnings.warn(
             f"order: {path} holds linear tetrahedra, which bend too stiffly; with two elements across a bar its first "
@@ -178,10 +186,9 @@ def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
         )
 
 
-def write_vtu(path: Path, points: Array, kind: str, cells: Array, fields: dict[str, Array]) -> None:
-    """Write cells of one of meshio's kinds, with nodal fields, (n,) or (n, k), to a VTU file."""
-    meshio = require("meshio")
-    meshio.Mesh(points, [(kind, cells)], point_data=fields).write(path, file_format="vtu")
+def write_vtu(path: Path, points: Array, blocks: list[tuple[str, Array]], fields: dict[str, Array]) -> None:
+    """Write cells by their names in meshio, with nodal fields, (n,) or (n, k), to a VTU file."""
+    _meshio().Mesh(points, blocks, point_data=fields).write(path, file_format="vtu")
 
 
 def _read(path: Path) -> FileMesh:
@@ -214,9 +221,17 @@ def _check_counts(path: Path, mesh: MeshioMesh) -> None:
             )
 
 
+def _meshio() -> Meshio:
+    """Return meshio, which knows all elements that it reads and writes."""
+    meshio = require("meshio")
+    for kind in ("wedge15", "pyramid13"):  # 5.3.5 has forgotten them in this one table, and fails on them
+        require("meshio._mesh").topological_dimension.setdefault(kind, 3)
+    return meshio
+
+
 def _read_by_meshio(path: Path) -> MeshioMesh:
     """Read a file as a `meshio.Mesh`."""
-    meshio = require("meshio")
+    meshio = _meshio()
     said = _Said(sys.stdout)
     try:
         # meshio prints what it could not read, and ends the process.
@@ -280,38 +295,53 @@ def _check_nodes(path: Path, n: int, cells: Array) -> None:
     if len(collapsed):
         raise MeshError(
             f"{path}: {len(collapsed)} of {len(cells)} elements have a node twice, the first is element {collapsed[0]} "
-            "(counted from 0). Collapsed hexahedra are wedges; mesh the body with one kind of element"
+            "(counted from 0). Give wedges, pyramids and tetrahedra as such, or mesh anew"
         )
 
 
-def _outward(path: Path, points: Array, cells: Array) -> Array:
-    """Cells of positive volume; all are mirrored if the file has the other convention."""
-    bad = inverted(points, cells)
+def _outward(path: Path, points: Array, kind: Kind, cells: Array) -> Array:
+    """Cells of positive volume; all of a kind are mirrored if the file has the other convention."""
+    bad = inverted(points, cells, kind)
     if len(bad) == len(cells):
-        cells = cells[:, _MIRRORED[cells.shape[1]]]
-        bad = inverted(points, cells)
+        cells = cells[:, _mirrored(kind)]
+        bad = inverted(points, cells, kind)
     if len(bad):
         raise MeshError(
             f"{path}: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first is element "
-            f"{bad[0]} (counted from 0), of nodes {cells[bad[0]].tolist()}. Check the order of its nodes and where "
-            "they lie, or mesh anew"
+            f"{bad[0]} (counted from 0), a {kind.name} of nodes {cells[bad[0]].tolist()}. Check the order of its nodes "
+            "and where they lie, or mesh anew"
         )
     return cells
 
 
-def inverted(points: Array, cells: Array) -> Array:
-    """Rows of `cells`, (ne, 4), (ne, 10) or (ne, 8), without positive volume at some integration point."""
+def _mirrored(kind: Kind) -> Array:
+    """Order of nodes that mirrors an element."""
+    corners = np.array(_MIRRORED[kind.corners])
+    if kind.order == 1:
+        return corners
+    known = {frozenset(edge): kind.corners + i for i, edge in enumerate(kind.edges.tolist())}
+    return np.asarray(np.r_[corners, [known[frozenset(ends)] for ends in corners[kind.edges].tolist()]])
+
+
+def inverted(points: Array, cells: Array, kind: Kind) -> Array:
+    """Rows of elements of a kind, (ne, n), without positive volume at some integration point."""
     corners = points[cells]
-    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", integration_gradients(cells.shape[1]), corners))
+    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", kind.gradients, corners))
     extent = np.ptp(corners, axis=1).max(axis=1)
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
 
-def _named_faces(file: FileMesh, corners: int, cells: Array) -> dict[str, Array]:
-    """Corner nodes of the faces with so many corners that have names, or whose corners are in a set of nodes."""
-    named = {name: [rows for rows in faces if rows.shape[1] == corners] for name, faces in file.faces.items()}
-    faces = {name: np.concatenate(rows).astype(np.int64) for name, rows in named.items() if rows}
-    of_cells = cells[:, CELL_FACES[cells.shape[1]][:, :corners]].reshape(-1, corners)
+def _named_faces(file: FileMesh, cells: Array, hexahedra: bool) -> dict[str, Array]:
+    """Corner nodes of the faces that have names, or whose corners are in a set of nodes."""
+    corners = 4 if hexahedra else 3
+    faces = {}
+    for name, found in file.faces.items():
+        fitting = [rows for rows in found if rows.shape[1] <= corners]
+        padded = [rows if rows.shape[1] == corners else rows[:, [0, 1, 2, 2]] for rows in fitting]
+        if padded:
+            faces[name] = np.concatenate(padded).astype(np.int64)
+    all_faces, number = faces_of(cells, hexahedra)
+    of_cells = all_faces[number.ravel() >= 0, :corners]
     for name, nodes in file.node_sets.items():
         within = np.zeros(len(file.points), dtype=bool)
         within[nodes] = True

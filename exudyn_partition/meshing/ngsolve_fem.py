@@ -13,7 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning
-from ..fe.facets import facet_corners
+from ..fe.consistency import integrals
+from ..fe.elements import centres_of, corner_keys, faces_of, kinds_of
+from ..fe.facets import check_conforming
 from ..fe.material import Material, Regions
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
@@ -28,6 +30,7 @@ from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
 from .mesh_files import VolumeMesh, check_order, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
+from .mixed_basis import to_coefficients
 from .netgen_mesh import (
     GRADING,
     ONE_AT_A_TIME,
@@ -67,10 +70,10 @@ def fe_model(
     source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
-        A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra or linear
-        hexahedra, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of a
-        mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces, and sets of nodes
-        that span faces, become boundaries.
+        A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra, hexahedra, wedges
+        and pyramids, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of
+        a mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces, and sets of
+        nodes that span faces, become boundaries.
     material : Material or dict of str to Material
         In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
         name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
@@ -247,7 +250,8 @@ def _places(ngsolve: NGSolve, mesh: NGSolveMesh, numbers: Array, n: int) -> Arra
 
 def _check_volume(points: Array, cells: Array) -> None:
     """Refuse elements that curved sides turn inside out. NGSolve would integrate them with a positive volume."""
-    bad = inverted(points, cells)
+    ((kind, _),) = kinds_of(cells, False)
+    bad = inverted(points, cells, kind)
     if len(bad):
         where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
         raise MeshError(
@@ -266,23 +270,50 @@ def _from_file(
     if file.order == 1 and order in (2, 3):
         fem = _from_mesh(ngsolve, _volume_mesh(ngsolve, file.points, file.cells), given, order, file.regions)
     else:
-        elastic = given.on(str(path), file.regions, file.points[file.cells].mean(axis=1))
-        if file.order == 2:
+        centres = centres_of(file.points, file.cells, file.hexahedra)
+        elastic = given.on(str(path), file.regions, centres)
+        if file.hexahedra:
+            mesh, to_hierarchical = _mixed_mesh(ngsolve, file.points, file.cells)
+        elif file.order == 2:
             mesh, to_hierarchical = _deformed_mesh(ngsolve, file.points, file.cells)
         else:
             mesh = _volume_mesh(ngsolve, file.points, file.cells)
             to_hierarchical = NodalBasis(ngsolve, mesh, 1).to_hierarchical
-        fem = _assemble(ngsolve, mesh, elastic, file.points, file.cells, to_hierarchical)
+        fem = _assemble(ngsolve, mesh, elastic, file.points, file.cells, to_hierarchical, hexahedra=file.hexahedra)
     fem.boundaries.update(_boundaries(fem.facets, file.faces))
     return fem
 
 
-def _volume_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> NGSolveMesh:
-    """`ngsolve.Mesh` of linear elements, its vertices in the order of `points`."""
+def _volume_mesh(ngsolve: NGSolve, points: Array, *blocks: Array) -> NGSolveMesh:
+    """`ngsolve.Mesh` of linear elements, by the corners of each kind, its vertices in the order of `points`."""
     mesh = require("netgen.meshing").Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(points))
-    mesh.AddElements(dim=3, index=1, data=np.ascontiguousarray(cells, dtype=np.int32), base=0)
+    for cells in blocks:
+        mesh.AddElements(dim=3, index=1, data=np.ascontiguousarray(cells, dtype=np.int32), base=0)
     return ngsolve.Mesh(mesh)
+
+
+def _mixed_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> tuple[NGSolveMesh, sp.csr_matrix]:
+    """Mesh of hexahedra, wedges and others, kind by kind, whose nodes are `points`; see `to_coefficients`."""
+    check_conforming(*faces_of(cells, True))
+    kinds = [(kind, cells[rows][:, kind.columns]) for kind, rows in kinds_of(cells, True)]
+    vertices = np.unique(np.concatenate([own[:, : kind.corners].ravel() for kind, own in kinds]))
+    corners = [np.searchsorted(vertices, own[:, : kind.corners]) for kind, own in kinds]
+    mesh = _volume_mesh(ngsolve, points[vertices], *corners)
+    to_hierarchical = to_coefficients(ngsolve, mesh, kinds, len(points))
+    offsets = np.zeros_like(points)
+    for kind, own in kinds:
+        middles = own[:, kind.corners :]
+        offsets[middles] = points[middles] - points[own[:, kind.edges]].mean(axis=2)[:, : middles.shape[1]]
+    _deform(ngsolve, mesh, to_hierarchical @ offsets, kinds[0][0].order)
+    return mesh, to_hierarchical
+
+
+def _deform(ngsolve: NGSolve, mesh: NGSolveMesh, coefficients: Array, order: int) -> None:
+    """Move straight elements to their nodes; NGSolve curves elements only by a geometry."""
+    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
+    deformation.vec.FV().NumPy()[:] = coefficients.T.ravel()
+    mesh.SetDeformation(deformation)
 
 
 def surplus_of(fem: FEModel) -> Surplus:
@@ -298,7 +329,7 @@ def surplus_of(fem: FEModel) -> Surplus:
     MissingPackageError
     """
     fem.need_cells("the error of its mesh")
-    if fem.cells.shape[1] not in TET_NODES:
+    if not fem.tetrahedral:
         raise MeshError("cells: expected tetrahedra; the error of a mesh of hexahedra is not estimated")
     ngsolve, order = require("ngsolve"), fem.order
     check_memory_of_model(int(_HIGHER[order] * fem.n_nodes), min(order + 1, 3))
@@ -325,14 +356,11 @@ def _deformed_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> tuple[NGSol
             "elements on an edge share. Merge coincident nodes or mesh anew"
         )
     to_hierarchical = to_hierarchical[:, number_of]
-    # NGSolve curves elements only by a geometry. Without one, a deformation moves straight elements to the nodes.
     local = TET_NODES[cells.shape[1]][4:]
     straight = np.column_stack([1 - local.sum(axis=1), local]) @ points[cells[:, :4]]
     offsets = np.zeros_like(points)
     offsets[cells[:, 4:]] = points[cells[:, 4:]] - straight
-    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=order))
-    deformation.vec.FV().NumPy()[:] = (to_hierarchical @ offsets).T.ravel()
-    mesh.SetDeformation(deformation)
+    _deform(ngsolve, mesh, to_hierarchical @ offsets, order)
     return mesh, to_hierarchical
 
 
@@ -343,13 +371,18 @@ def _assemble(
     points: Array,
     cells: Array,
     to_hierarchical: sp.csr_matrix,
+    *,
+    hexahedra: bool = False,
 ) -> FEModel:
     """Assemble by NGSolve; change from its hierarchical basis to nodal values."""
-    order = ORDERS[cells.shape[1]]
-    check_memory_of_model(len(points), order)
+    order = 2 if hexahedra and cells.shape[1] == 20 else ORDERS[cells.shape[1]]
+    check_memory_of_model(to_hierarchical.shape[0], order)
     stiffness, mass = _forms(ngsolve, mesh, elastic, order)
-    with _threads(ngsolve, len(points)):
-        volume = np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
+    if hexahedra:  # NGSolve moves the tips of pyramids a little
+        volume = integrals(points, cells, True)[0]
+    else:
+        with _threads(ngsolve, len(points)):
+            volume = np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, element_wise=True))
     change = sp.kron(to_hierarchical, sp.identity(3), format="csr")
     back, back_scalar = change.T.tocsr(), to_hierarchical.T.tocsr()  # products of rows with rows need no conversion
     return FEModel(
@@ -361,6 +394,7 @@ def _assemble(
         material=elastic.largest(volume) if isinstance(elastic, Regions) else elastic,
         boundaries={},
         regions=elastic if isinstance(elastic, Regions) else None,
+        hexahedra=hexahedra,
     )
 
 
@@ -397,8 +431,8 @@ def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:
     """Rows of `facets` on each named boundary, whose faces are given by their corner nodes."""
     if not faces:
         return {}
-    corners = np.vstack([facet_corners(facets), *faces.values()])
-    number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    keys = np.vstack([corner_keys(facets), *map(corner_keys, faces.values())])
+    number = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
     own, *theirs = (number[part] for part in consecutive([len(facets), *map(len, faces.values())]))
     return {name: np.flatnonzero(np.isin(own, their)) for name, their in zip(faces, theirs, strict=True)}
 

@@ -21,6 +21,8 @@ def regions_of(mesh: MeshioMesh) -> Iterator[CellRegions]:
     They are physical groups of Gmsh, or its volumes if there are no groups, and data named like a material or region.
     """
     volumes = [i for i, block in enumerate(mesh.cells) if block.dim == 3 and len(block)]
+    kinds = list(dict.fromkeys(mesh.cells[i].type for i in volumes))
+    volumes.sort(key=lambda i: kinds.index(mesh.cells[i].type))  # the elements are taken kind by kind
     data = {name: _values(blocks, volumes) for name, blocks in mesh.cell_data.items() if _REGION.search(name)}
     names = {int(tag): name for name, (tag, dimension) in _groups(mesh).items() if dimension == 3}
     physical = data.pop("gmsh:physical", np.zeros(0))

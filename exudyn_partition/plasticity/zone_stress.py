@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from ..errors import MeshError
 from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.patches import PlasticRegion
@@ -39,6 +40,8 @@ class ZoneStress:
 
     def __init__(self, fem: FEModel, region: PlasticRegion, material: Material) -> None:
         self._fem, self._region, self._k = fem, region, region.cells.shape[1]
+        if self._k not in TET_NODES:
+            raise MeshError("cells: expected tetrahedra; the stress in a plastic zone of hexahedra is not recovered")
         self._shear, self._bulk = material.shear_modulus, material.lame + 2 / 3 * material.shear_modulus
         self._nodes = fem.points[region.cells]
         self._mean = mean_dilatation(fem.points, region.cells)[2].reshape(len(region.cells), self._k, 3)

@@ -12,6 +12,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_bodies.static_part import zone_stresses
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
+from ..fe.facets import by_shape, facet_corners
 from ..fe.model import FEModel
 from ..fe.shapes import linear_shares
 from ..plasticity.strain_history import StrainHistory
@@ -24,8 +25,7 @@ from ..support.checks import validate_items, validate_result
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
 _NUMBERS_AT_ONCE = 20_000_000  # in one array of displacements at some samples
 _OF_STRESS = {"stress", "von_mises"}
-_FACETS = {3: "triangle", 6: "triangle6", 10: "VTK_LAGRANGE_TRIANGLE", 4: "quad"}
-CELLS = {4: "tetra", 10: "tetra10", 20: "VTK_LAGRANGE_TETRAHEDRON", 8: "hexahedron"}  # names in meshio
+_FACETS = {3: "triangle", 6: "triangle6", 10: "VTK_LAGRANGE_TRIANGLE", 4: "quad", 8: "quad8"}  # names in meshio
 # A contact, its forces on the nodes of each side's patch, (n, np, 3), and the plastic strain of each side.
 Load = tuple[PartitionContact, list[Array], list[StrainHistory | None]]
 
@@ -80,8 +80,8 @@ class BodyFields:
         Places of its nodes at the start, in space [m].
     cells : (nc, k) int array
         Facets or elements, as rows of `points`.
-    kind : str
-        Name of the cells in meshio.
+    blocks : list of (str, (m, k) int array)
+        The cells by their names in meshio.
 
     Raises
     ------
@@ -116,9 +116,13 @@ class BodyFields:
         if self._stressed or not surface:
             self.body.check_inside(f"{'stress' if surface else 'the inside'} of {self.item.name or 'a body'!r}")
         cells = self.body.facets if surface or self.fem is None else self.fem.cells
-        self.kind = (_FACETS if surface else CELLS)[cells.shape[1]]
         self.nodes, numbers = np.unique(cells, return_inverse=True)
         self.cells: Array = numbers.reshape(cells.shape)
+        if surface or self.fem is None:
+            parts = by_shape(self.cells)
+            self.blocks = [(_FACETS[len(columns)], self.cells[rows][:, columns]) for rows, columns in parts]
+        else:
+            self.blocks = [(kind.name, self.cells[rows][:, kind.columns]) for kind, rows in self.fem.kinds]
         self.kinematics = self.item.kinematics.at(self.nodes)
         self.points = self.kinematics.place(np.zeros(self.body.n_dofs))
 
@@ -141,8 +145,10 @@ class BodyFields:
                     field = np.zeros(len(self.body.points))
                     for facets, nodes, values in pressures:
                         field[nodes] += values[i].toarray()[0]  # contacts may share a patch
-                        if facets.shape[1] > 4:  # pressures are linear between corners
-                            field[facets[:, 3:]] = field[facets[:, :3]] @ linear_shares(facets.shape[1])[3:].T
+                        corners = facet_corners(facets)
+                        n = corners.shape[1]
+                        if facets.shape[1] > n:  # pressures are linear between corners
+                            field[facets[:, n:]] = field[corners] @ linear_shares(facets.shape[1])[n:].T
                     data["contact_pressure"] = field[self.nodes]
                 for name, nodes, values in tangential:
                     field = np.zeros((len(self.body.points), *values.shape[2:]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.facets import FLAT_TRIANGLES
+from ..fe.facets import by_shape, flat_triangles
 from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..support.arrays import Array
@@ -72,9 +72,8 @@ def selection(fem: FEModel, partition: Partition, *, axes: Axes = None, directio
         handles.append(patch_of(facecolor=colour, label=label))
         if not chosen.any():  # nodes of a line, or inside
             axes.plot(*(1e3 * fem.points[nodes] @ turn[:, :2]).T, ".", color=colour, markersize=3, zorder=3)
-    flat = FLAT_TRIANGLES[facets.shape[1]]
-    triangles = facets[:, flat].reshape(-1, 3)
-    _draw(axes, [(1e3 * fem.points[triangles] @ turn, np.repeat(colours, len(flat), axis=0))])
+    triangles, owner = flat_triangles(facets)
+    _draw(axes, [(1e3 * fem.points[triangles] @ turn, colours[owner])])
     axes.legend(handles=handles, fontsize="small", loc="upper left")  # the best place is sought for seconds
     return _finish(axes)
 
@@ -158,7 +157,12 @@ def _selected(partition: Partition) -> list[tuple[str, Array, Array | None]]:
 def _rows_in(facets: Array, some: Array) -> Array:
     """Which of the facets are among `some`, (nf,) bool."""
     known = {row.tobytes() for row in np.sort(some, axis=1).astype(np.int64)}
-    return np.array([row.tobytes() in known for row in np.sort(facets, axis=1).astype(np.int64)])
+    found = np.zeros(len(facets), dtype=bool)
+    for rows, columns in by_shape(facets):
+        if len(columns) == some.shape[1]:
+            own = np.sort(facets[rows][:, columns], axis=1).astype(np.int64)
+            found[rows] = [row.tobytes() in known for row in own]
+    return found
 
 
 def _turn(direction: Sequence[float]) -> Array:

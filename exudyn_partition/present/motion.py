@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.facets import FLAT_TRIANGLES
+from ..fe.facets import flat_triangles
 from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_times
 from ..support.progress import Progress
@@ -231,7 +231,7 @@ def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], f
     for colour in wanted:
         values = found.get(_SOURCES.get(colour, colour), np.zeros(rigid.shape[:2]))
         colours[colour] = np.linalg.norm(values, axis=2) if values.ndim == 3 else values
-    triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
+    triangles = flat_triangles(piece.cells)[0]
     return BodyMotion(name, points, triangles, place, turn, not kinematics.linear, deformation, colours)
 
 

@@ -20,13 +20,14 @@ from ..errors import InputError
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.plastic_results import SIDES
 from ..exudyn_contacts.run_result import RunResult as Result
+from ..fe.elements import kinds_of
 from ..meshing.mesh_files import write_vtu
 from ..plasticity.flow import von_mises as flow_von_mises
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_result, validate_type
 from ..support.files import filling
 from ..support.progress import Progress, shown
-from .body_fields import CELLS, BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
+from .body_fields import BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
 
 Field = Literal[
     "displacement",
@@ -116,7 +117,7 @@ def write_paraview(
         for part, (piece, stem) in enumerate(zip(pieces, _stems(pieces), strict=True)):
             for i, data in enumerate(piece.frames(chosen, contacts, loads)):
                 path = new / f"{stem}_{i:04d}.vtu"
-                write_vtu(path, piece.points, piece.kind, piece.cells, data)
+                write_vtu(path, piece.points, piece.blocks, data)
                 entries.append((float(chosen.t[i]), part, path.name))
                 report((part + (i + 1) / len(chosen.t)) / len(pieces))
         _write_pvd(new / _LIST, sorted(entries))
@@ -166,7 +167,8 @@ def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: R
             np.add.at(weight, shares, zone.weight[:, None])
             strain, stress = (at_nodes / weight[:, None]).T
             fields = {"plastic_strain": strain, "residual_von_mises": stress, "displacement": moved}
-            write_vtu(new / file, item.body.points[zone.nodes], CELLS[cells.shape[1]], cells, fields)
+            ((kind, _),) = kinds_of(cells, cells.shape[1] == 8)  # of one kind, see `plastic_region`
+            write_vtu(new / file, item.body.points[zone.nodes], [(kind.name, cells)], fields)
     return [Path(folder) / file for file in files]
 
 

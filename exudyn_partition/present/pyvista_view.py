@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.facets import FLAT_TRIANGLES
+from ..fe.facets import flat_triangles
 from ..support.checks import validate_array, validate_integer, validate_positive, validate_result
 from ..support.files import replacing, writable
 from ..support.foreign import Plotter
@@ -97,7 +97,7 @@ def plotter(
     scene = pyvista.Plotter(off_screen=True, window_size=pixels)
     title, *said = title_of(field, scale)
     for piece, place, value in zip(pieces, places, values, strict=True):
-        triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
+        triangles = flat_triangles(piece.cells)[0]
         mesh = polydata(place, triangles)
         mesh.point_data[field] = value
         scene.add_mesh(

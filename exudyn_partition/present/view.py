@@ -26,7 +26,7 @@ from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.facets import FLAT_TRIANGLES
+from ..fe.facets import flat_triangles
 from ..support.arrays import Array, Vector
 from ..support.checks import (
     validate_array,
@@ -337,7 +337,7 @@ def _graphics(
     drawn: list[GraphicsData] = []
     for piece, place, value in zip(pieces, places, values, strict=True):
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
-        triangles = piece.cells[:, FLAT_TRIANGLES[piece.cells.shape[1]]].reshape(-1, 3)
+        triangles = flat_triangles(piece.cells)[0]
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
     rigid = rigid_surfaces(contacts, np.vstack(places), poses)
     seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in rigid)])

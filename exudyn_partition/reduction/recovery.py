@@ -24,9 +24,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from ..errors import InputError, MeshError
+from ..errors import InputError
+from ..fe.elements import Kind
+from ..fe.facets import flat_triangles
 from ..fe.model import FEModel
-from ..fe.shapes import TET_NODES, tetrahedron_functions
 from ..support.arrays import Array, Vector
 from ..support.checks import (
     read_only,
@@ -135,8 +136,6 @@ def gauge_rows(fem: FEModel, gauges: Sequence[StrainGauge]) -> sp.csr_matrix:
     ------
     InputError
         If an argument is no such thing, or an end of a gauge lies outside the body, beyond 5 % of an element's height.
-    MeshError
-        If the elements are no tetrahedra.
     """
     gauges = validate_items("gauges", gauges, StrainGauge, "StrainGauge()")
     if not gauges:
@@ -164,7 +163,7 @@ def displacement_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
 
     Raises
     ------
-    InputError, MeshError
+    InputError
         See `gauge_rows`.
     """
     return _interpolation(fem, *locate(fem, validate_array("points", points, (None, 3))))
@@ -188,7 +187,7 @@ def strain_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
 
     Raises
     ------
-    InputError, MeshError
+    InputError
         See `gauge_rows`.
     """
     return _rows(fem, *_strain_rows(fem, points))
@@ -210,7 +209,7 @@ def stress_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
 
     Raises
     ------
-    InputError, MeshError
+    InputError
         See `gauge_rows`.
     """
     cell, strain = _strain_rows(fem, points)
@@ -233,7 +232,7 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
 
     Raises
     ------
-    InputError, MeshError
+    InputError
     """
     displacement = _validate_field(fem, displacement)
     strain: Array = _nodal_means(fem, displacement[None], np.arange(fem.n_nodes))[0]
@@ -256,7 +255,7 @@ def nodal_stress(fem: FEModel, displacement: Array) -> Array:
 
     Raises
     ------
-    InputError, MeshError
+    InputError
     """
     displacement = _validate_field(fem, displacement)
     stress: Array = nodal_stresses(fem, displacement[None], np.arange(fem.n_nodes))[0]
@@ -272,20 +271,26 @@ def _nodal_means(fem: FEModel, displacements: Array, nodes: Array, stiffness: Ar
     """Strain at nodes, (m, k, 6); or stress, if the elements' matrices of Hooke's law are given, (ne, 6, 6) [Pa]."""
     fields, place = len(displacements), np.full(fem.n_nodes, -1)
     place[nodes] = np.arange(len(nodes))
-    corners = np.array(TET_NODES[fem.cells.shape[1]])
     total, weight = np.zeros((len(nodes), 6 * fields)), np.zeros((len(nodes), 1))
-    around = np.flatnonzero((place[fem.cells] >= 0).any(axis=1))
-    size = max(1, _NUMBERS_AT_ONCE // (18 * fields * len(corners)))
-    for cells in np.split(around, range(size, len(around), size)):
-        element, corner = np.nonzero(place[fem.cells[cells]] >= 0)
-        cell = cells[element]
-        gradient = _gradients(fem.points[fem.cells[cell]], corners[corner])
-        u = displacements[:, fem.cells[cell]].transpose(1, 2, 0, 3).reshape(len(cell), len(corners), -1)
+    is_around = np.asarray((place[fem.cells] >= 0).any(axis=1))
+    size = max(1, _NUMBERS_AT_ONCE // (18 * fields * fem.cells.shape[1]))
+    parts = [
+        (kind, cells)
+        for kind, rows in fem.kinds
+        for around in [rows[is_around[rows]]]
+        for cells in np.split(around, range(size, len(around), size))
+    ]
+    for kind, cells in parts:
+        of_nodes = fem.cells[cells][:, kind.columns]
+        element, corner = np.nonzero(place[of_nodes] >= 0)
+        cell, own = cells[element], of_nodes[element]
+        gradient = _gradients_of(kind, fem.points[own], kind.nodes[corner])
+        u = displacements[:, own].transpose(1, 2, 0, 3).reshape(*own.shape, -1)
         slopes = (gradient.swapaxes(1, 2) @ u).reshape(len(cell), 3, fields, 3)
         strain = np.einsum("vab,mbfa->mvf", _VOIGT, slopes)
         if stiffness is not None:
             strain = stiffness[cell] @ strain
-        here, number = np.unique(place[fem.cells[cell, corner]], return_inverse=True)
+        here, number = np.unique(place[of_nodes[element, corner]], return_inverse=True)
         gather = sp.csr_matrix((fem.cell_mass[cell], (number, np.arange(len(cell)))), shape=(len(here), len(cell)))
         total[here] += gather @ strain.reshape(len(cell), -1)
         weight[here] += gather.sum(axis=1)
@@ -313,7 +318,10 @@ def von_mises(stress: Array) -> Array:
 def _strain_rows(fem: FEModel, points: Array) -> tuple[Array, Array]:
     """Cell of each of m points, and its strain by displacements of the cell's k nodes, (m, 6, k, 3)."""
     cell, local = locate(fem, validate_array("points", points, (None, 3)))
-    gradient = _gradients(fem.points[fem.cells[cell]], local)
+    gradient = np.empty((len(cell), fem.cells.shape[1], 3))
+    for kind, own in _by_kind(fem, cell):
+        nodes = fem.points[fem.cells[cell[own]][:, kind.columns]]
+        gradient[own] = kind.on_row(_gradients_of(kind, nodes, local[own]))
     return cell, np.einsum("vab,mkb->mvka", _VOIGT, gradient)
 
 
@@ -339,26 +347,32 @@ def _rows(fem: FEModel, cell: Array, coefficients: Array) -> sp.csr_matrix:
 
 
 def _interpolation(fem: FEModel, cell: Array, local: Array) -> sp.csr_matrix:
-    values, _ = tetrahedron_functions(local, fem.cells.shape[1])
+    values = np.empty((len(cell), fem.cells.shape[1]))
+    for kind, own in _by_kind(fem, cell):
+        values[own] = kind.on_row(kind.functions(local[own])[0])
     return _rows(fem, cell, values[:, None, :, None] * np.eye(3)[:, None])
 
 
-def _gradients(nodes: Array, local: Array) -> Array:
+def _gradients_of(kind: Kind, nodes: Array, local: Array) -> Array:
     """Derivatives of the shape functions in space [1/m], of cells with `nodes`; both (m, nodes of a cell, 3)."""
-    _, derivatives = tetrahedron_functions(local, nodes.shape[1])
+    _, derivatives = kind.functions(local)
     return derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
 
 
-def _validate_tetrahedra(fem: FEModel) -> None:
+def _by_kind(fem: FEModel, cell: Array) -> list[tuple[Kind, Array]]:
+    """Places in a list of cells, (m,) int, of each kind of elements."""
+    found = [(kind, np.flatnonzero(np.isin(cell, rows))) for kind, rows in fem.kinds]
+    return [(kind, own) for kind, own in found if len(own)]
+
+
+def _validate_fem(fem: FEModel) -> None:
     validate_type("fem", fem, FEModel, "fe_model()")
     fem.need_cells("strain and stress")
-    if fem.cells.shape[1] not in TET_NODES:
-        raise MeshError(f"cells: recovery expects tetrahedra with 4, 10 or 20 nodes, got {fem.cells.shape[1]} nodes")
 
 
 def _validate_field(fem: FEModel, displacement: Array) -> Array:
-    """Return nodal displacements of tetrahedra, (n, 3), checked."""
-    _validate_tetrahedra(fem)
+    """Return nodal displacements, (n, 3), checked."""
+    _validate_fem(fem)
     return validate_array("displacement", displacement, (fem.n_nodes, 3))
 
 
@@ -367,7 +381,7 @@ def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]
 
     A point slightly outside has coordinates outside the cell, so that linear fields are extrapolated exactly.
     """
-    _validate_tetrahedra(fem)
+    _validate_fem(fem)
     nodes = fem.points[fem.cells]
     # Spheres around cells, not nearest centroids: in a graded mesh, centroids of many small cells can be nearer.
     centre = nodes.mean(axis=1)
@@ -375,8 +389,10 @@ def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]
     near = cKDTree(points).query_ball_point(centre, radius)
     cell = np.repeat(np.arange(len(nodes)), [len(found) for found in near])
     point = np.fromiter(chain.from_iterable(near), dtype=np.int64, count=len(cell))
-    local = _local_coordinates(nodes[cell], points[point])
-    depth = np.minimum(local.min(axis=1), 1 - local.sum(axis=1))
+    local, depth = np.empty((len(cell), 3)), np.empty(len(cell))
+    for kind, own in _by_kind(fem, cell):
+        local[own] = _local_coordinates(kind, nodes[cell[own]][:, kind.columns], points[point[own]])
+        depth[own] = kind.depth(local[own])
     order = np.argsort(depth)
     order = order[depth[order] >= -_OVERSHOOT]
     pair = np.full(len(points), -1)
@@ -384,7 +400,7 @@ def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]
     outside = np.flatnonzero(pair < 0)
     if len(outside):
         i = int(outside[0])
-        facets = fem.points[fem.facets]
+        facets = fem.points[flat_triangles(fem.facets)[0]] if fem.hexahedra else fem.points[fem.facets]
         surface = closest_points(points[[i]], facets)
         nearest = surface.weights[0] @ facets[surface.facet[0]]
         raise InputError(
@@ -394,16 +410,18 @@ def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]
     return cell[pair], local[pair]
 
 
-def _local_coordinates(nodes: Array, targets: Array) -> Array:
+def _local_coordinates(kind: Kind, nodes: Array, targets: Array) -> Array:
     """Local coordinates of `targets`, (m, 3), in cells with `nodes`, by Newton; nan where it does not converge."""
-    local = np.full((len(nodes), 3), 0.25)
+    local = np.tile(kind.middle, (len(nodes), 1))
     for _ in range(_NEWTON_STEPS):
-        values, derivatives = tetrahedron_functions(local, nodes.shape[1])
+        values, derivatives = kind.functions(local)
         miss = targets - np.einsum("mk,mka->ma", values, nodes)
         jacobian = np.einsum("mka,mkj->maj", nodes, derivatives)
         before = local
         # Far outside a curved cell the map is not unique; points outside this box are not in the cell.
         local = np.clip(local + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0], -1, 2)
+        if kind.corners == 5:  # beyond its tip a pyramid is none
+            local[:, 2] = np.minimum(local[:, 2], 1.0)
         moving = abs(local - before).max(axis=1, initial=0) > _CONVERGED
         if not moving.any():
             break

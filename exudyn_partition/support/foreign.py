@@ -38,6 +38,7 @@ NGSolveObject = _Unknown  # a vector, matrix or coefficient function
 
 # Others.
 MeshioMesh = _Unknown  # meshio.Mesh
+Meshio = _Unknown  # meshio itself
 Axes = _Unknown  # matplotlib.axes.Axes
 Figure = _Unknown  # matplotlib.figure.Figure
 Plotter = _Unknown  # pyvista.Plotter

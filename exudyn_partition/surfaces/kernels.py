@@ -25,6 +25,12 @@ def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
 
 
 @inlined
+def is_quad(facets: Array) -> bool:
+    """Whether facets are quadrilaterals, of four or eight nodes."""
+    return bool(facets.shape[1] == 4 or facets.shape[1] == 8)
+
+
+@inlined
 def add_polynomials(which: Array, facets: Array, x_m: Array, table: Array, known: Array, out: Array, n: int) -> None:
     """See `find_polynomials`; n is the number of a facet's nodes."""
     for f in which:
@@ -171,7 +177,7 @@ def cross_all(
     across: Array, its_edge: Array, turns: Array, middles: Array, by: float, steps: int,
 ) -> Array:  # fmt: skip
     """Project some points, which have left their facets, on the neighbours; return those that are not there either."""
-    lost, n_lost, quad, cubic = np.empty_like(some), 0, facets.shape[1] == 4, len(table) == 10
+    lost, n_lost, quad, cubic = np.empty_like(some), 0, is_quad(facets), len(table) == 10
     for k in range(len(some)):
         i = some[k]
         f, r, s = facet[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]

@@ -18,6 +18,7 @@ from .kernels import (
     cross_all,
     cross_edge,
     find_polynomials,
+    is_quad,
     nearest_edge,
     newton_steps,
     place_all,
@@ -107,7 +108,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     index, facets, past, gone = m.index, m.facets, m.past, m.gone
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
     facet, local, step, last = m.facet, m.local, m.step, m.last
-    k, cubic, quad = len(index), len(table) == 10, facets.shape[1] == 4
+    k, cubic, quad = len(index), len(table) == 10, is_quad(facets)
     x, some, known, places, frames, along = m.x, m.some, m.known, m.places, m.frames, m.normal
     inside = frames[0]
     for i in range(k):

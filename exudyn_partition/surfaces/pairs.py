@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..fe.shapes import TABLES, corners_of, shape_functions
+from ..fe.shapes import QUADS, TABLES, corners_of, shape_functions
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..support.twins import Known, copied
@@ -281,7 +281,7 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
 def _depths(local: Array, n_nodes: int) -> list[Array]:
     """Distances of points from each edge of their facet, (k,) each, in its coordinates; positive inside."""
     r, s = local[:, 0], local[:, 1]
-    return [s, 1 - r, 1 - s, r] if n_nodes == 4 else [s, 1 - r - s, r]
+    return [s, 1 - r, 1 - s, r] if n_nodes in QUADS else [s, 1 - r - s, r]
 
 
 def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:

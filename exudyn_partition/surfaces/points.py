@@ -247,7 +247,7 @@ def coarser_hats(surface: Surface) -> tuple[sp.csr_matrix, float]:
     """
     facets, n = surface.facets, len(surface.points)
     if facets.shape[1] != 10:
-        return corner_hats(surface), {6: 2.0}.get(facets.shape[1], 1.0)
+        return corner_hats(surface), {6: 2.0, 8: 2.0}.get(facets.shape[1], 1.0)
     edges = np.sort(facets[:, [(0, 1), (1, 2), (2, 0)]], axis=2)
     number = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)[1].reshape(-1, 3)
     hats = sp.lil_matrix((n + number.max() + 1, n))

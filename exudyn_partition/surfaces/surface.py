@@ -31,7 +31,7 @@ class Surface:
     ----------
     points : (np, 3) array
         Positions of the patch's nodes [m].
-    facets : (nf, 3), (nf, 6) or (nf, 4) int array
+    facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array
         Nodes of each facet as rows of `points`, ordered so that normals point outward.
     direction : (3,) array
         Outward unit vector: the line of contact of the patch.
@@ -187,7 +187,7 @@ def nearest_places(tree: cKDTree, points: Array, count: int = 1) -> Array:
 
 
 def closest_points(points: Array, facets: Array) -> Projection:
-    """Project points on a surface of triangles, flat or curved, or of bilinear quads.
+    """Project points on a surface of triangles or quads, flat or curved.
 
     Newton's method in the facet's coordinates, clipped to the facet. The nearest of several candidates is taken.
 

@@ -256,12 +256,14 @@ def refused(path, *patterns, error=MeshError, **options):
 
 def test_unusable_elements(tmp_path):
     points, cells = hexahedra(1, 1, 2)
-    wedges = ("wedge", cells[:1, [0, 1, 2, 4, 5, 6]])
-    tetrahedra = ("tetra", cells[:1, [0, 1, 3, 4]])
+    polyhedra = ("VTK_LAGRANGE_WEDGE", cells[:1, [0, 1, 2, 4, 5, 6]])
+    quadratic = ("tetra10", np.arange(10)[None])
     path = tmp_path / "mesh.vtu"
-    refused(write(path, points, ("quad", cells[:, :4])), "expected tetrahedra or hexahedra, got 2 quad. Export the vol")
-    refused(write(path, points, wedges), "expected one of tetra, tetra10, hexahedron alone, got 1 wedge. Mesh the body")
-    refused(write(path, points, cells, tetrahedra), "alone, got 2 hexahedron, 1 tetra")
+    refused(write(path, points, ("quad", cells[:, :4])), "expected solid elements, got 2 quad. Export the vol")
+    refused(write(path, points, polyhedra), "expected some of hexahedron, .*, got 1 VTK_LAGRANGE_WEDGE. Mesh the body")
+    refused(
+        write(path, points, cells, quadratic), "got 2 hexahedron, 1 tetra10. Mesh the body with elements of one order"
+    )
     collapsed = cells.copy()
     collapsed[1, 5] = collapsed[1, 4]
     used, numbers = np.unique(collapsed, return_inverse=True)
@@ -293,7 +295,7 @@ def test_inverted_and_flat_elements(small, tmp_path):
     refused(write(path, points, mixed), r"2 of 4 elements are inverted or have no volume, the first is element 1 ")
     flat = points.copy()
     flat[flat[:, 2] == SIZE[2], 2] = 0.75 * SIZE[2]
-    refused(write(path, flat, cells), r"1 of 4 elements .* element 3 \(counted from 0\), of nodes \[3, ")
+    refused(write(path, flat, cells), r"1 of 4 elements .* element 3 \(counted from 0\), a hexahedron of nodes \[3, ")
     bent = np.array(small[2].points)
     bent[small[2].cells[7, 4]] += 0.02
     refused(write(path, bent, small[2].cells), "are inverted or have no volume")
@@ -343,11 +345,11 @@ def test_what_a_format_needs_is_named(tmp_path, monkeypatch):
         ep.fe_model(tmp_path / "mesh.med", ep.STEEL)
 
 
-@pytest.mark.parametrize(("kind", "order"), [(8, 2), (10, 1)])
-def test_orders_that_the_file_s_elements_do_not_have(small, tmp_path, kind, order):
-    points, cells = hexahedra(1, 2, 3) if kind == 8 else (small[2].points, small[2].cells)
+@pytest.mark.parametrize(("name", "order"), [("hexahedron", 2), ("tetra10", 1)])
+def test_orders_that_the_file_s_elements_do_not_have(small, tmp_path, name, order):
+    points, cells = hexahedra(1, 2, 3) if name == "hexahedron" else (small[2].points, small[2].cells)
     path = write(tmp_path / "mesh.vtu", points, cells)
-    refused(path, f"holds elements of {kind} nodes, expected {3 - order}, got {order}", error=InputError, order=order)
+    refused(path, f"holds {name}, expected {3 - order}, got {order}", error=InputError, order=order)
 
 
 def test_what_other_threads_print_while_a_file_is_read_is_not_swallowed(tmp_path, monkeypatch):

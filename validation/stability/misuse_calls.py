@@ -240,6 +240,7 @@ CALLS = {
         )(the.fem.cell_mass),
         regions=Kind({"text": "x", "a material": ep.STEEL, "numbers": np.arange(3)}),
         surface=Kind({"text": "x", "number": 1, "of cells": the.fem.facets}),
+        hexahedra=v.flag,
     ),
     "FEModel.from_matrices": dict(
         **{**OF_A_MODEL, "boundaries": OF_A_MODEL["boundaries"].or_none},
@@ -257,6 +258,7 @@ CALLS = {
             the.fem.facets,
         ),
         cells=Kind({"text": "x", "number": 1, "beside facets": the.fem.cells}),
+        hexahedra=v.flag,
         dofs=Kind(
             {
                 "text": "x",
