@@ -57,13 +57,13 @@ def outcome(items, contact, result, speed):
     energy = [item.energy(result) for item in items]
     speeds = [item.momentum(result)[-1, 2] / item.body.total_mass for item in items]
     rigid = sum(0.5 * item.body.total_mass * v**2 for item, v in zip(items, speeds, strict=True))
-    work, start = contact.plastic_work(result)[-1], sum(energy)[0]
+    work, start = contact.plastic.work(result)[-1], sum(energy)[0]
     stored = contact.energy(result)[-1]
     found = {
         "speed_m_s": speed,
         "restitution": (speeds[0] - speeds[1]) / speed,
         "peak_force_N": contact.force(result).max(),
-        "dent_m": max(contact.dents(result).values()),
+        "dent_m": max(contact.plastic.dents(result).values()),
         "plastic_share": work / start,
         "rebound_share": rigid / start,
         "vibration_share": (sum(energy)[-1] + stored - rigid) / start,

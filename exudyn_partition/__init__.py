@@ -54,6 +54,8 @@ _HOMES = {
     "contact.rigid": ("RigidCylinder", "RigidPlane", "RigidSphere"),
     "exudyn_contacts.create_contact": ("CreatePartitionContact",),
     "exudyn_contacts.partition_contact": ("PartitionContact",),
+    "exudyn_contacts.friction_results": ("FrictionResults",),
+    "exudyn_contacts.plastic_results": ("PlasticResults",),
     "simulation.step_control": ("time_to_contact",),
     "simulation.result": ("Result",),
     "simulation.collect": ("collect",),

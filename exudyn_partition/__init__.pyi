@@ -15,7 +15,9 @@ from .exudyn_bodies.item_work import CreateWorkSensor, WorkSensor
 from .exudyn_bodies.partition_body import PartitionBody
 from .exudyn_bodies.surface_loads import CreateDistributedLoad
 from .exudyn_contacts.create_contact import CreatePartitionContact
+from .exudyn_contacts.friction_results import FrictionResults
 from .exudyn_contacts.partition_contact import PartitionContact
+from .exudyn_contacts.plastic_results import PlasticResults
 from .fe.material import ALUMINIUM, STEEL, Material
 from .fe.model import FEModel
 from .fe.partition import Partition
@@ -62,12 +64,14 @@ __all__ = [
     "Estimate",
     "FEModel",
     "FileMatrices",
+    "FrictionResults",
     "History",
     "ImpactDesign",
     "Material",
     "Partition",
     "PartitionBody",
     "PartitionContact",
+    "PlasticResults",
     "PlasticState",
     "Rayleigh",
     "ReducedBody",

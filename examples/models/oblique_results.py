@@ -16,13 +16,13 @@ def history_of(items, contact, result):
 def numbers(items, contact, result):
     """Main numbers of a run, for result.json."""
     energy = sum(item.energy(result) for item in (*items, contact)) + contact.dissipated_energy(result)
-    normal, along = contact.force(result), contact.tangential_force(result)
+    normal, along = contact.force(result), contact.friction.tangential_force(result)
     momentum = sum(item.momentum(result) for item in items)
     return {
         "peak_force_N": float(normal.max()),
         "peak_tangential_N": float(np.linalg.norm(along, axis=1).max()),
         "impulse_ratio": float(-np.trapezoid(along[:, 0], result.t) / np.trapezoid(normal, result.t)),
-        "most_stuck_rows": int(contact.stuck_rows(result).max()),
+        "most_stuck_rows": int(contact.friction.stuck_rows(result).max()),
         "most_closed_rows": int(contact.closed_rows(result).max()),
         "dissipated_J": float(contact.dissipated_energy(result)[-1]),
         "energy_error": float(abs(energy / energy[0] - 1).max()),
@@ -45,7 +45,7 @@ def figure(runs, reference, compared, friction):
             row[0].plot(1e3 * known.t, -known.tangential_force[:, 0], color="0.7", linewidth=3)
             row[1].plot(known.velocity["tip"][:, 0], known.velocity["tip"][:, 2], color="0.7", linewidth=3)
         row[0].plot(t, history.force, "C0-", label="normal")
-        row[0].plot(t, -contact.tangential_force(result)[:, 0], "C3--", label="tangential")
+        row[0].plot(t, -contact.friction.tangential_force(result)[:, 0], "C3--", label="tangential")
         row[0].plot(t, friction * history.force, "k:", linewidth=0.8, label="limit of friction")
         row[0].set(xlabel="time [ms]", ylabel="force [N]", title=name)
         row[0].legend(fontsize="small")

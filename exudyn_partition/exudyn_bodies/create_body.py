@@ -102,7 +102,7 @@ def CreatePartitionBody(
         Acceleration of gravity [m/s2], applied as a constant force.
     plasticStates : dict of int or str to PlasticState, optional
         What an earlier impact has left in the plastic zones of patches, by their number or name: see
-        `PartitionContact.plastic_states`. The body begins with the shape that they give it. Default: it never yielded.
+        `PlasticResults.states`. The body begins with the shape that they give it. Default: it never yielded.
     damping : float, sequence, callable or Rayleigh, optional
         Damping of vibration: one ratio for all kept modes, one ratio for each elastic mode, a function from frequencies
         [Hz] to ratios, or `Rayleigh(alpha, beta)`. Bases that keep nodes need Rayleigh. Rigid motion is not damped.

@@ -51,6 +51,16 @@ class BodyItem(Protocol):
         """Exudyn's indices by name."""
 
 
+class PlasticItem(Protocol):
+    """Plastic zones of a contact in a model: what bodies need to know of them."""
+
+    def work(self, result: Any) -> Array:
+        """Plastic work since the start of the run, (n,) [J]."""
+
+    def strain_histories(self, result: Any) -> list[StrainHistory | None]:
+        """Plastic strain in the run beneath the patch of each side; None where none can yield."""
+
+
 class ContactItem(Protocol):
     """A contact in a model: what bodies need to know of it."""
 
@@ -68,11 +78,9 @@ class ContactItem(Protocol):
     def nodal_forces(self, result: Any) -> list[Array]:
         """Forces on the nodes of each side's patch, in axes of space, (n, np, 3) [N]."""
 
-    def plastic_work(self, result: Any) -> Array:
-        """Plastic work since the start of the run, (n,) [J]."""
-
-    def strain_histories(self, result: Any) -> list[StrainHistory | None]:
-        """Plastic strain in the run beneath the patch of each side; None where none can yield."""
+    @property
+    def plastic(self) -> PlasticItem:
+        """Plastic zones beneath its patches."""
 
 
 class Samples(Protocol):

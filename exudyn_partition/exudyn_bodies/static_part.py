@@ -129,7 +129,7 @@ def zone_histories(item: RecoveredBody, result: Samples) -> Iterator[tuple[int, 
     """Plastic strain of the body's zones in the run, with the numbers of their patches."""
     for contact in result.contacts:
         if any(other is item for other, _ in contact.sides):
-            for (other, patch), history in zip(contact.sides, contact.strain_histories(result), strict=False):
+            for (other, patch), history in zip(contact.sides, contact.plastic.strain_histories(result), strict=False):
                 if other is item and history is not None:
                     yield patch, history
 
@@ -165,7 +165,7 @@ def warn_within_zones(item: RecoveredBody, result: Samples, rows: sp.csr_matrix)
     for contact in result.contacts:
         for other, number in contact.sides:
             region = item.body.partition.patches[number].plastic if other is item else None
-            if region is not None and contact.plastic_work(result).any():
+            if region is not None and contact.plastic.work(result).any():
                 inside = np.zeros(item.body.fe_dofs, dtype=int)
                 inside[node_dofs(region.nodes)] = 1
                 within = np.flatnonzero((used @ inside == used.sum(axis=1).A1) & (used @ inside > 0))

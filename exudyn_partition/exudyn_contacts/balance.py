@@ -72,11 +72,10 @@ def taken_by(
     bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], result: RunResult
 ) -> dict[str, Array]:
     """Energy that was taken from bodies and contacts so far, (n,) [J], by what took it, if anything did."""
-    work = [contact.plastic_work(result) for contact in contacts]
     each = {
         DAMPING: [body.dissipated_energy(result) for body in bodies],
-        FRICTION: [contact.dissipated_energy(result) - own for contact, own in zip(contacts, work, strict=True)],
-        FLOW: work,
+        FRICTION: [contact.friction.work(result) for contact in contacts],
+        FLOW: [contact.plastic.work(result) for contact in contacts],
     }
     return {what: np.sum(taken, axis=0) for what, taken in each.items() if np.any(taken)}
 

@@ -19,8 +19,8 @@ from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from ..support.twins import Known, twin
 from .central_differences import MultiplierStep
-from .contact_results import ContactResults
 from .contact_run import ContactRun, GroupRun
+from .contact_samples import ModelContact
 from .run_record import RunRecord, sensors_keep_all
 
 _log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class ModelRun:
     ----------
     mbs : exudyn.MainSystem
         Assembled.
-    contacts : sequence of ContactResults
+    contacts : sequence of PartitionContact
         The model's.
     t : float
         When the run begins [s].
@@ -63,7 +63,7 @@ class ModelRun:
     def __init__(
         self,
         mbs: MainSystem,
-        contacts: Sequence[ContactResults],
+        contacts: Sequence[ModelContact],
         t: float,
         method: Method,
         joints: Joints | None,
@@ -116,7 +116,7 @@ class ModelRun:
         members = {id(run): key for key, run in self._runs.items()}
         return int(stepper.joints is not None), *(members[id(run)] for run in stepper.contacts)
 
-    def _together(self, group: Sequence[ContactResults]) -> Together | None:
+    def _together(self, group: Sequence[ModelContact]) -> Together | None:
         """What found the forces of these contacts, if they were all of a group."""
         found = [run for contact in group if (run := self.find(contact)) is not None]
         same = len(found) == len(group) and all(run.together is found[0].together for run in found)
@@ -145,7 +145,7 @@ class ModelRun:
         """Searches of the pairs of all points so far."""
         return sum(run.law.searches for run in self._runs.values()) - self._counted[1]
 
-    def of(self, contact: ContactResults) -> ContactRun:
+    def of(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
 
         Raises
@@ -162,7 +162,7 @@ class ModelRun:
             )
         return run
 
-    def find(self, contact: ContactResults) -> ContactRun | None:
+    def find(self, contact: ModelContact) -> ContactRun | None:
         """State of a contact; None if it was not in the model when the run began."""
         return self._runs.get(id(contact))
 
@@ -190,7 +190,7 @@ class ModelRun:
         """Whether the run ended at the model's coordinates q, (nq,), at whatever time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
 
-    def evaluate_at_once(self, contacts: Sequence[ContactResults]) -> None:
+    def evaluate_at_once(self, contacts: Sequence[ModelContact]) -> None:
         """Find the forces of these contacts by `force_at_once` alone; they are whole groups of the model."""
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
@@ -289,7 +289,7 @@ class Runs:
     def __init__(self) -> None:
         self.joints: Joints | None = None
         self._left_to_sensors = False
-        self._at_once: Sequence[ContactResults] = ()
+        self._at_once: Sequence[ModelContact] = ()
         self._now: ModelRun | None = None
         self._origin: ModelRun | None = None  # that the present run goes on from
         self._solver: MainSolver = None
@@ -299,7 +299,7 @@ class Runs:
         """The present run, to evaluate contacts in. If there is none, a run begins."""
         return self._now or self.begin(mbs, float(mbs.systemData.GetTime()))
 
-    def advanced(self, mbs: MainSystem, t: float, contact: ContactResults) -> ContactRun:
+    def advanced(self, mbs: MainSystem, t: float, contact: ModelContact) -> ContactRun:
         """State of a contact that is to be evaluated at t. First, the run's record keeps the end of the last step.
 
         A run begins if there is none, or if it does not know the contact.
@@ -337,7 +337,7 @@ class Runs:
         if method is None:
             solver = latest_solver(mbs)
             method = "explicit" if solver is None else method_of(solver)
-        contacts: list[ContactResults] = [*registered(mbs).contacts.values()]
+        contacts: list[ModelContact] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         earlier = [run for run in (self._now, self._origin) if run is not None]
@@ -352,7 +352,7 @@ class Runs:
         self._now.tell(mbs)
         return self._now
 
-    def at_work(self, contact: ContactResults) -> ContactRun:
+    def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
         assert self._now is not None
         return self._now.of(contact)
@@ -382,7 +382,7 @@ class Runs:
             self._left_to_sensors = False
 
     @contextlib.contextmanager
-    def at_once(self, contacts: Sequence[ContactResults]) -> Iterator[None]:
+    def at_once(self, contacts: Sequence[ModelContact]) -> Iterator[None]:
         """Find the forces of these contacts by `ModelRun.force_at_once` alone, in runs that begin meanwhile."""
         self._at_once = contacts
         try:
@@ -410,6 +410,6 @@ def runs_of(mbs: MainSystem) -> Runs:
     return runs
 
 
-def _place_told(mbs: MainSystem, contact: ContactResults) -> int | None:
+def _place_told(mbs: MainSystem, contact: ModelContact) -> int | None:
     """First of the data coordinates that `sForce` reads; None if it asks the contact itself."""
     return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None

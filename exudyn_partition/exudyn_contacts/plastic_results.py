@@ -1,31 +1,47 @@
-"""What a contact with plastic zones tells of a run: plastic work, strains, and the state that is left behind."""
+"""Plastic zones of a contact in a run: plastic work, strains, dents, and the state that is left behind."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..contact.plasticity.yielding_patches import Zones
+from ..contact.plasticity.yielding_patches import Zone
 from ..errors import InputError
 from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
 from ..support.arrays import Array
 from ..support.checks import validate_result
-from .friction_results import FrictionResults, RunSamples
+from .contact_samples import ModelContact, RunSamples
 
 SIDES = ("slave", "master")
 
 
-class PlasticResults(FrictionResults):
-    """Results of a contact that exist with plastic zones; without, they are an InputError."""
+class PlasticResults:
+    """`contact.plastic`: what the plastic zones beneath the patches did in a run.
+
+    Every contact has it: it is false without plastic zones (`if contact.plastic:`), its work is zero then, and its
+    other results are an InputError.
+
+    Parameters
+    ----------
+    contact : PartitionContact
+    """
+
+    def __init__(self, contact: ModelContact) -> None:
+        self._contact = contact
+
+    def __bool__(self) -> bool:
+        """Whether the contact has plastic zones; laws of users may know none."""
+        return getattr(self._contact.law, "yielding", None) is not None
 
     @property
-    def yielding(self) -> Zones | None:
-        """Plastic zones beneath the patches, at the start; laws of users may know none."""
-        return getattr(self.law, "yielding", None)
+    def zones(self) -> Sequence[tuple[int, Zone]]:
+        """Number of the side, and its plastic zone at the start of runs, of each side that can yield."""
+        yielding = self._contact.law.yielding if self else None
+        return () if yielding is None else yielding.zones
 
-    def plastic_work(self, result: RunSamples) -> Array:
+    def work(self, result: RunSamples) -> Array:
         """Plastic work since the start of the run, (n,) [J]; zero without plastic zones.
 
         Raises
@@ -34,9 +50,9 @@ class PlasticResults(FrictionResults):
             If the result is none, or of another model.
         """
         validate_result(result)
-        return np.zeros(len(result.t)) if self.yielding is None else self._plastic_samples(result)[:, 1]
+        return self._samples(result)[:, 1] if self else np.zeros(len(result.t))
 
-    def plastic_strain(self, result: RunSamples) -> Array:
+    def strain(self, result: RunSamples) -> Array:
         """Largest equivalent plastic strain of all zones, (n,).
 
         Raises
@@ -44,9 +60,9 @@ class PlasticResults(FrictionResults):
         InputError
             If nothing can yield, or the result is none or of another model.
         """
-        return self._plastic_samples(result)[:, 2]
+        return self._samples(result)[:, 2]
 
-    def plastic_states(self, result: RunSamples) -> dict[str, PlasticState]:
+    def states(self, result: RunSamples) -> dict[str, PlasticState]:
         """State of each plastic zone at the end of the run, by the name of its side: "slave" or "master".
 
         Raises
@@ -54,8 +70,8 @@ class PlasticResults(FrictionResults):
         InputError
             If nothing can yield, or nothing was kept of the run.
         """
-        self._plastic_samples(result)
-        return {SIDES[side]: state for side, state in result.kept(self).plastic_ends.items()}
+        self._samples(result)
+        return {SIDES[side]: state for side, state in result.kept(self._contact).plastic_ends.items()}
 
     def strain_histories(self, result: RunSamples) -> list[StrainHistory | None]:
         """Plastic strain in the run beneath the patch of each side, in the order of `sides`; None where none can yield.
@@ -66,10 +82,12 @@ class PlasticResults(FrictionResults):
             If the result is none or of another model, or nothing was kept of the run.
         """
         validate_result(result)
-        if self.yielding is None:
-            return [None] * len(self.sides)
-        kept = result.kept(self).histories({side: zone.zone for side, zone in self.yielding.zones})
-        return [kept.get(side) for side in range(len(self.sides))]
+        found: list[StrainHistory | None] = [None] * len(self._contact.sides)
+        if self:
+            kept = result.kept(self._contact).histories({side: zone.zone for side, zone in self.zones})
+            for side, history in kept.items():
+                found[side] = history
+        return found
 
     def dents(self, result: RunSamples) -> dict[str, float]:
         """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".
@@ -79,12 +97,11 @@ class PlasticResults(FrictionResults):
         Raises
         ------
         InputError
-            See `plastic_states`.
+            See `states`.
         """
-        states, found = self.plastic_states(result), {}
-        assert self.yielding is not None
-        for side, run in self.yielding.zones:
-            name, (item, number) = SIDES[side], self.sides[side]
+        states, found = self.states(result), {}
+        for side, run in self.zones:
+            name, (item, number) = SIDES[side], self._contact.sides[side]
             patch = item.body.partition.patches[number]
             moved = run.motion.at_rest(states[name])[np.isin(run.zone.nodes, patch.nodes)]
             found[name] = float(-(moved @ patch.direction).min(initial=0.0))
@@ -96,40 +113,29 @@ class PlasticResults(FrictionResults):
         Raises
         ------
         InputError
-            See `plastic_states`.
+            See `states`.
         """
-        states = self.plastic_states(result)
-        assert self.yielding is not None
-        for side, run in self.yielding.zones:
+        states = self.states(result)
+        for side, run in self.zones:
             name, zone = SIDES[side], run.zone
             reached = np.flatnonzero(zone.border & (states[name].equivalent > 0))
             if reached.size:
                 return name, zone.place(int(reached[states[name].equivalent[reached].argmax()]))
         return None
 
-    def dissipated_energy(self, result: RunSamples) -> Array:
-        """Energy that friction and plastic flow have taken since the start of the run, (n,) [J]; zero without them.
-
-        Raises
-        ------
-        InputError
-            If the result is none, or of another model.
-        """
-        return super().dissipated_energy(result) + self.plastic_work(result)
-
-    def _plastic_samples(self, result: RunSamples) -> Array:
+    def _samples(self, result: RunSamples) -> Array:
         """Samples of the sensor `sPlastic`, (n, 4)."""
-        if self.yielding is None:
+        if not self:
             raise InputError(
-                f"contact {self.name!r} has no plastic zones: its bodies' materials are elastic, or the basis is "
-                "'craig-bampton'. Give yield_stress= and hardening= to Material"
+                f"contact {self._contact.name!r} has no plastic zones: its bodies' materials are elastic, or the basis "
+                "is 'craig-bampton'. Give yield_stress= and hardening= to Material"
             )
         validate_result(result)
-        return result.sensor_of(self, self["sPlastic"])
+        return result.sensor_of(self._contact, self._contact["sPlastic"])
 
 
-def dent_motion(contact: PlasticResults, result: RunSamples) -> Callable[[int], list[Array] | None]:
-    """What plastic strain has moved the nodes of each patch by, beyond the coordinates, by the sample.
+def dent_motion(contact: ModelContact, result: RunSamples) -> Callable[[int], list[Array] | None]:
+    """Return a function of the sample: how far plastic strain moved the nodes of each patch, beyond the coordinates.
 
     See `Side.dent`; None where nothing can yield.
 
@@ -138,9 +144,10 @@ def dent_motion(contact: PlasticResults, result: RunSamples) -> Callable[[int], 
     InputError
         See `PlasticResults.strain_histories`, and `StrainHistory.numbers`.
     """
-    if contact.yielding is None:
+    plastic = PlasticResults(contact)
+    if not plastic:
         return lambda sample: None
-    histories, sides = contact.strain_histories(result), contact.law.gaps.sides
+    histories, sides = plastic.strain_histories(result), contact.law.gaps.sides
     known = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
 
     def dents(sample: int) -> list[Array]:

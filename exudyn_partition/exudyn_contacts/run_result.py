@@ -11,7 +11,6 @@ from ..results.history import History
 from ..results.newmark import Newmark
 from ..support.arrays import Array
 from ..support.foreign import SensorIndex
-from .contact_results import ContactResults
 from .contact_run import ContactRun
 from .kept_run import KeptRun
 from .partition_contact import PartitionContact
@@ -78,7 +77,7 @@ class RunResult(Protocol):
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k)."""
 
-    def kept(self, contact: ContactResults) -> ContactRun | KeptRun:
+    def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """What a contact kept of the run."""
 
     def at(self, times: Sequence[float] | Array | int) -> RunResult:

@@ -232,7 +232,7 @@ def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[
     contacts = validate_contacts(contacts)
     validate_result(result)
     try:
-        return [(c, c.nodal_forces(result), c.strain_histories(result)) for c in contacts if c.compliant]
+        return [(c, c.nodal_forces(result), c.plastic.strain_histories(result)) for c in contacts if c.compliant]
     except InputError as error:
         raise InputError(f"{error}; they are not needed without FE models, or with static_answer=False") from error
 
@@ -257,10 +257,10 @@ def _tangential_fields(
     found = []
     for contact in contacts:
         (slave, patch), *_ = contact.sides
-        if slave is item and contact.friction is not None:
+        if slave is item and contact.friction:
             nodes = item.body.partition.patches[patch].nodes
             if "contact_traction" in names:
-                found.append(("contact_traction", nodes, contact.traction(result)))
+                found.append(("contact_traction", nodes, contact.friction.traction(result)))
             if "contact_state" in names:
-                found.append(("contact_state", nodes, contact.row_states(result).astype(float)))
+                found.append(("contact_state", nodes, contact.friction.states(result).astype(float)))
     return found

@@ -150,11 +150,10 @@ def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: R
         If the disk is full or protected.
     """
     validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
-    states = contact.plastic_states(result)
-    assert contact.yielding is not None
+    states = contact.plastic.states(result)
     files = [f"zone_{name}.vtu" for name in states]
     with filling(folder, last=files[-1]) as new:
-        for file, (side, run) in zip(files, contact.yielding.zones, strict=True):
+        for file, (side, run) in zip(files, contact.plastic.zones, strict=True):
             (item, patch), state, zone = contact.sides[side], states[SIDES[side]], run.zone
             region = item.body.partition.patches[patch].plastic
             assert region is not None

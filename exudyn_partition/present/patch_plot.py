@@ -75,7 +75,7 @@ def stick(axes: Axes, result: Result, time: float | None = None, *, contact: Par
     """
     axes, contact = axes_of(axes), contact_of(result, contact)
     sample = _sample(result, time, contact)
-    state, forces = contact.row_states(sample)[0], contact.row_tractions(sample)[0]
+    state, forces = contact.friction.states(sample)[0], contact.friction.row_forces(sample)[0]
     item, number = contact.sides[0]
     patch = item.body.partition.patches[number]
     across = _across(patch.direction)

@@ -140,7 +140,7 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
         ]
         if (stress := contact.largest_stress(result)) is not None:
             rows.append(("Hertz-equivalent pressure", f"{1e-6 * stress.pressure:.4g} MPa at {stress.time:.6g} s"))
-            flows = set() if contact.yielding is None else {side for side, _ in contact.yielding.zones}
+            flows = {side for side, _ in contact.plastic.zones}
             rows += [
                 (f"von Mises stress of {name}", "its patch yields, see the plastic strain" if side in flows else said)
                 for side, (name, said) in enumerate(stress.by_body(contact.side_names))
@@ -177,26 +177,26 @@ def _ringing(rings: Ringing) -> str:
 
 def _friction_rows(contact: PartitionContact, result: Result) -> list[tuple[str, str]]:
     """What a contact with friction adds to its table."""
-    if contact.friction is None:
+    if (law := contact.friction.coulomb) is None:
         return []
-    law, size = contact.friction, np.linalg.norm(contact.tangential_force(result), axis=1)
+    size = np.linalg.norm(contact.friction.tangential_force(result), axis=1)
     coefficients = f"{law.static:g}" if law.constant else f"{law.static:g} in stick, {law.kinetic:g} in slip"
     return [
         ("coefficient of friction", coefficients),
         ("largest tangential force", f"{size.max():.6g} N at {result.t[int(size.argmax())]:.6g} s"),
-        ("rows that stick, at most", str(contact.stuck_rows(result).max())),
-        ("energy taken by friction", f"{(contact.dissipated_energy(result) - contact.plastic_work(result))[-1]:.4g} J"),
+        ("rows that stick, at most", str(contact.friction.stuck_rows(result).max())),
+        ("energy taken by friction", f"{contact.friction.work(result)[-1]:.4g} J"),
     ]
 
 
 def _plastic_rows(contact: PartitionContact, result: Result) -> list[tuple[str, str]]:
     """What a contact with plastic zones adds to its table."""
-    if contact.yielding is None:
+    if not contact.plastic:
         return []
-    dents = ", ".join(f"{depth:.4g} m in the {side}" for side, depth in contact.dents(result).items())
+    dents = ", ".join(f"{depth:.4g} m in the {side}" for side, depth in contact.plastic.dents(result).items())
     return [
-        ("plastic work", f"{contact.plastic_work(result)[-1]:.4g} J"),
-        ("largest plastic strain", f"{contact.plastic_strain(result)[-1]:.3g}"),
+        ("plastic work", f"{contact.plastic.work(result)[-1]:.4g} J"),
+        ("largest plastic strain", f"{contact.plastic.strain(result)[-1]:.3g}"),
         ("depth of the dent", dents),
     ]
 

@@ -62,9 +62,9 @@ def _of_contacts(result: Result) -> dict[str, tuple[str, dict[str, Array]]]:
         "gap": ("m", _each(known, lambda contact: contact.gap(result))),
         "contact energy": ("J", _each(known, lambda contact: contact.energy(result))),
     }
-    rubbing = {name: contact for name, contact in known.items() if contact.friction is not None}
-    found["tangential force"] = ("N", _each(rubbing, lambda contact: contact.tangential_force(result)))
-    lossy = {name: contact for name, contact in known.items() if contact.friction is not None or contact.yielding}
+    rubbing = {name: contact for name, contact in known.items() if contact.friction}
+    found["tangential force"] = ("N", _each(rubbing, lambda contact: contact.friction.tangential_force(result)))
+    lossy = {name: contact for name, contact in known.items() if contact.friction or contact.plastic}
     found["dissipated energy"] = ("J", _each(lossy, lambda contact: contact.dissipated_energy(result)))
     return {name: entry for name, entry in found.items() if entry[1]}
 

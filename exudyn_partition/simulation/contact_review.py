@@ -230,7 +230,7 @@ def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
 
 def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
     """Plastic flow that reached the edge of its zone."""
-    if contact.yielding is None or (reached := contact.flow_at_border(result)) is None:
+    if not contact.plastic or (reached := contact.plastic.flow_at_border(result)) is None:
         return
     side, place = reached
     name = contact.side_names[SIDES.index(side)]
@@ -249,8 +249,8 @@ def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) ->
     """
     flowed = []
     for contact in contacts:
-        for side, run in contact.yielding.zones if contact.yielding else ():
-            item, state = contact.sides[side][0], contact.plastic_states(result)[SIDES[side]]
+        for side, run in contact.plastic.zones:
+            item, state = contact.sides[side][0], contact.plastic.states(result)[SIDES[side]]
             if state.equivalent.any() and not len(item.body.basis.nodal):
                 flowed.append((contact, item, run.zone.place(state.equivalent > 0)))
     for (one, item, places), (other, of, there) in itertools.combinations(flowed, 2):

@@ -14,7 +14,6 @@ from ..errors import InputError, RunError
 from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_results import ContactResults
 from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.kept_run import KeptRun
 from ..exudyn_contacts.model_run import runs_of
@@ -160,7 +159,7 @@ class Result:
         InputError
             If the item was not in the model that was run.
         """
-        if not isinstance(item, PartitionBody | StoredBody | ContactResults | WorkSensor):
+        if not isinstance(item, PartitionBody | StoredBody | PartitionContact | WorkSensor):
             raise InputError(
                 "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
                 f"{type(item).__name__}"
@@ -172,7 +171,7 @@ class Result:
             )
         return self.sensor(number)
 
-    def kept(self, contact: ContactResults) -> ContactRun | KeptRun:
+    def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """Return what a contact kept of the run beside its sensors: its law at the end, and forces of rows.
 
         Raises
@@ -180,7 +179,7 @@ class Result:
         InputError
             If the contact is of another model, or nothing was kept.
         """
-        validate_type("contact", contact, ContactResults, "CreatePartitionContact()")
+        validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
         self.sensor_of(contact, contact["sForce"])
         if not self.runs:
             raise InputError(
@@ -502,9 +501,9 @@ class Result:
             "status": self.status,
         }
         of_friction = {}
-        if contact.friction is not None:
+        if contact.friction:
             of_friction = {
-                "tangential_force": contact.tangential_force(self),
+                "tangential_force": contact.friction.tangential_force(self),
                 "dissipated": contact.dissipated_energy(self),
             }
         return History(self.t, contact.force(self), velocity, info, **of_friction)
@@ -524,7 +523,7 @@ def _restored(stored: StoredRun) -> Result:
         work=stored.work,
         sensors=dict(zip(map(int, stored.numbers), stored.samples, strict=True)),
         bodies=tuple(map(StoredBody, stored.bodies)),  # type: ignore[arg-type]
-        contacts=tuple(map(StoredContact, stored.contacts)),  # type: ignore[arg-type]
+        contacts=tuple(map(StoredContact, stored.contacts)),
         runs=kept,
         seldom=frozenset(map(int, stored.seldom)),
         warnings=stored.warnings,
@@ -586,7 +585,7 @@ def cut(result: Result, count: int) -> Result:
     return replace(result, t=result.t[:count], sensors=sensors)
 
 
-def called(item: PartitionBody | StoredBody | ContactResults | WorkSensor) -> str:
+def called(item: PartitionBody | StoredBody | PartitionContact | WorkSensor) -> str:
     """Return what messages call a body, a contact or the sensor of work."""
     if isinstance(item, WorkSensor):
         return "this sensor of work"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,13 +16,14 @@ from ..algebra.coulomb import Coulomb
 from ..errors import InputError
 from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_results import ContactResults
 from ..exudyn_contacts.kept_run import KEPT, KeptRun
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.archive import Format, sketch
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_result
 from .work import Work
 
+_OF_MODEL = ("slave", "master", "sides", "formulation", "carrier", "group", "together", "linked", "moment_about")
 _SAME = 1e-7  # of the norm of an array: what rounding may change in a body that is reduced again
 
 
@@ -117,7 +118,7 @@ class StoredContactRun:
     kept: KeptRun | None
 
     @classmethod
-    def of(cls, contact: ContactResults, kept: KeptRun | None) -> StoredContactRun:
+    def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
         """That of a contact of a model, or of one that was stored."""
         law = contact.law
         return cls(
@@ -126,8 +127,8 @@ class StoredContactRun:
             ahead=law.ahead,
             elastic=contact.elastic,
             compliant=contact.compliant,
-            yields=contact.yielding is not None,
-            friction=contact.friction,
+            yields=bool(contact.plastic),
+            friction=contact.friction.coulomb,
             kept=kept,
         )
 
@@ -199,7 +200,7 @@ class StoredLaw:
 
     def __init__(self, run: StoredContactRun) -> None:
         self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
-        self.yielding = True if run.yields else None
+        self.yielding = _StoredZones(run.name) if run.yields else None
         self._name, self._kept = run.name, run.kept
 
     @property
@@ -224,11 +225,23 @@ class StoredLaw:
         raise _needs_model(f"contact {self.__dict__.get('_name', '')!r}", name)
 
 
-class StoredContact(ContactResults):
-    """A contact of a result that was read without its model: what it told of the run.
+class _StoredZones:
+    """Plastic zones of a stored contact: there are some, and all else needs the model."""
 
-    It has the methods of `PartitionContact` for forces, gaps, rows, pressures, areas, friction, plastic work and
-    energies. Those that need bodies say that they do.
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    @property
+    def zones(self) -> NoReturn:
+        """See `Zones`."""
+        raise _needs_model(f"contact {self._name!r}", "zones")
+
+
+class StoredContact(PartitionContact):
+    """A contact of a result that was read without its model.
+
+    It has forces, gaps, rows, pressures, areas, friction, plastic work and energies of the run, as `PartitionContact`
+    has them. Results that need bodies say that they do.
 
     Parameters
     ----------
@@ -236,16 +249,16 @@ class StoredContact(ContactResults):
     """
 
     def __init__(self, run: StoredContactRun) -> None:
-        super().__init__(run.sensors)
+        dict.__init__(self, run.sensors)  # there are no sides, and what a contact has of them
         self.name, self.law = run.name, StoredLaw(run)  # type: ignore[assignment]
 
     def _gap_of_surface(self, result: Any) -> None:
         """None, for surfaces are not known: then gaps are those of rows."""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        raise _needs_model(f"contact {self.__dict__.get('name', '')!r}", name)
+        if name in _OF_MODEL:
+            raise _needs_model(f"contact {self.__dict__.get('name', '')!r}", name)
+        return super().__getattr__(name)
 
 
 class StoredBody:
@@ -306,7 +319,7 @@ def _needs_model(item: str, name: str) -> InputError:
     )
 
 
-def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults]) -> tuple[ItemMark, ...]:
+def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> tuple[ItemMark, ...]:
     """What the items of a model are: names, frames, places, reduced bodies, laws, and numbers of sensors.
 
     A run knows nothing of the inside of bodies: one of bodies that were saved without it can be read with whole ones.
@@ -329,7 +342,8 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[ContactResults
     for contact in contacts:
         of = [(item.name, patch) for item, patch in contact.sides]
         said = f"contact {contact.name!r} of {of}, {type(contact.law).__name__}, sensor {int(contact['sForce'])}"
-        marks.append(ItemMark.of(said, {"friction": contact.friction, "areas": np.array(contact.law.node_areas)}))
+        law = {"friction": contact.friction.coulomb, "areas": np.array(contact.law.node_areas)}
+        marks.append(ItemMark.of(said, law))
     return tuple(marks)
 
 

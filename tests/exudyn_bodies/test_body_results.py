@@ -48,7 +48,7 @@ def test_stress_in_a_bar_that_yields_is_force_by_area(pressed):
     """Hooke's law of the whole strain would give about twice the yield stress."""
     fem, item, contact, result = pressed
     pressure = contact.force(result) / WIDTH**2
-    plastic = contact.plastic_strain(result)
+    plastic = contact.plastic.strain(result)
     assert plastic[-1] > 2e-3
     np.testing.assert_allclose(pressure.max(), YIELD_STRESS + SLOPE * plastic[-1], rtol=1e-6)
     stress = item.stress(result, POINTS, fem)
@@ -62,7 +62,7 @@ def test_strain_has_its_plastic_part(pressed):
     with pytest.warns(YieldWarning, match=r"rows 0 to 17 lie where the material has yielded.*stress\("):
         strain = item.recover(result, ep.recovery.strain_rows(fem, POINTS), fem=fem).reshape(-1, 3, 6)
     elastic = contact.force(result) / WIDTH**2 / E
-    expected = -np.broadcast_to((elastic + contact.plastic_strain(result))[:, None], (len(result.t), 3))
+    expected = -np.broadcast_to((elastic + contact.plastic.strain(result))[:, None], (len(result.t), 3))
     np.testing.assert_allclose(strain[..., 2], expected, atol=1e-6 * abs(expected).max())
 
 

@@ -37,7 +37,7 @@ def test_gross_slip_has_coulombs_impulse(mbs, round_body, frame, method):
     """At mu = 0.05 the ball slides all the time: the tangential impulse is mu times the normal one."""
     item, contact, result = impact(mbs, round_body, frame=frame, method=method, friction=0.05)
     normal = np.trapezoid(contact.force(result), result.t)
-    along = np.trapezoid(contact.tangential_force(result), result.t, axis=0)
+    along = np.trapezoid(contact.friction.tangential_force(result), result.t, axis=0)
     assert along[0] == pytest.approx(-0.05 * normal, rel=2e-3)
     assert balance(item, contact, result) < 1e-4
     assert item.momentum(result)[-1, 0] == pytest.approx(round_body.total_mass * ALONG + along[0], rel=1e-6)
@@ -59,9 +59,9 @@ def test_sticking_reverses_the_contact_point(mbs, round_body):
     item, contact, result = impact(mbs, round_body, friction=0.5)
     mass = round_body.total_mass
     # The tangential impulse changes the velocity of the contact point of a solid ball by 7 / 2 of its share.
-    change = 3.5 * np.trapezoid(contact.tangential_force(result)[:, 0], result.t) / mass
+    change = 3.5 * np.trapezoid(contact.friction.tangential_force(result)[:, 0], result.t) / mass
     assert -0.15 * ALONG < ALONG + change < 0.05 * ALONG
-    assert contact.stuck_rows(result).max() > 0
+    assert contact.friction.stuck_rows(result).max() > 0
     assert balance(item, contact, result) < 1e-4
 
 
@@ -71,11 +71,11 @@ def test_friction_takes_what_results_say(mbs, round_body):
     assert (np.diff(taken) > -1e-6 * taken[-1]).all()
     assert taken[-1] == pytest.approx(item.energy(result)[0] - item.energy(result)[-1], rel=1e-3)
     peak = int(contact.force(result).argmax())
-    states, tractions = contact.row_states(result), contact.row_tractions(result)
+    states, tractions = contact.friction.states(result), contact.friction.row_forces(result)
     assert (states[peak] > 0).sum() == contact.closed_rows(result)[peak]
-    assert (states[peak] == 1).sum() == contact.stuck_rows(result)[peak]
-    np.testing.assert_allclose(tractions[peak].sum(axis=0), contact.tangential_force(result)[peak], rtol=1e-9)
-    assert contact.slip_path(result).max() > 0
+    assert (states[peak] == 1).sum() == contact.friction.stuck_rows(result)[peak]
+    np.testing.assert_allclose(tractions[peak].sum(axis=0), contact.friction.tangential_force(result)[peak], rtol=1e-9)
+    assert contact.friction.slip_path(result).max() > 0
     (on_nodes,) = contact.nodal_forces(result)
     np.testing.assert_allclose(on_nodes[peak].sum(axis=0), contact.force_on_slave(result)[peak], rtol=1e-6)
 
@@ -83,7 +83,10 @@ def test_friction_takes_what_results_say(mbs, round_body):
 def test_frictionless_contacts_have_no_tangential_results(mbs, round_body):
     _, contact, result = impact(mbs, round_body, friction=None)
     with pytest.raises(ep.errors.InputError, match="frictionless"):
-        contact.tangential_force(result)
+        contact.friction.tangential_force(result)
+    assert not contact.friction
+    assert contact.friction.coulomb is None
+    assert not contact.friction.work(result).any()
     assert any("frictionless" in said for said in contact.left_out)
 
 
@@ -92,7 +95,7 @@ def test_adaptive_steps_agree(round_body):
     for options in ({}, {"adaptive": True}):
         mbs = exu.SystemContainer().AddSystem()
         _, contact, result = impact(mbs, round_body, method="implicit", **options)
-        found.append(np.trapezoid(contact.tangential_force(result)[:, 0], result.t))
+        found.append(np.trapezoid(contact.friction.tangential_force(result)[:, 0], result.t))
     assert found[1] == pytest.approx(found[0], rel=0.02)
 
 
@@ -109,7 +112,7 @@ def test_a_belt_pulls_as_much_as_the_ball_would_slide(round_body):
         )
         contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), masterBody=carrier, friction=MU)
         mbs.Assemble()
-        found.append(contact.tangential_force(ep.solve_dynamic(mbs, end_time=40e-6))[:, 0])
+        found.append(contact.friction.tangential_force(ep.solve_dynamic(mbs, end_time=40e-6))[:, 0])
     assert found[0].min() < 0
     np.testing.assert_allclose(found[1], found[0], atol=1e-5 * abs(found[0]).max())
 
@@ -131,7 +134,7 @@ def test_contacts_on_one_body_are_solved_together(mbs, marble_parts, kept):
     mbs.Assemble()
     assert contacts[0].together is not None
     result = ep.solve_dynamic(mbs, end_time=40e-6)
-    assert all(contact.tangential_force(result).any() for contact in contacts)
+    assert all(contact.friction.tangential_force(result).any() for contact in contacts)
     total = item.energy(result) + sum(c.energy(result) + c.dissipated_energy(result) for c in contacts)
     np.testing.assert_allclose(total, total[0], rtol=2e-4)
 
@@ -146,7 +149,7 @@ def test_two_bodies_keep_momentum_and_angular_momentum(mbs, round_body, flat_bod
     contact = ep.CreatePartitionContact(mbs, *items, friction=MU)
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=40e-6)
-    assert contact.tangential_force(result).any()
+    assert contact.friction.tangential_force(result).any()
     momentum = sum(item.momentum(result) for item in items)
     assert abs(momentum - momentum[0]).max() < 1e-9 * abs(momentum[0]).max()
     spin = sum(item.angular_momentum(result, np.zeros(3)) for item in items)

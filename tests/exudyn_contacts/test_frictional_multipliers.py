@@ -39,7 +39,7 @@ def test_a_guided_slider_decelerates_by_the_normal_force(mbs, slider):
     velocity = item.momentum(result)[-1] / slider.total_mass
     normal = LOAD * result.t[-1] + velocity[2]
     assert velocity[0] - SPEED == pytest.approx(-MU * normal, rel=1e-3)
-    taken = np.trapezoid(contact.tangential_force(result)[:, 0], result.t)
+    taken = np.trapezoid(contact.friction.tangential_force(result)[:, 0], result.t)
     assert taken == pytest.approx(-MU * np.trapezoid(contact.force(result), result.t), rel=1e-3)
 
 
@@ -73,7 +73,7 @@ def test_an_oblique_impact_keeps_momentum_and_energy(mbs, pair_of, method, step)
     result = ep.solve_dynamic(mbs, end_time=15e-6, step=step, method=method)
     momentum = sum(item.momentum(result) for item in items_)
     assert abs(momentum - momentum[0]).max() < 1e-9 * abs(momentum[0]).max()
-    normal, along = contact.force(result), contact.tangential_force(result)[:, 0]
+    normal, along = contact.force(result), contact.friction.tangential_force(result)[:, 0]
     impulse = items_[0].momentum(result)[-1] - items_[0].momentum(result)[0]
     assert np.trapezoid(along, result.t) == pytest.approx(impulse[0], rel=0.02)
     assert impulse[0] == pytest.approx(-MU * impulse[2], rel=0.02)  # it slips all the time

@@ -59,7 +59,7 @@ def test_what_friction_takes_only_grows_and_is_what_the_bodies_lose(pair_of, bas
         balance = (energy + lost) / energy[0] - 1
         assert balance.max() < 1e-3
         assert balance[-1] > -0.01
-        along, change = contact.tangential_force(result), np.diff(item.momentum(result)[[0, -1]], axis=0)[0]
+        along, change = contact.friction.tangential_force(result), np.diff(item.momentum(result)[[0, -1]], axis=0)[0]
         np.testing.assert_allclose(np.trapezoid(along, result.t, axis=0)[:2], change[:2], atol=1e-9 * abs(change).max())
         taken.append(lost[-1] / energy[0])
         peaks.append(contact.force(result).max())

@@ -77,13 +77,13 @@ def test_an_impact_region_of_all_nodes_is_the_full_fe_model(models, run):
     ]
     reference = ep.reference.simulate(full, end_time=result.t[-1], step=2e-8, alpha=0.0)
     assert ep.compare(result.history(contact), reference).error["force"] < 0.01
-    assert contact.plastic_work(result)[-1] == pytest.approx(reference.info["plastic_work_J"][0], rel=5e-3)
-    assert contact.plastic_strain(result)[-1] == pytest.approx(reference.info["plastic_strain"][0], rel=2e-2)
+    assert contact.plastic.work(result)[-1] == pytest.approx(reference.info["plastic_work_J"][0], rel=5e-3)
+    assert contact.plastic.strain(result)[-1] == pytest.approx(reference.info["plastic_strain"][0], rel=2e-2)
 
 
 def test_energy_is_kept(run):
     items, contact, result = run
-    assert contact.plastic_work(result)[-1] > 0.03 * items[0].energy(result)[0]
+    assert contact.plastic.work(result)[-1] > 0.03 * items[0].energy(result)[0]
     assert balance(*run)[-1] == pytest.approx(1.0, abs=1e-4)
     momentum = sum(item.momentum(result) for item in items)
     np.testing.assert_allclose(momentum, momentum[:1].repeat(len(momentum), 0), atol=1e-9 * abs(momentum).max())
@@ -94,28 +94,28 @@ def test_floating_frames_agree(bodies, run):
     _, contact, result = fall(bodies, frame="floating", end=2e-6)
     expected = run[1].force(run[2])[: len(result.t)]
     np.testing.assert_allclose(contact.force(result), expected, atol=1e-2 * expected.max())
-    strain = run[1].plastic_strain(run[2])[len(result.t) - 1]
-    assert contact.plastic_strain(result)[-1] == pytest.approx(strain, rel=2e-2)
+    strain = run[1].plastic.strain(run[2])[len(result.t) - 1]
+    assert contact.plastic.strain(result)[-1] == pytest.approx(strain, rel=2e-2)
 
 
 def test_a_dented_body_rests_and_the_next_run_knows_its_dent(bodies, run):
     items, contact, result = run
-    state = contact.plastic_states(result)["master"]
+    state = contact.plastic.states(result)["master"]
     slow = fall(bodies, velocity=(0, 0, -1e-9), states={0: state}, end=2e-7)
     q = slow[0][1].coordinates(slow[2])
     assert abs(q[0]).max() > 0
     np.testing.assert_allclose(q, q[:1].repeat(len(q), 0), atol=1e-6 * abs(q[0]).max())
-    assert slow[1].plastic_work(slow[2])[-1] == 0.0
+    assert slow[1].plastic.work(slow[2])[-1] == 0.0
     moved = items[1].displacement(result, (0, 0, 0))[-1] - items[1].displacement(result, (0, 0, -6e-4))[-1]
-    assert contact.dents(result)["master"] == pytest.approx(-moved[2], rel=0.3)  # it still rings
+    assert contact.plastic.dents(result)["master"] == pytest.approx(-moved[2], rel=0.3)  # it still rings
 
 
 def test_friction_and_plastic_flow_together(bodies):
     """Energy ripples in contact by central differences; with friction, the balance is the same within a part of it."""
     rough, smooth = (fall(bodies, velocity=(0.5, 0, -SPEED), end=2e-6, friction=friction) for friction in (0.2, None))
     contact, result = rough[1:]
-    assert contact.plastic_work(result)[-1] > 0
-    assert contact.dissipated_energy(result)[-1] > 1.2 * contact.plastic_work(result)[-1]
+    assert contact.plastic.work(result)[-1] > 0
+    assert contact.dissipated_energy(result)[-1] > 1.2 * contact.plastic.work(result)[-1]
     np.testing.assert_allclose(balance(*rough), balance(*smooth), atol=2e-4)
 
 
@@ -148,11 +148,11 @@ def test_a_run_that_goes_on_knows_its_plastic_strain(bodies):
     step, half, end = 2.5e-9, 1.2e-6, 1.6e-6  # 20 steps a sample
     mbs, _, contact = pair(bodies)
     whole = solve(mbs, end, step=step)
-    force, strain = contact.force(whole)[-1], contact.plastic_strain(whole)[-1]
+    force, strain = contact.force(whole)[-1], contact.plastic.strain(whole)[-1]
     first = solve(mbs, half, step=step)
-    before = contact.plastic_strain(first)[-1]
+    before = contact.plastic.strain(first)[-1]
     mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
     second = solve(mbs, end, step=step, start_time=half)
-    assert contact.plastic_strain(second)[0] == before > 0
-    assert contact.plastic_strain(second)[-1] == pytest.approx(strain, rel=1e-9)
+    assert contact.plastic.strain(second)[0] == before > 0
+    assert contact.plastic.strain(second)[-1] == pytest.approx(strain, rel=1e-9)
     assert contact.force(second)[-1] == pytest.approx(force, rel=1e-9)

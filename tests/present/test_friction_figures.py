@@ -24,7 +24,7 @@ def test_stick_and_slip_are_drawn_with_their_numbers(run):
     _, contact, result = run
     peak = int(contact.force(result).argmax())
     axes = ep.plot.stick(None, result)
-    stuck, closed = contact.stuck_rows(result)[peak], contact.closed_rows(result)[peak]
+    stuck, closed = contact.friction.stuck_rows(result)[peak], contact.closed_rows(result)[peak]
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == [f"sticks ({stuck} rows)", f"slips ({closed - stuck} rows)"]
     plt.close(axes.figure)

@@ -186,10 +186,10 @@ def test_the_model_stays_as_it_was_and_each_run_can_be_repeated(round_body):
     mbs, (ball,), (contact,) = slides(round_body, frame="floating")
     options = {"step": 0.25e-6}
     first = ep.solve_dynamic(mbs, end_time=20e-6, **options)
-    before = contact.slip_path(first)
+    before = contact.friction.slip_path(first)
     second = ep.solve_dynamic(mbs, end_time=30e-6, go_on=True, **options)
-    assert (contact.slip_path(first) == before).all()
-    assert contact.slip_path(second).sum() > before.sum()
+    assert (contact.friction.slip_path(first) == before).all()
+    assert contact.friction.slip_path(second).sum() > before.sum()
     third = ep.solve_dynamic(mbs, end_time=30e-6, **options)  # from the model's own start, without a memory
     assert third.t[0] == 0.0
     moved = ball.coordinates(first)  # its last step is longer by a rounding

@@ -49,12 +49,12 @@ def test_large_load_steps_settle_and_the_next_load_is_elastic(body):
     (contact,), result = pressed(body, 5)
     assert result.steps == 5  # none was divided
     assert contact.force(result)[-1] == pytest.approx(FORCE, rel=0.01)  # the spring has the rest
-    work = contact.plastic_work(result)[-1]
-    (state,) = contact.plastic_states(result).values()
+    work = contact.plastic.work(result)[-1]
+    (state,) = contact.plastic.states(result).values()
     (again,), repeated = pressed(body, 2, state)
     assert again.force(repeated)[-1] == pytest.approx(contact.force(result)[-1], rel=1e-3)
-    assert again.plastic_work(repeated)[-1] < 1e-3 * work
-    assert np.all(np.diff(contact.plastic_work(result)) >= 0)
+    assert again.plastic.work(repeated)[-1] < 1e-3 * work
+    assert np.all(np.diff(contact.plastic.work(result)) >= 0)
 
 
 def test_small_load_steps_agree(body):
@@ -62,7 +62,7 @@ def test_small_load_steps_agree(body):
     for steps in (5, 20):
         (contact,), result = pressed(body, steps)
         forces.append(contact.force(result)[-1])
-        works.append(contact.plastic_work(result)[-1])
+        works.append(contact.plastic.work(result)[-1])
     assert forces[1] == pytest.approx(forces[0], rel=1e-4)
     assert works[1] == pytest.approx(works[0], rel=0.01)
 
@@ -81,4 +81,4 @@ def test_contacts_on_one_body_settle_too():
     contacts, result = pressed(ep.reduce(fem, first | second | bottom, f_cut=100e3), 6, places=places)
     assert result.steps == 6
     assert sum(contact.force(result)[-1] for contact in contacts) == pytest.approx(2 * FORCE, rel=0.01)
-    assert all(contact.plastic_work(result)[-1] > 0 for contact in contacts)
+    assert all(contact.plastic.work(result)[-1] > 0 for contact in contacts)

@@ -109,15 +109,15 @@ def test_a_preloaded_run_goes_on_with_what_sticks(mbs, round_body, method):
     press(mbs, item, 2 * FORCE, axis=0)
     mbs.Assemble()
     static = ep.solve_static(mbs, load_steps=3, update_initial=True)
-    stuck = contact.tangential_force(static)[-1, 0]
+    stuck = contact.friction.tangential_force(static)[-1, 0]
     assert stuck > 0.2 * FORCE
     for _ in range(2):  # the second run too begins in that state
         result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.2e-6, method=method)
-        np.testing.assert_allclose(contact.tangential_force(result)[:, 0], stuck, rtol=1e-4)
+        np.testing.assert_allclose(contact.friction.tangential_force(result)[:, 0], stuck, rtol=1e-4)
         assert abs(item.momentum(result)[:, 0]).max() < 1e-4 * stuck * 20e-6
     mbs.systemData.SetODE2Coordinates(np.zeros(round_body.n_dofs), exu.ConfigurationType.Initial)
     result = ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6, method=method)
-    assert abs(contact.tangential_force(result)[0]).max() == 0.0  # another start has no memory
+    assert abs(contact.friction.tangential_force(result)[0]).max() == 0.0  # another start has no memory
 
 
 @pytest.mark.parametrize("gap", [0.0, 2e-4])

@@ -145,14 +145,20 @@ def test_friction_and_plastic_strain_are_in_files(mbs, tmp_path):
     result.save(tmp_path / "run")
     again, same = slides()
     loaded, alone = ep.Result.load(tmp_path / "run", again), ep.Result.load(tmp_path / "run")
-    assert contact.plastic_work(result)[-1] > 0
+    assert contact.plastic.work(result)[-1] > 0
     for one, of in ((same, loaded), (alone.contacts[0], alone)):
-        for name in ("row_states", "row_tractions", "traction", "slip_path", "tangential_force", "plastic_strain"):
-            np.testing.assert_array_equal(getattr(one, name)(of), getattr(contact, name)(result))
-        (state,), (expected,) = one.plastic_states(of).values(), contact.plastic_states(result).values()
+        assert one.friction
+        assert one.plastic
+        for name in ("states", "row_forces", "traction", "slip_path", "tangential_force", "work"):
+            np.testing.assert_array_equal(getattr(one.friction, name)(of), getattr(contact.friction, name)(result))
+        np.testing.assert_array_equal(one.plastic.strain(of), contact.plastic.strain(result))
+        (state,), (expected,) = one.plastic.states(of).values(), contact.plastic.states(result).values()
         np.testing.assert_array_equal(state.strain, expected.strain)
-    assert same.dents(loaded) == contact.dents(result)
-    (history,), (expected,) = same.strain_histories(loaded), contact.strain_histories(result)
+    for missing in (alone.contacts[0].plastic.dents, alone.contacts[0].plastic.flow_at_border):
+        with pytest.raises(InputError, match=r"'zones' needs the model, and this result was read without it"):
+            missing(alone)
+    assert same.plastic.dents(loaded) == contact.plastic.dents(result)
+    (history,), (expected,) = same.plastic.strain_histories(loaded), contact.plastic.strain_histories(result)
     numbers = history.numbers(result.t)
     np.testing.assert_array_equal(numbers, expected.numbers(result.t))
     np.testing.assert_array_equal(history.strain(numbers[-1]), expected.strain(numbers[-1]))

@@ -94,7 +94,7 @@ def run(body, end, step, friction=None):
     impacts = contact.impacts(result)
     along = 0.0
     if friction:
-        along = float(np.trapezoid(contact.tangential_force(result)[:, 0], result.t))
+        along = float(np.trapezoid(contact.friction.tangential_force(result)[:, 0], result.t))
         energy = energy + contact.dissipated_energy(result)
     return {
         "contacts": len(impacts),

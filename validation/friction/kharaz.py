@@ -56,13 +56,13 @@ def impact(ball, glass, angle):
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=END)
     energy = sum(item.energy(result) for item in (*items, contact)) + contact.dissipated_energy(result)
-    along = np.trapezoid(contact.tangential_force(result)[:, 0], result.t)
+    along = np.trapezoid(contact.friction.tangential_force(result)[:, 0], result.t)
     return {
         "spin": float(items[0].coordinates_t(result)[-1, 4]),
         "energy": float(abs(energy / energy[0] - 1).max()),
         "ratio": float(-along / np.trapezoid(contact.force(result), result.t)),
         "rows": int(contact.closed_rows(result).max()),
-        "stuck": int(contact.stuck_rows(result).max()),
+        "stuck": int(contact.friction.stuck_rows(result).max()),
         "restitution": float(items[0].momentum(result)[-1, 2] / ball.total_mass / -velocity[2]),
         "online_s": result.time_s,
     }

@@ -146,7 +146,7 @@ def spin(body, mu=0.5, speed=0.3, along=0.2):
     q = item.coordinates(result)
     centre = np.array([0, 0, RADIUS]) + q[-1, :3]
     gained = item.angular_momentum(result, centre)[-1, 1]
-    expected = -RADIUS * np.trapezoid(contact.tangential_force(result)[:, 0], result.t)
+    expected = -RADIUS * np.trapezoid(contact.friction.tangential_force(result)[:, 0], result.t)
     return abs(gained / expected - 1)
 
 

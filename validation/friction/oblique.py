@@ -83,7 +83,7 @@ def times(bodies, speed, end):
         found[name] = {
             "ms_a_step": 1e3 * spent / np.count_nonzero(rows),
             "rows": int(rows.max()),
-            "stuck_rows": int(contact.stuck_rows(result).max()),
+            "stuck_rows": int(contact.friction.stuck_rows(result).max()),
             "newton_steps": result.work.active_set_iterations / np.count_nonzero(rows),
         }
     flights = []
@@ -117,7 +117,7 @@ def compared(model, fems, partitions, bodies, along, end):
         "dissipated_J": float(contact.dissipated_energy(run)[-1]),
         "dissipated_reference_J": reference.info["dissipated_J"],
         "rows": int(contact.closed_rows(run).max()),
-        "stuck_rows": int(contact.stuck_rows(run).max()),
+        "stuck_rows": int(contact.friction.stuck_rows(run).max()),
         "online_s": run.time_s,
         "steps": run.steps,
         "half_of_limit": {

@@ -74,13 +74,13 @@ def told(items, contact, result):
     """Balance of energy, and what plastic flow did."""
     total = sum(item.energy(result) + item.dissipated_energy(result) for item in items)
     total = total + contact.energy(result) + contact.dissipated_energy(result)
-    work = contact.plastic_work(result)
+    work = contact.plastic.work(result)
     plastic_steps = max(int(np.count_nonzero(np.diff(work) > 0)), 1)
     return {
         "balance": abs(total / total[0] - 1).max(),
         "plastic_share": work[-1] / total[0],
         "falls_by": max(0.0, -np.diff(work).min()) / total[0],
-        "largest_strain": contact.plastic_strain(result)[-1],
+        "largest_strain": contact.plastic.strain(result)[-1],
         "iterations_a_step": result.kept(contact).law.yielding.iterations / plastic_steps,
         "finished": result.status == "finished",
         "online_s": result.time_s,
@@ -110,7 +110,7 @@ def repeated(bodies, times=5):
         found = told(items, contact, result)
         work.append(found["plastic_share"])
         balance = max(balance, found["balance"])
-        state = contact.plastic_states(result)
+        state = contact.plastic.states(result)
         states = {0: next(iter(state.values()))}
     return {"balance": balance, "plastic_shares": work, "falls": bool((np.diff(work) < 0).all())}
 

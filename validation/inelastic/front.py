@@ -73,7 +73,7 @@ def main():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ep.errors.YieldWarning)  # elastic bodies, and zones that are too small
             (_, contact, run), online_s = timed(lambda: impact.reduced_run(bodies, speed, END, **options))
-        found = errors(run.history(contact), contact.plastic_work(run)[-1], reference)
+        found = errors(run.history(contact), contact.plastic.work(run)[-1], reference)
         dofs = sum(body.n_dofs for body in bodies)
         runs[name] = {**found, "offline_s": offline_s, "online_s": online_s, "dofs": dofs, "steps": run.steps}
         console.print(name, runs[name])

@@ -103,12 +103,12 @@ def compared(ratio, elements):
     begin = time.process_time()
     reference = ep.reference.simulate(full, end_time=end, step=run.step)
     reference_cpu_s = time.process_time() - begin - reference.info["setup_s"]
-    energy = sum(item.energy(run) for item in (*items, contact)) + contact.plastic_work(run)
+    energy = sum(item.energy(run) for item in (*items, contact)) + contact.plastic.work(run)
     rebound = items[0].momentum(run)[-1, 2] / bodies[0].total_mass
     work = sum(reference.info["plastic_work_J"])
     impulse = np.trapezoid(reference.force, reference.t)
     rebound_reference = impulse / bodies[0].total_mass - speed
-    plastic_steps = int(np.count_nonzero(np.diff(contact.plastic_work(run)) > 0))
+    plastic_steps = int(np.count_nonzero(np.diff(contact.plastic.work(run)) > 0))
     return {
         "speed_m_s": speed,
         "contact_radius_m": a,
@@ -119,7 +119,7 @@ def compared(ratio, elements):
             "force": ep.compare(history, reference).error["force"],
             "peak": history.force.max() / reference.force.max() - 1,
             "rebound": rebound / rebound_reference - 1,
-            "work": contact.plastic_work(run)[-1] / work - 1,
+            "work": contact.plastic.work(run)[-1] / work - 1,
             "balance": abs(energy / energy[0] - 1).max(),
         },
         "restitution": (rebound - items[1].momentum(run)[-1, 2] / bodies[1].total_mass) / speed,
@@ -127,7 +127,7 @@ def compared(ratio, elements):
         "elastic_peak_N": elastic_contact.force(elastic_run).max(),
         "elastic_online_s": elastic_run.time_s,
         "plastic_work_share": work / energy[0],
-        "largest_strain": contact.plastic_strain(run)[-1],
+        "largest_strain": contact.plastic.strain(run)[-1],
         "reference_energy_error": reference.info["energy_error"],
         "mesh_s": mesh_s,
         "offline_s": offline_s,

@@ -89,7 +89,7 @@ def first_yield(elements=5.0):
     body, _ = block(material, a, elements, 1.0)
     depth = 1.2 * a**2 / RADIUS
     contact, result = press(body, RADIUS, lambda t: depth * t, 40)
-    flows = int(np.argmax(contact.plastic_work(result) > 0))
+    flows = int(np.argmax(contact.plastic.work(result) > 0))
     begins = contact.force(result)[flows - 1 : flows + 1].mean()
     p0 = (6 * begins * modulus**2 / (np.pi**3 * RADIUS**2)) ** (1 / 3)
     return {"p0_by_yield_stress": p0 / 1e9, "force_N": begins, "hertz_N": force, "online_s": result.time_s}
@@ -104,7 +104,7 @@ def fully_plastic(elements, hardening=50e6, zone=2.6):
     body, fem = block(material, a, elements, zone)
     offline_s, depth = time.perf_counter() - begin, 0.75 * a**2 / RADIUS
     contact, result = press(body, RADIUS, lambda t: depth * np.interp(t, [0, 0.5, 0.75, 1.0], [0, 1, 0.95, 1]), 40)
-    force, work = contact.force(result), contact.plastic_work(result)
+    force, work = contact.force(result), contact.plastic.work(result)
     top = int(np.argmin(abs(result.t - 0.5)))
     radius = contact_radius(contact, result, top, fem)
     return {
@@ -153,7 +153,7 @@ def unloading(elements=3.0, zone=2.6):
     outside = np.maximum(low - recovered, recovered - high)
     first = int(np.argmax(load < 0.97 * largest))
     stiffness = (largest - load[first]) / recovered[first]
-    work = contact.plastic_work(result)
+    work = contact.plastic.work(result)
     return {
         "radius_mm": 1e3 * radius,
         "mean_pressure_by_yield_stress": largest / (np.pi * radius**2 * Y),

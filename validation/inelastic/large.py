@@ -83,7 +83,7 @@ def run():
     begin = time.process_time()
     reference = ep.reference.simulate(full, end_time=end, step=result.step)
     reference_cpu_s = time.process_time() - begin - reference.info["setup_s"]
-    work = contact.plastic_work(result)
+    work = contact.plastic.work(result)
     plastic_steps = int(np.count_nonzero(np.diff(work) > 0))
     return {
         "dofs": sum(fem.n_dofs for fem, _ in models),

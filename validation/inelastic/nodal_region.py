@@ -39,9 +39,9 @@ def nodal_run(bodies, speed):
 def measured(run, offline_s, reference):
     """Errors and times of one run."""
     items, contact, result = run
-    energy = sum(item.energy(result) for item in (*items, contact)) + contact.plastic_work(result)
+    energy = sum(item.energy(result) for item in (*items, contact)) + contact.plastic.work(result)
     return {
-        **front.errors(result.history(contact), contact.plastic_work(result)[-1], reference),
+        **front.errors(result.history(contact), contact.plastic.work(result)[-1], reference),
         "balance": abs(energy[-1] / energy[0] - 1),
         "coordinates": sum(item.body.n_dofs for item in items),
         "offline_s": offline_s,

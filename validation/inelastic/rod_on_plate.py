@@ -89,7 +89,7 @@ def full_run(models, contact, speed, end, step, state=None):
 def dent(bodies, state):
     """Depth of the dent that a state of the plate's zone makes at rest [m]: the rod stays away."""
     _, contact, result = reduced_run(bodies, 1e-6, end=2e-6, state=state, height=1e-3)
-    return next(iter(contact.dents(result).values()))
+    return next(iter(contact.plastic.dents(result).values()))
 
 
 def compared(models, bodies, speed, finer=1, before=None):
@@ -104,14 +104,14 @@ def compared(models, bodies, speed, finer=1, before=None):
         items, contact, run = reduced_run(bodies, speed, state=earlier[0])
     history, reference = run.history(contact), full_run(models, contact, speed, END, run.step / finer, earlier[1])
     states = (
-        next(iter(contact.plastic_states(run).values())),
+        next(iter(contact.plastic.states(run).values())),
         ep.PlasticState(**{k: np.array(v) for k, v in reference.info["plastic_states"][0].items()}),
     )
-    energy = sum(item.energy(run) for item in (*items, contact)) + contact.plastic_work(run)
-    work, reference_work = contact.plastic_work(run)[-1], sum(reference.info["plastic_work_J"])
+    energy = sum(item.energy(run) for item in (*items, contact)) + contact.plastic.work(run)
+    work, reference_work = contact.plastic.work(run)[-1], sum(reference.info["plastic_work_J"])
     depths = [dent(bodies, state) for state in states]
     momentum = items[0].momentum(run)[:, 2]
-    plastic_steps = int(np.count_nonzero(np.diff(contact.plastic_work(run)) > 0))
+    plastic_steps = int(np.count_nonzero(np.diff(contact.plastic.work(run)) > 0))
     return (
         {
             "speed_m_s": speed,
@@ -129,7 +129,7 @@ def compared(models, bodies, speed, finer=1, before=None):
             "peak_N": history.force.max(),
             "dent_um": 1e6 * depths[0],
             "plastic_work_share": work / energy[0],
-            "largest_strain": contact.plastic_strain(run)[-1],
+            "largest_strain": contact.plastic.strain(run)[-1],
             "reference_energy_error": reference.info["energy_error"],
             "offline_s": sum(body.reduce_s for body in bodies),
             "online_s": run.time_s,

@@ -143,7 +143,7 @@ class Scene:
     @property
     def plastic_state(self):
         """What the upper block, which may yield, keeps of its run."""
-        return self.yielding.of.plastic_states(self.yielding.result)["slave"]
+        return self.yielding.of.plastic.states(self.yielding.result)["slave"]
 
     def falling(self):
         """Model of the upper block under gravity."""

@@ -86,7 +86,7 @@ def sliding(turns):
     model = example.mechanism(*reduced(2e-3, 2.5e-3, "xyz"), SPEED, RAMP, friction=FRICTION)
     run = example.run(model, turns / (SPEED / 2 / np.pi), STEP)
     late = run.t > 2 * RAMP
-    normal, tangential = model.contact.force(run)[late], model.contact.tangential_force(run)[late]
+    normal, tangential = model.contact.force(run)[late], model.contact.friction.tangential_force(run)[late]
     return tangential[:, 0] / normal
 
 

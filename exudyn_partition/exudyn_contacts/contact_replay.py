@@ -1,0 +1,100 @@
+"""Nodal forces and stored energy of a contact after a run: evaluated again at the samples, or as the run kept them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..contact.formulations.formulation import Law
+from ..errors import InputError
+from ..support.arrays import Array
+from ..support.checks import validate_result
+from .contact_samples import ModelContact, RunSamples, kept_rows
+
+# Energies of contacts that are solved together, by the list of these, as long as the result exists.
+_ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
+
+
+def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
+    """See `PartitionContact.nodal_forces`."""
+    law = contact.law
+    if law.gaps.carried:
+        return _kept_of_carried(contact, result)
+    if law.friction is not None or law.yielding is not None:
+        return _kept_on_nodes(contact, result)
+    if not law.elastic:
+        raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
+    place = _place_in_group(contact)
+    forces = [laws[place].nodal_forces() for laws in _evaluated(contact, result)]
+    return [np.array(side) for side in zip(*forces, strict=True)]
+
+
+def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
+    """Energy that an elastic contact stored, (n,) [J]: what the run kept, or what its coordinates say."""
+    if result.runs:
+        kept = result.kept(contact).stored
+        return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
+    if contact.together is None:
+        law = contact.law.for_run("explicit")
+        return np.array([law.potential(q) for (q,) in _coordinates(contact, result)])
+    found = _ENERGIES.setdefault(result, {})  # of all contacts of the group, which are found together
+    if id(contact.group) not in found:
+        found[id(contact.group)] = np.array([[law.stored() for law in laws] for laws in _evaluated(contact, result)])
+    return found[id(contact.group)][:, _place_in_group(contact)].copy()
+
+
+def _kept_of_carried(contact: ModelContact, result: RunSamples) -> list[Array]:
+    """See `nodal_forces`; another body has moved the rigid surface, and a result does not have its motion."""
+    validate_result(result)
+    run, sides = result.kept(contact), contact.law.gaps.sides
+    forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in sides]
+    closed = {t for t, *_ in run.samples}
+    for i, t in enumerate(result.t):
+        if t in closed:
+            for on_side, now in zip(forces, run.on_nodes[t], strict=True):
+                on_side[i] = now
+    return forces
+
+
+def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
+    """See `nodal_forces`; from the forces of rows that the run kept."""
+    validate_result(result)
+    law = contact.law.for_run("explicit")
+    q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
+    forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in law.gaps.sides]
+    for i, nodes, lam, tangential, _ in kept_rows(contact, result):
+        for on_side, now in zip(forces, law.forces_on_nodes(q[i], nodes, lam, tangential), strict=True):
+            on_side[i] = now
+    return forces
+
+
+def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[Law]]:
+    """Laws of the contacts that are solved together, at each time of `result`."""
+    laws = [member.law.for_run("explicit") for member in _solved_together(contact)]
+    together = None if contact.together is None else contact.together.for_run(laws)
+    for coordinates in _coordinates(contact, result):
+        if together is None:
+            laws[0].potential(coordinates[0])
+        else:
+            together.forces(coordinates)
+        yield laws
+
+
+def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[Array]]:
+    """Coordinates of the contacts that are solved together, at each time of `result`."""
+    if contact.law.gaps.carried:
+        raise InputError(
+            "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
+        )
+    group = _solved_together(contact)
+    return zip(*(np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group), strict=True)
+
+
+def _solved_together(contact: ModelContact) -> Sequence[ModelContact]:
+    return [contact] if contact.together is None else contact.group
+
+
+def _place_in_group(contact: ModelContact) -> int:
+    return next(i for i, member in enumerate(_solved_together(contact)) if member is contact)

@@ -1,0 +1,93 @@
+"""What results read: a contact, the samples of its sensors in a run, and what it kept of the run itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..algebra.friction import SLIP
+from ..contact.formulations.formulation import Law, Together
+from ..exudyn_bodies.model import Samples
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..results.history import at_times
+from ..support.arrays import Array
+from ..support.checks import validate_result
+from ..support.foreign import MainSystem
+from .contact_run import ContactRun
+from .kept_run import KeptRun
+
+
+class RunSamples(Samples, Protocol):
+    """What a contact reads of a run: samples of sensors, and what it kept itself."""
+
+    @property
+    def runs(self) -> Sequence[ContactRun | KeptRun]:
+        """What each contact kept of the run; empty if nothing was kept."""
+
+    def kept(self, contact: Any) -> ContactRun | KeptRun:
+        """What a contact kept of the run."""
+
+    def at(self, times: Array) -> RunSamples:
+        """Return the samples nearest to some times, each once."""
+
+
+class ModelContact(Protocol):
+    """A contact of a model, as runs and results know it: `partition_contact.PartitionContact`.
+
+    Attributes
+    ----------
+    name : str
+    law : Law
+        At the start; each run has its own.
+    sides : tuple of (PartitionBody, int)
+        Slave, and master if that is a partition body too, each with the number of its patch.
+    group : list of PartitionContact
+        Contacts that are solved together in every run, the same list for all of them.
+    together : Together or None
+        What finds their forces, if there are several and forces are elastic; each run has its own.
+    moment_about : (3,) array or None
+        Point of the moment sensor [m].
+    """
+
+    name: str
+    law: Law
+    sides: tuple[tuple[PartitionBody, int], ...]
+    group: list[Any]
+    together: Together | None
+    moment_about: Array | None
+
+    def slices(self, mbs: MainSystem) -> list[slice]:
+        """Where the coordinates of slave and master are among the model's."""
+
+    def __getitem__(self, key: str, /) -> Any:
+        """Exudyn's index of an item of the contact."""
+
+    def __contains__(self, key: object, /) -> bool:
+        """Whether the contact has such an item."""
+
+
+def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: slice, impulses: slice) -> Array:
+    """Forces at the times of `result`, (n, k) [N], from columns of a sensor.
+
+    Multipliers are means within steps: theirs come from the columns of the impulses so far.
+    """
+    validate_result(result)
+    samples = result.sensor_of(contact, contact[sensor])
+    if not contact.law.ahead or len(result.t) < 2:
+        return samples[:, forces]
+    impulse = samples[:, impulses]
+    means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]
+    return at_times(result.t, means)
+
+
+def kept_rows(contact: ModelContact, result: RunSamples) -> list[tuple[int, Array, Array, Array, Array]]:
+    """Of each sample with closed rows: its number, nodes of the rows, normal and tangential forces, and states."""
+    run, place = result.kept(contact), {t: i for i, t in enumerate(result.t)}
+    found = []
+    for t, nodes, lam in run.samples:
+        if t in place:
+            none = np.zeros((len(nodes), 3)), np.full(len(nodes), SLIP, dtype=np.int8)
+            found.append((place[t], nodes, lam, *run.tangential.get(t, none)))
+    return found
