@@ -53,7 +53,7 @@ class FrozenContacts:
         assert len(frozen) == len(gaps)
         self._rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
         self._lowest, self.whole, self.pushes = LowestRows.of(frozen), True, True
-        self._held = [each.held for each in gaps]
+        self._stages = [each.stage for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
         self.told, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
@@ -84,8 +84,7 @@ class FrozenContacts:
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:
         """Whether these gaps of the contacts still have the pairs that they had at first."""
-        known = zip(gaps, self._held, strict=True)
-        return all(not each.moving and each.held is held for each, held in known)
+        return [each.stage for each in gaps] == self._stages
 
     def guess(self, active: Array) -> None:
         """Begin with some active rows, (nr,) bool."""

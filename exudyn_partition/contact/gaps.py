@@ -10,15 +10,15 @@ Theory: examples/site/theory.md, "Rows of gaps".
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
-from ..algebra.products import dense, joined, weighted_rows
+from ..algebra.products import dense, joined
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
@@ -28,15 +28,13 @@ from ..surfaces.rows import directed_matrix, point_matrix
 from . import loops
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side, Standing
+from .stages import NOTHING, Frozen, Pressed, Shares, Stage
 
 if TYPE_CHECKING:
     from typing import Self
 
-BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
-_NOTHING = np.empty(0)
 MANY = 50_000  # of what can be spared, see `Side.spares`: then only the nodes needed are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
-Pressed = tuple[Array, Array, float]  # forces on rows, (nr,) [N], generalised forces, (n,), and the least gap [m]
 
 
 class Gaps:
@@ -50,22 +48,8 @@ class Gaps:
         Number of coordinates of all sides.
     size : float
         Size of the facets, the scale of motion [m].
-    moving : bool
-        Whether rows follow the motion. If not, their gaps are linear in the coordinates.
-    held : object
-        An object; each time that rows are frozen, it is a new one.
-    points : ContactPoints
-        Points of the present rows. While rows move, only those are present that can touch soon.
-    row_nodes : (nr,) int array
-        Node of the slave's patch for each present row.
-    area : (nr,) array
-        Area that each row stands for [m2].
-    at_edge : (nr,) bool array
-        Rows at the edge of the contact patch.
-    normals : (p, 3) array
-        Outward normals of the master at the contact points.
-    unpaired : int
-        Number of contact points that face nothing.
+    stage : Stage
+        The present rows, and what follows from them.
     approach : (3,) array
         Unit vector along which the slave approached at the start.
     faced : bool
@@ -82,39 +66,22 @@ class Gaps:
     sides: tuple[Side, ...]
     n: int
     size: float
-    moving: bool
-    held: object
-    points: ContactPoints
-    row_nodes: Array
-    area: Array
-    at_edge: Array
-    normals: Array
-    unpaired: int
+    stage: Stage
     approach: Array
     faced: bool = True
     carried: bool = False
     between: Array | None = None
     searches: int = 0
-    H: Rows
     _all: ContactPoints  # of the slave
-    _flexibility: Array  # of all present rows
-    _flexible_at: Standing | None = None
-    _flexible_index: Array | None = None  # some present rows, and the flexibility between them
-    _flexible_some: Array
-    _loaded: Mapping[int, LoadedNodes] = MappingProxyType({})
-    shares: Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
+    _start: Stage
+    _loaded: dict[int, LoadedNodes]
     _q: Array
-    _places: list[Array]
-    _near_sides: tuple[Side, ...] | None = None
-    evaluated_pose = _NOTHING  # `carrier_pose` at the last evaluation of the gaps
-    _placed_at: Array | None = None  # the coordinates that `_places` belong to
-    _normal: Array
-    _normal_of: Array | None = None  # the normals whose mean is `_normal`
+    _places: list[Array] | None  # of the nodes that are followed at the last coordinates, once they are known
 
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copy.copy(self)
-        result.searches = 0
+        result.searches, result._loaded = 0, {}
         result.reset()
         return result
 
@@ -151,25 +118,89 @@ class Gaps:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
         return self.at(q)
 
+    def _take(self, stage: Stage, q: Array) -> None:
+        """Go to a stage at coordinates q, (n,)."""
+        self.stage, self._q, self._places = stage, q, stage.places
+
+    @property
+    def moving(self) -> bool:
+        """Whether rows follow the motion. If not, their gaps are linear in the coordinates."""
+        return self.stage.moving
+
+    @property
+    def points(self) -> ContactPoints:
+        """Points of the present rows. While rows move, only those are present that can touch soon."""
+        return self.stage.rows.points
+
+    @property
+    def row_nodes(self) -> Array:
+        """(nr,) int array: node of the slave's patch for each present row."""
+        return self.stage.rows.row_nodes
+
+    @property
+    def area(self) -> Array:
+        """(nr,) array: area that each present row stands for [m2]."""
+        return self.stage.rows.area
+
+    @property
+    def at_edge(self) -> Array:
+        """(nr,) bool array: rows at the edge of the contact patch."""
+        return self.stage.rows.at_edge
+
+    @property
+    def unpaired(self) -> int:
+        """Number of contact points that face nothing."""
+        return self.stage.rows.unpaired
+
+    @property
+    def normals(self) -> Array:
+        """(p, 3) array: outward normals of the master at the contact points."""
+        return self.stage.normals
+
+    @property
+    def normal(self) -> Array:
+        """(nr, 3) array: mean normal of each present row."""
+        return self.stage.normal
+
+    @property
+    def shares(self) -> Shares:
+        """For each side: nodes of the points, and their signed weights in the gap, (p, k) each."""
+        return self.stage.shares
+
+    @property
+    def near_sides(self) -> tuple[Side, ...]:
+        """The sides; while rows are followed, only with the nodes that these need."""
+        return self.stage.rows.sides
+
+    @property
+    def held(self) -> object:
+        """The stage while rows are frozen, else None."""
+        return None if self.moving else self.stage
+
+    @property
+    def evaluated_pose(self) -> Array:
+        """`carrier_pose` at the last evaluation of the gaps."""
+        return self.stage.pose
+
     @property
     def carrier_pose(self) -> Array:
         """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if nothing carries it."""
-        return _NOTHING
+        return NOTHING
 
     @property
     def carrier_motion(self) -> Array:
         """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s], if one does."""
-        return _NOTHING
+        return NOTHING
 
     @property
     def constant_rows(self) -> object:
         """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
-        return None if self.moving else self.held
+        return self.held
 
     @property
     def linear(self) -> LinearGaps | None:
-        """Gaps of the present rows as long as these are frozen; None if they move, or where it is not known."""
-        return None
+        """Gaps of the present rows as long as these are frozen; None if they move."""
+        return self.stage.linear if isinstance(self.stage, Frozen) else None
 
     @property
     def slave(self) -> Side:
@@ -189,30 +220,19 @@ class Gaps:
         return self._all.pressures
 
     @property
-    def normal(self) -> Array:
-        """(nr, 3) array: mean normal of each present row."""
-        if self._normal_of is not self.normals:
-            self._normal, self._normal_of = self.points.average(self.normals), self.normals
-        return self._normal
-
-    @property
     def bodies(self) -> list[ReducedBody]:
         """Reduced body of each side."""
         return [side.kinematics.body for side in self.sides]
 
-    @property
-    def near_sides(self) -> tuple[Side, ...]:
-        """The sides; while rows are followed, only with the nodes that these need."""
-        return self._near_sides or self.sides
+    def with_nodes(self, nodes: Sequence[Array]) -> tuple[Side, ...]:
+        """The sides with only some nodes of each, (k,) int arrays, where that saves time."""
+        both = zip(self.sides, nodes, strict=True)
+        return tuple(side.following(some) if side.spares(some) > MANY else side for side, some in both)
 
-    def follow_nodes(self, nodes: Sequence[Array] | None) -> None:
-        """Follow only some nodes of each side, (k,) int arrays, where that saves time; None: all."""
-        self._near_sides = self._placed_at = None
-        if nodes is not None:
-            self._near_sides = tuple(
-                side.following(some) if side.spares(some) > MANY else side
-                for side, some in zip(self.sides, nodes, strict=True)
-            )
+    def take_flexibility(self, flexibility: Sequence[Array | None]) -> None:
+        """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
+        self.sides = tuple(replace(side, flexibility=own) for side, own in zip(self.sides, flexibility, strict=True))
+        self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
 
     def split(self, q: Array) -> list[Array]:
         """Split q, (n,), into the coordinates of each side."""
@@ -248,7 +268,11 @@ class Gaps:
 
         Where contact wanders over a patch, only nodes that may touch soon are followed; the others are NaN.
         """
-        return [side.place(part) for side, part in zip(self.sides, self.split(q), strict=True)]
+        return self.places_of(self.sides, q)
+
+    def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
+        """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,)."""
+        return [side.place(part) for side, part in zip(sides, self.split(q), strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], pairs held.
@@ -274,19 +298,23 @@ class Gaps:
 
     def places_now(self) -> list[Array]:
         """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates; NaN for other nodes."""
-        if self._placed_at is not self._q:
-            parts = zip(self.near_sides, self.split(self._q), strict=True)
-            self._places, self._placed_at = [side.place(part) for side, part in parts], self._q
+        if self._places is None:
+            self._places = self.places_of(self.near_sides, self._q)
         return self._places
 
     def jacobian(self, index: Array) -> Rows:
         """Derivative of the gaps of some present rows by the coordinates, (na, n), pairs held."""
-        if not self.moving:
-            return self.H[index]
-        mean, parts = self.points.mean[index], []
-        for (nodes, weights), side, q in zip(self.shares, self.near_sides, self.split(self._q), strict=True):
-            G = directed_matrix(nodes, weights, self.normals, len(side.surface.points))
-            parts.append(side.on_coordinates(q, mean @ G))
+        if isinstance(self.stage, Frozen):
+            return self.stage.linear.H[index]
+        return self.rows_on_coordinates(self.stage, self._q, index)
+
+    def rows_on_coordinates(self, stage: Stage, q: Array, index: Array | None = None) -> Rows:
+        """Derivative of the gaps of a stage's rows by the coordinates, (na, n), at coordinates q, (n,), pairs held."""
+        mean, parts = stage.rows.points.mean, []
+        mean = mean if index is None else mean[index]
+        for (nodes, weights), side, own in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
+            G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
+            parts.append(side.on_coordinates(own, mean @ G))
         return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -295,7 +323,8 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
-        return self.on_nodes(self._pushes(lam))
+        found = self.stage.nodal_forces(lam)
+        return self.on_nodes(self._pushes(lam)) if found is None else found
 
     def _pushes(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
@@ -314,12 +343,9 @@ class Gaps:
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
-        if not self.moving:
-            return weighted_rows(lam, self.H)
-        return self._generalised(lam)
-
-    def _generalised(self, lam: Array) -> Array:
-        """Do the same for rows that move."""
+        found = self.stage.generalised(lam)
+        if found is not None:
+            return found
         parts = zip(self.near_sides, self.split(self._q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
@@ -342,15 +368,10 @@ class Gaps:
         It changes slowly with the places of the points on their facets. So it is kept while the points move little, and
         the same array is returned for the same rows.
         """
-        standing = self.standing()
-        if not standing.nearly(self._flexible_at, SAME):
-            self._flexibility, self._flexible_at = self._all_flexibility(), standing
-            self._flexible_index = None
-        known = self._flexible_index
-        if index is not known and (known is None or not np.array_equal(index, known)):
-            self._flexible_index = index
-            self._flexible_some = self._flexibility.take(index, axis=0).take(index, axis=1)
-        return self._flexible_some
+        return self.stage.rows.slowly("flexibility", self.stance(), SAME, self._of_all_rows).of(index)
+
+    def _of_all_rows(self) -> RowFlexibility:
+        return RowFlexibility(self._all_flexibility())
 
     def problem(self) -> Complementarity:
         """Return the problem of the forces on all present rows, regularised: rows on few points may be redundant.
@@ -364,7 +385,7 @@ class Gaps:
 
     def standing(self) -> Standing:
         """Where the rows stand at the last coordinates."""
-        return Standing(self.row_nodes, self.sides, self.stance())
+        return Standing(self.stage.rows, self.stance())
 
     def stance(self) -> Array:
         """Values that the flexibility of the rows depends on, scaled by the size of a facet or by one."""
@@ -385,9 +406,8 @@ class Gaps:
         """One side's nodes that carry the present rows, and perhaps some more that have carried others."""
         side, nodes = self.sides[place], self.shares[place][0]
         known = self._loaded.get(place)
-        if known is None or not known.are_of(side, nodes):
-            known = LoadedNodes.of(side, nodes)
-            self._loaded = {**self._loaded, place: known}  # runs do not share it
+        if known is None or not known.carry(nodes):
+            known = self._loaded[place] = LoadedNodes.of(side, nodes)
         return known
 
     def side_rows(self, side: int) -> Rows:
@@ -402,7 +422,21 @@ class Gaps:
         return self.points.mean @ rows
 
 
-def needed(gap: Array) -> float:
-    """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
-    least = float(gap.min(initial=np.inf))
-    return max(least, -BULGE * least)
+class RowFlexibility:
+    """Residual flexibility between rows, and between some of them.
+
+    Parameters
+    ----------
+    F : (nr, nr) array
+        [m/N]
+    """
+
+    def __init__(self, F: Array) -> None:
+        self._F, self._index = F, NOTHING
+        self.some: Array = F[:0, :0]
+
+    def of(self, index: Array) -> Array:
+        """That between some rows, (na, na); for the same rows it is the same array."""
+        if not np.array_equal(index, self._index):
+            self._index, self.some = index, self._F.take(index, axis=0).take(index, axis=1)
+        return self.some

@@ -16,6 +16,7 @@ from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps
 from .linear_gaps import LinearGaps
 from .side import Side
+from .stages import Frozen, PresentRows, Stage
 
 
 class RigidSurface(Protocol):
@@ -169,27 +170,34 @@ class RigidGaps(Gaps):
         self.surface, self._pose, self._motion, self.sides = surface, pose, motion, (slave,)
         self.carried = pose is not None
         self.n, self.size = slave.n, slave.surface.facet_size
-        self._all, self.unpaired = contact_points(slave.surface, kind), 0
+        self._all = contact_points(slave.surface, kind)
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
         linear = linear and not slave.surface.wanders
-        self._q = self._start_q = np.zeros(self.n)
-        self._take(self._at_start())
-        start = self._evaluate(slave.surface.points)
-        self._check_start(start)
-        self.moving, self.held = True, None
+        self._start_q, self._loaded = np.zeros(self.n), {}
+        self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points])
+        self._take(self._start, self._start_q)
+        self._check_start(gap)
         if linear:
-            self._gap, self.H = start, self.jacobian(np.arange(len(self.row_nodes)))
-            self.moving, self.held = False, self
+            no_drift = np.zeros((0, self.n)), np.zeros(0)
+            H = self.rows_on_coordinates(self._start, self._start_q)
+            start = self._start.rows, self._start.normals, self._start.shares
+            self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
+        self.stage = self._start.again()
 
-    def _at_start(self) -> ContactPoints:
-        """Points of the rows at the start."""
-        return self._all
+    def _rows_at_start(self) -> PresentRows:
+        """Rows at the start."""
+        return self._rows(self._all)
 
-    def _take(self, points: ContactPoints) -> None:
-        """Set the present rows."""
-        self.points, self.shares = points, ((points.nodes, points.weights),)
-        self.row_nodes, self.area = points.row_nodes, points.area
-        self.at_edge = np.isin(self.row_nodes, self.slave.surface.rim)
+    def _rows(self, points: ContactPoints) -> PresentRows:
+        return PresentRows(points, np.isin(points.row_nodes, self.slave.surface.rim), self.sides)
+
+    def _stage_at(self, rows: PresentRows, places: list[Array]) -> tuple[Stage, Array]:
+        """Stage with some rows where the slave's nodes are at `places`, one (np, 3) array [m], and gaps, (nr,) [m]."""
+        pose = self.carrier_pose
+        gap, normals = self._projected(rows.points.at(places[0]), pose)
+        stage = Stage(rows, normals, ((rows.points.nodes, rows.points.weights),))
+        stage.places, stage.pose = places, pose
+        return stage, rows.points.average(gap)
 
     @property
     def carrier_pose(self) -> Array:
@@ -209,22 +217,20 @@ class RigidGaps(Gaps):
         """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
         return self if self.slave.normal_only else super().constant_rows
 
-    @property
-    def linear(self) -> LinearGaps | None:
-        """See `Gaps.linear`; rows on a plane stay the same, however far they slide."""
-        return None if self.moving else LinearGaps(self.H, self._gap, np.zeros((0, self.n)), np.zeros(0), 0.0)
-
     def reset(self) -> None:
         """Go back to the start, before a new run."""
+        self.stage = self._start.again()
         self.at(self._start_q)  # sets the normals
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
-        self._q = q
-        if not self.moving:
-            value: Array = self._gap + self.H @ q
-            return value
-        return self._evaluate(self.places_now()[0])
+        stage = self.stage
+        if isinstance(stage, Frozen):  # rows on a plane stay the same, however far they slide
+            self._take(stage, q)
+            return stage.gap(q)
+        found, gap = self._stage_at(stage.rows, self.places_of(stage.rows.sides, q))
+        self._take(found, q)
+        return gap
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
@@ -255,16 +261,11 @@ class RigidGaps(Gaps):
         """See `Gaps.stance`."""
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
 
-    def _evaluate(self, nodes: Array) -> Array:
-        gap, self.normals = self._projected(self.points.at(nodes))
-        return self.points.average(gap)
-
-    def _projected(self, x: Array) -> tuple[Array, Array]:
-        """Gaps, (k,) [m], and normals in space, (k, 3), at points in space, (k, 3) [m]."""
-        if self._pose is None:
+    def _projected(self, x: Array, pose: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and normals in space, (k, 3), at points in space, (k, 3) [m]; `pose` is `carrier_pose`."""
+        if not len(pose):
             return self.surface.project(x)
-        place, axes = self._pose()
-        self.evaluated_pose = np.concatenate([place, axes.ravel()])
+        place, axes = pose[:3], pose[3:].reshape(3, 3)
         gap, normals = self.surface.project((x - place) @ axes)
         return gap, normals @ axes.T
 

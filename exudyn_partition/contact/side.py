@@ -202,9 +202,9 @@ class LoadedNodes:
         dofs = used if side.normal_only else node_dofs(used)
         return cls(side, column, used, np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
 
-    def are_of(self, side: Side, nodes: Array) -> bool:
-        """Whether they are nodes of this side, and those that carry some points, (p, k), are among them."""
-        return side is self.side and bool(self.column[nodes].min(initial=0) >= 0)
+    def carry(self, nodes: Array) -> bool:
+        """Whether the nodes of some points, (p, k) int array, are among them."""
+        return bool(self.column[nodes].min(initial=0) >= 0)
 
     def flexibility(self, q: Array, points: ContactPoints, shares: tuple[Array, Array], normals: Array) -> Array:
         """Part of this side in the flexibility of rows, (nr, nr) [m/N], at its coordinates q, (n_dofs,).
@@ -228,10 +228,8 @@ class Standing(NamedTuple):
 
     Parameters
     ----------
-    rows : object
-        Another object if other rows are present.
-    sides : object
-        Another object if a side has another flexibility.
+    rows : PresentRows
+        Others if other rows are present, or a side has another flexibility.
     stance : array
         Places of the sides to each other, see `Gaps.stance`.
     axis : int
@@ -239,12 +237,11 @@ class Standing(NamedTuple):
     """
 
     rows: object
-    sides: object
     stance: Array
     axis: int = 0
 
     def nearly(self, other: Standing | None, by: float) -> bool:
         """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
-        if other is None or other.rows is not self.rows or other.sides is not self.sides or other.axis != self.axis:
+        if other is None or other.rows != self.rows or other.axis != self.axis:
             return False
         return largest_change(self.stance, other.stance) <= by

@@ -250,7 +250,7 @@ class TangentialRows:
         """Where the rows stand; tangents that follow another axis are other rows."""
         self._turn()
         gaps = self.gaps
-        return Standing(gaps.row_nodes, gaps.sides, gaps.stance(), self._axis)
+        return Standing(gaps.stage.rows, gaps.stance(), self._axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""

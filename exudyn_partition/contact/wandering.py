@@ -9,19 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
 from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
-from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import seen_from, spread
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 from .side import Side
+from .stages import PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
@@ -49,52 +50,46 @@ class WanderingGaps(PatchGaps):
 
     def reset(self) -> None:
         """Go back to the pairs at the start, before a new run."""
-        self.sides, self._parted_at = self._paired, None
-        self._three = [side.kinematics.some(some) for side, some in zip(self.sides, self._witnesses, strict=True)]
+        self.sides, self._parted_at = self._start.rows.sides, None
+        self._three = [side.kinematics.some(some) for side, some in zip(self.sides, self.witnesses, strict=True)]
         super().reset()
 
-    def at(self, q: Array) -> Array:
-        """See `Gaps.at`."""
-        self._q = q
-        self._part_if_moved()
-        return super().at(q)
+    def _advance(self, q: Array, asked: tuple[Any, ...] | None = None) -> Array:
+        self._part_if_moved(q)
+        return super()._advance(q, asked)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         return super().of_present(q) if self._parted_at is not None else self.at(q)
 
-    def _part_if_moved(self) -> None:
-        """Find the parts that are near each other, unless they are known."""
-        here = self._seen()
+    def _part_if_moved(self, q: Array) -> None:
+        """Find the parts that are near each other at coordinates q, (n,), unless they are known."""
+        places = [three.place(part) for three, part in zip(self._three, self.split(q), strict=True)]
+        here = seen_from(places, [_THREE, _THREE])
         if self._parted_at is not None and largest_change(here, self._parted_at) <= self._part_reach:
             return
-        near = self._near_parts(self._q)
+        near = self._near_parts(q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)
         if not self._apart_by_far:
             self._near_points = near.points(self._all)
-        both = zip(self._paired, (near.slave_facets, near.master_facets), self._witnesses, strict=True)
+        both = zip(self._start.rows.sides, (near.slave_facets, near.master_facets), self.witnesses, strict=True)
         self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
-        self.follow_nodes(None)
-        self._searched_at = None
+        self._loaded = {}
+        self.follow()
         self._parted_at = here
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
-
-    def _seen(self) -> Array:
-        """Where the slave is seen from the master, (3, 3) [m], at the last coordinates; only witnesses are placed."""
-        places = [three.place(q) for three, q in zip(self._three, self.split(self._q), strict=True)]
-        return seen_from(places, [_THREE, _THREE])
 
     def _near_parts(self, q: Array) -> NearParts:
         slave, master = (
             replace(side.surface, points=side.place(part))
-            for side, part in zip(self._paired, self.split(q), strict=True)
+            for side, part in zip(self._start.rows.sides, self.split(q), strict=True)
         )
         return NearParts.of(slave, master, (LIMIT + WINDOW) * self.size)
 
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of the near points that face the master, and the least gap [m]."""
         if self._apart_by_far:
-            return self._start, self._least
+            return self._pairing.rows, self._least
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         return near_rows(self._near_points, slave, master, self.approach)
 
@@ -103,10 +98,11 @@ class WanderingGaps(PatchGaps):
         near = self._near_parts(q)
         if not len(near.nodes):
             return near.least
-        points, nodes_at = near.points(self._all), self.dented(self._paired, q, dents)
+        sides, facets = self._start.rows.sides, (near.slave_facets, near.master_facets)
+        points, nodes_at = near.points(self._all), self.dented(sides, q, dents)
         slave, master = (
-            replace(side.surface, points=x, facets=side.surface.facets[facets])
-            for side, x, facets in zip(self._paired, nodes_at, (near.slave_facets, near.master_facets), strict=True)
+            replace(side.surface, points=x, facets=side.surface.facets[some])
+            for side, x, some in zip(sides, nodes_at, facets, strict=True)
         )
         nodes = near.nodes[:, None]
         carriers = (points.nodes, points.weights), (nodes, np.ones(nodes.shape))
@@ -125,17 +121,18 @@ class WanderingRigidGaps(RigidGaps):
     Only rows that may close soon are present. They are chosen again when the patch has moved by a part of a facet.
     """
 
-    def _at_start(self) -> ContactPoints:
+    def _rows_at_start(self) -> PresentRows:
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
-        gap = self._projected(self.slave.surface.points)[0]
-        return self._rows(np.flatnonzero(gap <= gap.min() + _SOON * self.size))
+        self._three = self.slave.kinematics.some(self._witnesses)
+        gap = self._projected(self.slave.surface.points, self.carrier_pose)[0]
+        return self._rows_of(np.flatnonzero(gap <= gap.min() + _SOON * self.size))
 
     def _direction(self, node: int) -> Array:
         direction: Array = self.slave.surface.normals_at(np.array([[node]]), np.ones((1, 1)))[0]
         return direction
 
-    def _rows(self, nodes: Array) -> ContactPoints:
-        return self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0]
+    def _rows_of(self, nodes: Array) -> PresentRows:
+        return self._rows(self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0])
 
     def reset(self) -> None:
         """Go back to the start, before a new run."""
@@ -144,8 +141,7 @@ class WanderingRigidGaps(RigidGaps):
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
-        self._q = q
-        if self._chosen_at is None or abs(self._here() - self._chosen_at).max() > self._reach:
+        if self._chosen_at is None or abs(self._here(q) - self._chosen_at).max() > self._reach:
             self._choose(q)
         return super().at(q)
 
@@ -155,9 +151,9 @@ class WanderingRigidGaps(RigidGaps):
             return self.at(q)
         return super().at(q)
 
-    def _here(self) -> Array:
-        """Places of three nodes as seen from the surface, (3, 3) [m]."""
-        x = self.places_now()[0][self._witnesses]
+    def _here(self, q: Array) -> Array:
+        """Places of three nodes as seen from the surface, (3, 3) [m], at coordinates q, (n,)."""
+        x = self._three.place(q)
         if self._pose is None:
             return x
         place, axes = self._pose()
@@ -165,15 +161,15 @@ class WanderingRigidGaps(RigidGaps):
 
     def _choose(self, q: Array) -> None:
         """Take the rows that may close until the patch has moved by `_reach`, and those that are nearest."""
-        gap = self._projected(self._whole.place(q))[0]
+        gap = self._projected(self._whole.place(q), self.carrier_pose)[0]
         least, soon = float(gap.min()), _SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
         nodes = np.flatnonzero(gap < max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
-        self.sides, self._placed_at = (self._whole.part(facets, self._witnesses),), None
-        self._take(self._rows(nodes))
-        self._flexible_at, self._beyond = None, max(least, 2 * soon) - self._reach
-        self._chosen_at = self._here()
+        self.sides, self._loaded = (self._whole.part(facets, self._witnesses),), {}
+        self.stage = Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares)  # `at` finds these two
+        self._beyond = max(least, 2 * soon) - self._reach
+        self._chosen_at = self._here(q)
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; the last entry bounds all points without rows: the least gap, the largest speed."""

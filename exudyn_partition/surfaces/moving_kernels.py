@@ -206,7 +206,7 @@ class FollowedType(StructType):
 
 
 class Followed(structref.StructRefProxy):
-    """Rows that are followed, and what tells whether others may close, see `patch_gaps.PatchGaps`.
+    """Rows that are followed, and what tells whether others may close, see `followed.FollowedRows`.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def followed(*fields: Array) -> Followed:
 def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
     """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
 
-    The least is NaN if a gap is. See `patch_gaps.PatchGaps._others_close`.
+    The least is NaN if a gap is. See `followed.FollowedRows.others_close`.
     """
     starts, columns, means = r.points.starts, r.points.columns, r.points.means
     start, rigidly, pose = r.gap, r.rigidly, r.pose

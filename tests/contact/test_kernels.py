@@ -46,7 +46,7 @@ def test_rows_are_chosen_at_the_same_places(round_body, flat_body):
 
     def rows():
         gaps, found = PatchGaps(*sides), []
-        gaps.moving = True
+        gaps.follow()
         for step, q in enumerate(ways(sides[0], flat_body.n_dofs)):
             q[: len(bulge)] += np.sin(step) * bulge
             gaps.at(q)

@@ -13,7 +13,7 @@ from exudyn_partition.surfaces.points import ROWS
 @pytest.mark.parametrize("kind", ROWS)
 def test_moving_pairs_are_the_frozen_ones_where_nothing_slides(round_body, flat_body, kind):
     laws = [ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body), kind)) for _ in range(2)]
-    laws[1].gaps.moving = True
+    laws[1].gaps.follow()
     q = np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
     frozen, moving = (law.force(q) for law in laws)
     assert not laws[0].gaps.moving
@@ -47,7 +47,7 @@ def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
     gaps = PatchGaps(slave, master, kind)
     turn = [1e-3, -2e-3, 0.1] if frame is floating else [1e-4, -2e-4, 0]
     q = np.r_[moved(slave, [0.1e-3, 0, -3e-6], turn), np.zeros(flat_body.n_dofs)]
-    gaps.moving = True
+    gaps.follow()
     gaps.at(q)
     rng, H = np.random.default_rng(0), gaps.jacobian(np.arange(len(gaps.row_nodes)))
     near = np.flatnonzero(gaps.at(q) < 10e-6)
@@ -140,7 +140,8 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
         [inertial(round_body), inertial(flat_body)] if ball_is_slave else [inertial(flat_body), inertial(round_body)]
     )
     gaps = PatchGaps(*sides, kind)
-    gaps.moving, fewest = True, np.inf
+    gaps.follow()
+    fewest = np.inf
     for own in paths(round_body, inertial(round_body)):
         q = np.r_[own, np.zeros(flat_body.n_dofs)] if ball_is_slave else np.r_[np.zeros(flat_body.n_dofs), own]
         found = gaps.at(q)
@@ -193,7 +194,8 @@ def test_action_is_reaction_while_sliding(round_body, flat_body):
 
 def test_patches_far_apart_have_no_rows_and_are_hardly_searched(round_body, flat_body, monkeypatch):
     gaps = PatchGaps(inertial(round_body), inertial(flat_body))
-    gaps.moving, searches = True, []
+    gaps.follow()
+    searches = []
     project = PatchGaps.project
     monkeypatch.setattr(PatchGaps, "project", lambda *a: searches.append(1) or project(*a))
     far = np.r_[moved(inertial(round_body), [0, 0, 0.3]), np.zeros(flat_body.n_dofs)]

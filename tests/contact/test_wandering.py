@@ -112,7 +112,7 @@ def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
     found = []
     for gaps, slave, master in ((PatchGaps, tip, spot), (WanderingGaps, rim, face)):
         law = FrictionalCompliance(gaps(inertial(slave), inertial(master)), Coulomb(0.3)).for_run("implicit")
-        law.gaps.moving = True
+        law.gaps.follow()
         for step, x in enumerate((0.0, 0.2e-6, 0.4e-6)):
             q = np.r_[moved(inertial(slave), [x, -DEEP, 0]), np.zeros(master.n_dofs)]
             law.commit(1e-6 * step)

@@ -16,7 +16,8 @@ from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from .. import loops
-from ..gaps import BULGE, Gaps
+from ..followed import BULGE
+from ..gaps import Gaps
 from ..plasticity.yielding_patches import YieldingPatches
 from ..side import Standing
 from .formulation import Law, Method, Motion

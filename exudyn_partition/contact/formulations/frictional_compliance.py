@@ -14,7 +14,8 @@ from ...algebra.friction import FrictionProblem
 from ...algebra.products import dense
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
-from ..gaps import BULGE, Gaps
+from ..followed import BULGE
+from ..gaps import Gaps
 from ..plasticity.yielding_patches import YieldingPatches
 from ..side import Standing
 from ..tangential import directions

@@ -6,7 +6,6 @@ Theory: examples/site/theory.md, "Implicit steps".
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -291,8 +290,7 @@ class StabilisedContact(ContactLaw):
                 if len(self._flexibilities) == _STEPS_KEPT:
                     self._flexibilities.clear()
                 self._flexibilities[now] = [_in_step(side, *now) for side in gaps.sides]
-            both = zip(gaps.sides, self._flexibilities[now], strict=True)
-            gaps.sides = tuple(replace(side, flexibility=flexibility) for side, flexibility in both)
+            gaps.take_flexibility(self._flexibilities[now])
         base = self._flexibility()
         forget = self._learned and gaps.moving and self._evaluations == 1  # what other pairs have taught
         if base is not self._base or now != self._flexible or forget:

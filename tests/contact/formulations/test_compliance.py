@@ -31,7 +31,7 @@ def closing_state(law, bodies, depth, seed=0):
     rng = np.random.default_rng(seed)
     n = [body.n_dofs for body in bodies]
     q = np.concatenate([-depth * bodies[0].rigid[:, 2], np.zeros(n[1])])
-    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.gaps.H).max() / np.sqrt(sum(n))
+    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.gaps.linear.H).max() / np.sqrt(sum(n))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -44,7 +44,7 @@ def test_contact_force_jacobian_and_potential_against_finite_differences(law, bo
     rng = np.random.default_rng(seed)
     for _ in range(3):
         d = rng.standard_normal(len(q))
-        d *= 1e-5 * depth / abs(law.gaps.H @ d).max()
+        d *= 1e-5 * depth / abs(law.gaps.linear.H @ d).max()
         slope = law.force(q + d) - law.force(q - d)
         assert relative(-2 * tangent @ d, slope) < 1e-5
         work = law.potential(q + d) - law.potential(q - d)

@@ -41,7 +41,7 @@ class Runaway:
         return q
 
     def standing(self):
-        return Standing(self, self, np.zeros(1))
+        return Standing(self, np.zeros(1))
 
     def side_rows(self, side):
         return np.eye(1)

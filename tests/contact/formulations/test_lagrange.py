@@ -36,7 +36,7 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
     v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
     h, together = 1e-9, ForwardIncrement([law], [np.arange(len(q))])
     (c,) = together.increment([(q, v, 0 * q)], h)
-    gap = gaps.held.gap + law.G @ (q + h * (v + h * c))
+    gap = gaps.linear.start + law.G @ (q + h * (v + h * c))
     assert gap.min() > -1e-18
     together.increment([(q + h * (v + h * c), v, 0 * q)], h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):

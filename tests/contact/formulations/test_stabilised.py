@@ -280,6 +280,9 @@ class FlatRows(SimpleNamespace):
     def reset(self):
         self.held = self
 
+    def take_flexibility(self, flexibility):
+        """Its own is that of `mass` and `step`."""
+
     def at(self, q):
         return self.H @ q
 

@@ -1,0 +1,290 @@
+"""Stages of two patches that slide: their points are followed over the facets, or the patches are apart.
+
+Between searches only rows that can close are followed. To choose them, all points are projected, and the rows with
+small gaps are taken. The choice is repeated when another row could close. The gap of such a row is estimated from the
+rigid motion of the patches since the choice, less twice the error that this estimate has for followed rows. While the
+patches are more than one facet apart, there are no rows.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algebra.products import largest_change
+from ..support.arrays import Array
+from ..support.twins import Known, copied
+from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
+from ..surfaces.points import ContactPoints
+from ..surfaces.rows import ContactRows
+from ..surfaces.witnesses import pose_of, seen_from, triangle_frame
+from . import loops
+from .side import Side
+from .stages import NOTHING, Pair, PresentRows, Pressed, Shares, Stage
+
+if TYPE_CHECKING:
+    from ..surfaces.moving_kernels import Followed as CompiledRows
+
+BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
+NEAR = 1.0  # of a facet's size: larger gaps are not followed between searches, as closest points jump there
+SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
+_AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
+_NOT_ASKED = np.zeros((3, 3)), 0.0, np.empty(0, dtype=np.int64), *np.empty((2, 0, 0)), np.empty(0, dtype=np.int64)
+
+
+class Apart(Stage):
+    """Patches that are so far apart that there are no rows.
+
+    Parameters
+    ----------
+    rows, normals, shares
+        See `Stage`; empty.
+    here : (3, 3) array
+        Where the slave was seen from the master when all points were searched [m].
+    reach : float
+        Motion after which they are searched again [m].
+    """
+
+    def __init__(self, rows: PresentRows, normals: Array, shares: Shares, here: Array, reach: float) -> None:
+        super().__init__(rows, normals, shares)
+        self.here, self.reach = here, reach
+
+    def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
+        """See `Stage.advance`."""
+        here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
+        return (self, NOTHING) if largest_change(here, self.here) <= self.reach else pair.search(q)
+
+
+class Search:
+    """Pairs of all points of two patches that are near each other.
+
+    Parameters
+    ----------
+    pair : Pair
+    every : ContactRows
+        Rows of all points that face the master.
+    x_s : (np, 3) array
+        Places of the slave's nodes [m].
+    here : (3, 3) array
+        Where the slave is seen from the master [m].
+    reach : float
+        Motion after which all points are searched again [m].
+    """
+
+    def __init__(self, pair: Pair, every: ContactRows, x_s: Array, here: Array, reach: float) -> None:
+        self.every, self.here, self.reach = every, here, reach
+        self.pairs = MovingPairs(pair.sides[1].surface, every.facet, every.local)
+        # Places of the slave's nodes in the frame of its three witness nodes: they tell how rigid motion changes pair.
+        origin, axes = triangle_frame(x_s[pair.witnesses[0]])
+        self._arms = (x_s[every.points.row_nodes] - origin) @ axes
+
+    def choose(self, pair: Pair, places: list[Array], here: Array, near: float | None = None) -> tuple[Followed, Array]:
+        """Return the stage with the rows that may close next, or with gaps below `near` [m], and their gaps, (nr,) [m].
+
+        `places` are those of all nodes, (np, 3) for each side, `here` is where the slave is seen, (3, 3) [m].
+        """
+        (x_s, x_m), every, pairs, narrow = places, self.every, self.pairs, near is None
+        pairs.rest()
+        normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m)
+        row_gap = every.points.average(gap)
+        if near is None:
+            near = min(needed(row_gap) + _AHEAD * pair.size, NEAR * pair.size)
+        chosen = row_gap < near
+        points, index = every.points.of_rows(np.flatnonzero(chosen))
+        nodes, weights = pairs.carriers
+        shares = (points.nodes, points.weights), (nodes[index], -weights[index])
+        # Change of the gaps to first order in the slave's rigid motion as seen from the master.
+        normals = every.points.average(normal) @ triangle_frame(x_m[pair.witnesses[1]])[1]
+        turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
+        order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
+        rows = FollowedRows(
+            (points, every.at_edge[chosen], pair.sides_with(points, pairs.facet[index]), every.unpaired),
+            self,
+            index,
+            (row_gap[order], np.hstack([normals, turning])[order], pose_of(here)),
+            pair.witnesses,
+        )
+        return Followed(rows, normal[index], here, shares, narrow=narrow), row_gap[chosen]
+
+
+class FollowedRows(PresentRows):
+    """Rows that can close, chosen of those of a search.
+
+    Parameters
+    ----------
+    present : tuple
+        What `PresentRows` needs.
+    search : Search
+    index : (p,) int array
+        Numbers of the points among those of the search.
+    rigid : tuple of (n,), (n, 12), (12,) arrays
+        Gaps of all rows where these were chosen [m], first of those that were; how they change with the pose of the
+        slave, and that pose, see `witnesses.pose_of`.
+    witnesses : list of (3,) int arrays
+        Nodes by which each side is seen.
+    """
+
+    def __init__(
+        self,
+        present: tuple[ContactPoints, Array, tuple[Side, ...], int],
+        search: Search,
+        index: Array,
+        rigid: tuple[Array, Array, Array],
+        witnesses: list[Array],
+    ) -> None:
+        super().__init__(*present)
+        self.search, self.index, self._rigid, self._witnesses = search, index, rigid, witnesses
+
+    @cached_property
+    def compiled(self) -> CompiledRows:
+        """What compiled loops need to follow them."""
+        search = self.search
+        return search.pairs.followed(self.points, self.index, *self._witnesses, search.here, *self._rigid)
+
+    def twin(self, known: Known) -> FollowedRows:
+        """See `support.twins`; what compiled loops follow is set up anew."""
+        result = copied(self, known)
+        vars(result).pop("compiled", None)
+        return result
+
+    def others_close(self, gap: Array, here: Array, size: float) -> bool:
+        """Whether rows that are not followed may close, or come nearer than those that are followed.
+
+        Their gaps are estimated from rigid motion. Deformation and curvature make an error. For rows that are not
+        followed, the error is taken as twice the largest error of the followed rows.
+        """
+        start, rigidly, pose = self._rigid
+        estimated = start + rigidly @ (pose_of(here) - pose)
+        off = abs(gap - estimated[: len(gap)]).max(initial=0.0)
+        nearest = estimated[len(gap) :].min(initial=np.inf) - 2 * off
+        return bool(nearest < min(needed(gap), NEAR * size))
+
+
+class Followed(Stage):
+    """Rows whose points are followed over the master's facets, at some coordinates.
+
+    Closest points are found from the last ones, which `Search.pairs` holds. So a stage goes on from the newest alone.
+
+    Parameters
+    ----------
+    rows : FollowedRows
+    normals : (p, 3) array
+    here : (3, 3) array
+        Where the slave is seen from the master [m].
+    shares : Shares, optional
+        See `Stage`. Default: found from `Search.pairs` when they are asked for, which holds those of `rows` alone then.
+    narrow : bool
+        Whether only those rows are present that forces need.
+    """
+
+    rows: FollowedRows
+
+    def __init__(
+        self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None, *, narrow: bool = True
+    ) -> None:
+        self.rows, self.normals, self.here, self.pairing = rows, normals, here, None
+        self._made, self._shares, self.narrow, self._alone = {}, shares, narrow, shares is None
+
+    @property
+    def shares(self) -> Shares:  # type: ignore[override]
+        """See `Stage`."""
+        if self._shares is None:
+            points, (nodes, weights) = self.rows.points, self.rows.search.pairs.carriers
+            self._shares = (points.nodes, points.weights), (nodes, -weights)
+        return self._shares
+
+    def nodal_forces(self, lam: Array) -> list[Array] | None:
+        """See `Stage.nodal_forces`; one compiled call."""
+        n_nodes = (len(side.surface.points) for side in self.rows.sides)
+        return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._alone else None
+
+    def generalised(self, lam: Array) -> Array | None:
+        """See `Stage.generalised`; one compiled call if no frame moves."""
+        slave, master = (side.fixed for side in self.rows.sides)
+        if slave is None or master is None or not (self._alone and loops.at_once()):
+            return None
+        moving = self.rows.search.pairs.moving(self.rows.points, self.rows.index)
+        return loops.generalised(moving, lam, self.normals, slave, master)
+
+    def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
+        """See `Stage.advance`; other rows are chosen where these may not be all that can close."""
+        search = self.rows.search
+        if not self.narrow:
+            here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
+            if not largest_change(here, search.here) <= search.reach:
+                return pair.search(q)
+            return search.choose(pair, pair.places(q), here)
+        found = self._follow(pair, q, search.reach, None, asked)
+        if found is None:
+            return pair.search(q)
+        stage, gap, enough = found
+        return (stage, gap) if enough else search.choose(pair, pair.places(q), stage.here)
+
+    def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
+        """See `Stage.keep_rows`; wherever the points go."""
+        found = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q)) if self.narrow else None
+        return None if found is None else found[:2]
+
+    def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
+        """See `Stage.with_more_rows`."""
+        return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
+
+    def _follow(
+        self, pair: Pair, q: Array, reach: float, places: list[Array] | None, asked: tuple[Any, ...] | None = None
+    ) -> tuple[Followed, Array, bool] | None:
+        """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether these are all that can close.
+
+        None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
+        not followed. `places` are those of the nodes of both sides, by default those that are followed.
+        """
+        if loops.at_once():
+            return self._follow_at_once(pair, q, reach, places, asked)
+        rows, search = self.rows, self.rows.search
+        places = pair.places_of(rows.sides, q) if places is None else places
+        here = seen_from(places, pair.witnesses)
+        if not largest_change(here, search.here) <= reach:
+            return None
+        x_s, x_m = places
+        normals, of_points = search.pairs.follow(rows.points, rows.index, x_s, x_m, lambda: pair.places(q)[1])
+        gap = rows.points.average(of_points)
+        if math.isnan(gap.sum()):
+            return None
+        return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size)
+
+    def _follow_at_once(
+        self, pair: Pair, q: Array, reach: float, places: list[Array] | None, asked: tuple[Any, ...] | None
+    ) -> tuple[Followed, Array, bool] | None:
+        """Do the same as `_follow` in one call."""
+        rows, bounds, pressed = self.rows, (BULGE, NEAR * pair.size), None
+        how = reach, FOLLOWED, STEPS, pair.size, *bounds
+        slave, master = (side.fixed for side in rows.sides)
+        if places is None and slave is not None and master is not None:
+            found = loops.pressed_at(q, slave, master, rows.compiled, how, asked or _NOT_ASKED)
+            here, normals, of_points, lost, gap, least, others, lam, force, settled = found
+            pressed = (lam, force, least) if settled else None
+        else:
+            places = pair.places_of(rows.sides, q) if places is None else places
+            here, normals, of_points, lost, gap, least, others = loops.followed_gaps(rows.compiled, places, how)
+        if not len(normals):
+            return None
+        if len(lost):
+            x_s, x_m = pair.places(q)
+            rows.search.pairs.search(rows.points, rows.index, lost, x_s, x_m, normals, of_points)
+            gap, least, others = loops.row_gaps(rows.compiled, of_points, here, *bounds)
+        return None if math.isnan(least) else (self._next(normals, here, places, pressed), gap, not others)
+
+    def _next(
+        self, normals: Array, here: Array, places: list[Array] | None, pressed: Pressed | None = None
+    ) -> Followed:
+        result = Followed(self.rows, normals, here)
+        result.places, result.pressed = places, pressed
+        return result
+
+
+def needed(gap: Array) -> float:
+    """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
+    least = float(gap.min(initial=np.inf))
+    return max(least, -BULGE * least)
