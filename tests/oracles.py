@@ -1,6 +1,8 @@
 """What several tests share: small bodies by their measures, models of a few lines, dense answers to compare with."""
 
 import contextlib
+import os
+import signal
 import sys
 
 import exudyn as exu
@@ -145,6 +147,12 @@ def mass_matrix(fem, body):
     return fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
 
 
+def rigid_rows(body):
+    """Rows that take the rigid motion out of a body's coordinates, (6, n_dofs); its shapes have none."""
+    momentum = np.asarray(body.mass @ body.rigid)
+    return np.linalg.solve(body.rigid.T @ momentum, momentum.T)
+
+
 def in_frame(body):
     """Kinematics of all nodes of a body, whose frame has the axes of the mesh."""
     return FloatingKinematics(body, np.zeros(3), np.zeros(3), np.arange(len(body.points)))
@@ -210,6 +218,47 @@ def collide(bodies, mbs=None, gap=0.0, formulation="compliance", **options):
     return mbs, striker, target, contact
 
 
+def hit_by_a_spinning_ball(bodies, called="ball", **block):
+    """Ball that spins in a floating frame and hits the block in an inertial one: both, their contact, the result."""
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(
+        mbs,
+        bodies[0],
+        name=called,
+        frame="floating",
+        referencePosition=TOP,
+        initialVelocity=[0, 0, -1.0],
+        initialAngularVelocity=[900.0, 0, 0],
+    )
+    target = ep.CreatePartitionBody(mbs, bodies[1], frame="inertial", **block)
+    contact = ep.CreatePartitionContact(mbs, ball, target, name="ball on block")
+    mbs.Assemble()
+    return ball, target, contact, ep.solve_dynamic(mbs, end_time=60e-6, step=0.5e-6)
+
+
+def add_springs(mbs, item, stiffness):
+    """Add springs on a body's rigid motion, and return their matrix: (6, 6) [N/m], or times its mass [1/s2]."""
+    rows, body = rigid_rows(item.body), item.body
+    if np.ndim(stiffness) == 0:
+        stiffness = stiffness * (body.rigid.T @ np.asarray(body.mass @ body.rigid))
+    K = rows.T @ stiffness @ rows
+    mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=item.nodes,
+            stiffnessMatrix=exu.MatrixContainer(K),
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
+    return K
+
+
+def add_loads(mbs, item, load, **options):
+    """Add loads on the coordinates of a body in an inertial frame, (n_dofs,), with options of LoadCoordinate."""
+    for i in np.flatnonzero(abs(load) > 1e-9 * abs(load).max()):
+        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=int(i)))
+        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i], **options))
+
+
 def add_force(mbs, item, vector):
     """Add a constant force, spread over the body's mass, (3,) [N]."""
     body = item.body
@@ -221,6 +270,22 @@ def add_force(mbs, item, vector):
             nodeNumbers=item.nodes, forceVector=load, visualization=items.VObjectGenericODE2(show=False)
         )
     )
+
+
+def press_ctrl_c():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def ctrl_c_after(begin):
+    """A function for `progress` that presses Ctrl-C once, after a share of the work."""
+    pressed = []
+
+    def report(share):
+        if share > begin and not pressed:
+            pressed.append(share)
+            press_ctrl_c()
+
+    return report
 
 
 @contextlib.contextmanager

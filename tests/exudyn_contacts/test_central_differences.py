@@ -1,14 +1,11 @@
 """Joints, constraints and prescribed motion in explicit runs, by themselves and with contacts of every formulation."""
 
-import os
-import signal
-
 import exudyn as exu
 import exudyn.itemInterface as items
 import exudyn.utilities as utilities
 import numpy as np
 import pytest
-from oracles import TOP, box, relative
+from oracles import TOP, box, ctrl_c_after, relative, rigid_rows
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, RunError, StoppedRunWarning
@@ -148,12 +145,8 @@ def test_the_model_is_as_before_and_its_functions_are_called(mbs):
     assert mbs.GetPreStepUserFunction()["function"] is before
     assert mbs.GetPostStepUserFunction()["function"] is after
 
-    def press_ctrl_c(share):
-        if 0.4 < share < 0.6:
-            os.kill(os.getpid(), signal.SIGINT)
-
     with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
-        stopped = ep.solve_dynamic(mbs, end_time=0.1, step=1e-3, progress=press_ctrl_c)
+        stopped = ep.solve_dynamic(mbs, end_time=0.1, step=1e-3, progress=ctrl_c_after(0.4))
     assert 30 < len(stopped.t) < 70
     np.testing.assert_array_equal(stopped.sensor(velocity)[:30], result.sensor(velocity)[:30])
     mbs.SetPreStepUserFunction(lambda mbs, t: mbs.SetObjectParameter(joint, "activeConnector", t < 0.05) or True)
@@ -291,10 +284,7 @@ def test_an_idle_guide_changes_nothing(pair):
     """The ball slides along z as it would anyway: equal forces, constant momentum, and no drift off the guide."""
 
     def guide(mbs, striker, target):
-        body = striker.body
-        M_rigid = body.mass @ body.rigid
-        rows = np.linalg.solve(body.rigid.T @ M_rigid, M_rigid.T)
-        return constrain(mbs, striker, rows[[0, 1, 3, 4, 5]])
+        return constrain(mbs, striker, rigid_rows(striker.body)[[0, 1, 3, 4, 5]])
 
     runs = []
     for joint in (None, guide):
@@ -346,17 +336,12 @@ def test_a_mass_on_a_joint_against_the_implicit_solver(pair):
 def test_a_joint_presses_on_a_contact(pair):
     """The block is pulled against a ball that is held: a joint pushes on contact rows and the contact back."""
 
-    def hold(mbs, striker, target):
-        body = striker.body
-        M_rigid = body.mass @ body.rigid
-        return constrain(mbs, striker, np.linalg.solve(body.rigid.T @ M_rigid, M_rigid.T))
-
     bodies, formulation = pair
     mbs = exu.SystemContainer().AddSystem()
     held = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP)
     thrown = ep.CreatePartitionBody(mbs, bodies[1], initialVelocity=[0, 0, 1.0])
     contact = ep.CreatePartitionContact(mbs, held, thrown, formulation=formulation)
-    reaction = hold(mbs, held, thrown)
+    reaction = constrain(mbs, held, rigid_rows(held.body))
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=15e-6)
     force, pull = contact.force(result), result.sensor(reaction)

@@ -132,20 +132,26 @@ def chain_of_hertz(mass, speed, end_time):
     return run.y[3:, -1]
 
 
-def cradle(marble):
-    """Momenta of three marbles in a row, (3, n) [N s], after the first has hit the others at 0.5 m/s, and energies."""
+def row(marble, speeds):
+    """Marbles that touch along z with speeds up [m/s], assembled: model, items and contacts."""
     mbs = exu.SystemContainer().AddSystem()
     balls = [
         ep.CreatePartitionBody(
-            mbs, marble, referencePosition=[0, 0, 2 * R * i], initialVelocity=[0, 0, 0.5 * (i == 0)], name=f"ball {i}"
+            mbs, marble, referencePosition=[0, 0, 2 * R * i], initialVelocity=[0, 0, v], name=f"ball {i}"
         )
-        for i in range(3)
+        for i, v in enumerate(speeds)
     ]
     contacts = [
         ep.CreatePartitionContact(mbs, a, b, slavePatch="north", masterPatch="south", passes="given")
         for a, b in pairwise(balls)
     ]
     mbs.Assemble()
+    return mbs, balls, contacts
+
+
+def cradle(marble):
+    """Momenta of three marbles in a row, (3, n) [N s], after the first has hit the others at 0.5 m/s, and energies."""
+    mbs, balls, contacts = row(marble, (0.5, 0.0, 0.0))
     result = ep.solve_dynamic(mbs, end_time=120e-6, step=0.1e-6)
     energy = sum(x.energy(result) for x in (*balls, *contacts))
     return np.array([ball.momentum(result)[:, 2] for ball in balls]), energy
@@ -273,16 +279,7 @@ def test_the_energy_of_many_contacts_is_linear_work(marble, monkeypatch):
 
     def work(n):
         nonlocal answers
-        mbs = exu.SystemContainer().AddSystem()
-        balls = [
-            ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, 2 * R * i], initialVelocity=[0, 0, -0.2 * i])
-            for i in range(n)
-        ]
-        contacts = [
-            ep.CreatePartitionContact(mbs, a, b, slavePatch="north", masterPatch="south", passes="given")
-            for a, b in pairwise(balls)
-        ]
-        mbs.Assemble()
+        mbs, _, contacts = row(marble, [-0.2 * i for i in range(n)])
         result = ep.solve_dynamic(mbs, end_time=5e-6, step=0.5e-6)
         answers = 0
         told = [contact.energy(result) for contact in contacts]

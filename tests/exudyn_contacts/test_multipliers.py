@@ -1,14 +1,11 @@
 """Multipliers in explicit runs: conservation, closed gaps, plain and interrupted runs, other solvers."""
 
-import os
-import signal
-
 import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from oracles import TOP, collide
+from oracles import TOP, collide, ctrl_c_after
 
 import exudyn_partition as ep
 from exudyn_partition.errors import (
@@ -154,12 +151,8 @@ def test_an_interrupted_run_leaves_nothing_to_the_next(nodal_bodies):
     mbs, *_, contact = collide(nodal_bodies, formulation="lagrange")
     whole = contact.force(ep.solve_dynamic(mbs, end_time=3e-6))
 
-    def press_ctrl_c(share):
-        if 0.4 < share < 0.6:
-            os.kill(os.getpid(), signal.SIGINT)
-
     with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
-        ep.solve_dynamic(mbs, end_time=3e-6, sample_period=3e-6, progress=press_ctrl_c)
+        ep.solve_dynamic(mbs, end_time=3e-6, sample_period=3e-6, progress=ctrl_c_after(0.4))
     np.testing.assert_array_equal(contact.force(ep.solve_dynamic(mbs, end_time=3e-6)), whole)
 
 

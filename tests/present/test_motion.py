@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import TOP
+from oracles import TOP, hit_by_a_spinning_ball
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
@@ -12,22 +12,7 @@ from exudyn_partition.present.motion import motion_of
 @pytest.fixture(scope="module")
 def spinning(bodies):
     """A ball that spins in a floating frame hits a block in an inertial one."""
-    import exudyn as exu
-
-    mbs = exu.SystemContainer().AddSystem()
-    ball = ep.CreatePartitionBody(
-        mbs,
-        bodies[0],
-        name="ball",
-        frame="floating",
-        referencePosition=TOP,
-        initialVelocity=[0, 0, -1.0],
-        initialAngularVelocity=[900.0, 0, 0],
-    )
-    block = ep.CreatePartitionBody(mbs, bodies[1], frame="inertial", initialAngularVelocity=[0, 30.0, 0])
-    contact = ep.CreatePartitionContact(mbs, ball, block, name="ball on block")
-    mbs.Assemble()
-    return ball, block, contact, ep.solve_dynamic(mbs, end_time=60e-6, step=0.5e-6)
+    return hit_by_a_spinning_ball(bodies, initialAngularVelocity=[0, 30.0, 0])
 
 
 @pytest.mark.parametrize("scale", [1.0, 30.0])

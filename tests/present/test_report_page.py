@@ -13,7 +13,7 @@ import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
-from oracles import TOP
+from oracles import TOP, add_loads
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, StoppedRunWarning, YieldWarning
@@ -205,10 +205,7 @@ OTHERS = "given by joints, springs and loads (ep.CreateWorkSensor tells them apa
 def test_what_all_else_gave_is_in_the_balance(mbs, bodies, tmp_path):
     """A body under its weight gains the weight's work, which has a row; under a load, the last row has the load's."""
     striker = ep.CreatePartitionBody(mbs, bodies[0], gravity=[0, 0, -9.81], initialVelocity=[0, 0, -1.0])
-    load = np.asarray(striker.body.mass @ striker.body.rigid)[:, 2] * -9.81
-    for i in np.flatnonzero(load):
-        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=striker.nodes[0], coordinate=int(i)))
-        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i]))
+    add_loads(mbs, striker, np.asarray(striker.body.mass @ striker.body.rigid)[:, 2] * -9.81)
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.2e-6)
     _, cells = read(result.report(tmp_path / "run.html"))

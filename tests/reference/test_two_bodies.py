@@ -1,10 +1,9 @@
 """The full FE reference on a case with a closed answer, and histories."""
 
-import os
 import signal
 
 import pytest
-from oracles import box
+from oracles import box, ctrl_c_after
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, StoppedRunWarning
@@ -46,13 +45,9 @@ def test_flat_faces_take_energy_but_give_none(impact):
 def test_ctrl_c_ends_the_reference_with_what_it_has(bars):
     bodies = [ep.reference.FullBody(*bar, velocity=(0, 0, v)) for bar, v in zip(bars, (-0.1, 0.1), strict=True)]
 
-    def stop(share):
-        if share > 0.4:
-            os.kill(os.getpid(), signal.SIGINT)
-
     before = signal.getsignal(signal.SIGINT)
     with pytest.warns(StoppedRunWarning, match=r"interrupted by the user; .* kept up to t = 0\.5 s of 1 s"):
-        history = ep.reference.simulate(bodies, end_time=1.0, step=0.1, progress=stop)
+        history = ep.reference.simulate(bodies, end_time=1.0, step=0.1, progress=ctrl_c_after(0.4))
     assert signal.getsignal(signal.SIGINT) is before
     assert history.info["steps"] == 5
     assert len(history.t) == 6

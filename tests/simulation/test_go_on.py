@@ -7,6 +7,7 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 from oracles import MARBLE_RADIUS as R
+from oracles import add_springs
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, StoppedRunWarning
@@ -240,12 +241,7 @@ def test_a_static_preload_goes_on(mbs, round_body, method):
     weight, spring = 50.0, 1e5
     ball = ep.CreatePartitionBody(mbs, round_body, gravity=[0, 0, -weight / round_body.total_mass])
     contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.3)
-    momentum = np.asarray(round_body.mass @ round_body.rigid)
-    soft = spring / round_body.total_mass * momentum @ np.linalg.solve(round_body.rigid.T @ momentum, momentum.T)
-    hidden = items.VObjectGenericODE2(show=False)
-    mbs.AddObject(
-        items.ObjectGenericODE2(nodeNumbers=ball.nodes, stiffnessMatrix=exu.MatrixContainer(soft), visualization=hidden)
-    )
+    add_springs(mbs, ball, spring / round_body.total_mass)
     mbs.Assemble()
     ep.solve_static(mbs)
     result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.25e-6, method=method, go_on=True)

@@ -1,12 +1,12 @@
 """User functions and settings of the caller around a run, Ctrl-C, and runs that end early."""
 
-import os
 import signal
 
 import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
+from oracles import ctrl_c_after
 
 import exudyn_partition as ep
 from exudyn_partition.errors import (
@@ -46,15 +46,8 @@ def test_the_caller_s_model_keeps_working(impact):
 def test_ctrl_c_keeps_what_was_computed(impact):
     mbs, _, _, contact = impact
     before = signal.getsignal(signal.SIGINT)
-    interrupted = []
-
-    def press_ctrl_c(share):
-        if share > 0.5 and not interrupted:
-            interrupted.append(share)
-            os.kill(os.getpid(), signal.SIGINT)
-
     with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to") as caught:
-        result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6, progress=press_ctrl_c)
+        result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6, progress=ctrl_c_after(0.5))
     assert caught[0].filename == __file__  # the user's line, not one of the library
     assert result.status == "interrupted"
     assert 0.45 * END < result.t[-1] < 0.6 * END

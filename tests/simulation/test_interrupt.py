@@ -1,12 +1,11 @@
 """Ctrl-C at any time of a run: what was computed is kept, and is what an undisturbed run computes."""
 
-import os
 import signal
 
 import exudyn as exu
 import numpy as np
 import pytest
-from oracles import TOP
+from oracles import TOP, press_ctrl_c
 
 import exudyn_partition as ep
 from exudyn_partition.errors import StoppedRunWarning
@@ -23,10 +22,6 @@ def with_mass(pair_of):
     return pair_of("craig-bampton")
 
 
-def ctrl_c():
-    os.kill(os.getpid(), signal.SIGINT)
-
-
 def run(bodies, formulation, at=None):
     """The ball in contact with the block, pushed by a load that a PreStep function sets; Ctrl-C in its call `at`."""
     mbs, calls = exu.SystemContainer().AddSystem(), []
@@ -41,7 +36,7 @@ def run(bodies, formulation, at=None):
         mbs.SetObjectParameter(striker["oGenericODE2"], "forceVector", 1e9 * t * weight)
         calls.append(t)
         if len(calls) == at:
-            ctrl_c()
+            press_ctrl_c()
         return True
 
     mbs.SetPreStepUserFunction(push)
@@ -70,7 +65,7 @@ def test_what_is_kept_is_the_beginning_of_the_whole_run(bodies, with_mass, formu
 def test_before_the_first_step(impact, monkeypatch):
     """The checks before a run take a thousandth of it, and Ctrl-C in them left nothing."""
     checked = joint_checks.check_joints
-    monkeypatch.setattr(joint_checks, "check_joints", lambda *arguments: (ctrl_c(), checked(*arguments))[1])
+    monkeypatch.setattr(joint_checks, "check_joints", lambda *arguments: (press_ctrl_c(), checked(*arguments))[1])
     before = signal.getsignal(signal.SIGINT)
     with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
         result = ep.solve_dynamic(impact[0], end_time=1e-3)
@@ -81,7 +76,7 @@ def test_before_the_first_step(impact, monkeypatch):
 
 def test_after_the_last_step(impact, monkeypatch):
     reviewed = solve.reviewed
-    monkeypatch.setattr(solve, "reviewed", lambda *arguments: (ctrl_c(), reviewed(*arguments))[1])
+    monkeypatch.setattr(solve, "reviewed", lambda *arguments: (press_ctrl_c(), reviewed(*arguments))[1])
     result = ep.solve_dynamic(impact[0], end_time=END)
     assert result.status == "finished"
     assert result.t[-1] == pytest.approx(END)

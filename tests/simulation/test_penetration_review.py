@@ -3,12 +3,11 @@
 import warnings
 
 import exudyn as exu
-import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
-from oracles import box
+from oracles import add_loads, box
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -146,10 +145,7 @@ def test_bodies_that_rest_on_each_other_may_begin_so(bars):
 
     def model():
         mbs, upper, contact = stands(bars)
-        load = np.asarray(bars[0].mass @ bars[0].rigid)[:, 2] * -1e5
-        for i in np.flatnonzero(abs(load) > 1e-9 * abs(load).max()):
-            marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=upper.nodes[0], coordinate=int(i)))
-            mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i]))
+        add_loads(mbs, upper, np.asarray(bars[0].mass @ bars[0].rigid)[:, 2] * -1e5)
         mbs.Assemble()
         return mbs, contact
 

@@ -1,9 +1,9 @@
 """Runs that go on where one ended, bodies that start pressed, and run lengths that no solver finishes."""
 
 import exudyn as exu
-import exudyn.itemInterface as items
 import numpy as np
 import pytest
+from oracles import add_springs
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning
@@ -63,15 +63,7 @@ def pressed(mbs, body, weight, spring):
     """The ball on a plane under its weight [N], with springs on its rigid motion, `spring` [N/m] on translations."""
     item = ep.CreatePartitionBody(mbs, body, name="ball", gravity=[0, 0, -weight / body.total_mass])
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
-    momentum = np.asarray(body.mass @ body.rigid)
-    soft = spring / body.total_mass * momentum @ np.linalg.solve(body.rigid.T @ momentum, momentum.T)
-    mbs.AddObject(
-        items.ObjectGenericODE2(
-            nodeNumbers=item.nodes,
-            stiffnessMatrix=exu.MatrixContainer(soft),
-            visualization=items.VObjectGenericODE2(show=False),
-        )
-    )
+    add_springs(mbs, item, spring / body.total_mass)
     mbs.Assemble()
     return item, contact
 

@@ -12,7 +12,7 @@ import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import ground
+from oracles import add_springs, ground
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
@@ -117,14 +117,6 @@ def test_soft_springs_of_any_size_hold_a_body(body_of, s):
     """All frequencies are 1e-5 of f_cut: low ones in rad/s, of a large body, but no motion that nothing holds."""
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(mbs, body_of(s), gravity=[0, 0, -9.81])
-    momentum = np.asarray(item.body.mass @ item.body.rigid)
-    of_rigid = np.linalg.solve(item.body.rigid.T @ momentum, momentum.T)
-    K = of_rigid.T @ (item.body.rigid.T @ momentum) @ of_rigid * (2 * np.pi * 1.0 / s) ** 2
-    spring = items.ObjectGenericODE2(
-        nodeNumbers=item.nodes,
-        stiffnessMatrix=exu.MatrixContainer(K),
-        visualization=items.VObjectGenericODE2(show=False),
-    )
-    mbs.AddObject(spring)
+    add_springs(mbs, item, (2 * np.pi * 1.0 / s) ** 2)
     mbs.Assemble()
     assert ep.solve_static(mbs, load_steps=1).status == "finished"

@@ -8,7 +8,7 @@ import exudyn.itemInterface as items
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import end, ground
+from oracles import add_loads, add_springs, end, ground
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, PartitionWarning, RunError
@@ -19,27 +19,14 @@ pytestmark = pytest.mark.filterwarnings("ignore:contact .floor. at t = .* of 123
 
 def springs(mbs, item, stiffness):
     """Springs on the rigid motion: on translations [N/m], and stiff ones on rotations; returns their matrix."""
-    body = item.body
-    momentum = np.asarray(body.mass @ body.rigid)
-    to_motion = momentum @ np.linalg.inv(body.rigid.T @ momentum)
-    K = to_motion @ np.diag([1e7, 1e7, stiffness, 1e3, 1e3, 1e3]) @ to_motion.T
-    mbs.AddObject(
-        items.ObjectGenericODE2(
-            nodeNumbers=item.nodes,
-            stiffnessMatrix=exu.MatrixContainer(K),
-            visualization=items.VObjectGenericODE2(show=False),
-        )
-    )
-    return K
+    return add_springs(mbs, item, np.diag([1e7, 1e7, stiffness, 1e3, 1e3, 1e3]))
 
 
 def press(mbs, item, force, axis=2, **of_time):
     """A force [N] against an axis, spread over the mass; shapes are free of it."""
     load = np.asarray(item.body.mass @ item.body.rigid)[:, axis] * -force / item.body.total_mass
-    for i in np.flatnonzero(abs(load) > 1e-9 * abs(load).max()):
-        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=int(i)))
-        own = {key: (lambda mbs, t, load, f=f: load * f(t)) for key, f in of_time.items()}
-        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=load[i], **own))
+    own = {key: (lambda mbs, t, load, f=f: load * f(t)) for key, f in of_time.items()}
+    add_loads(mbs, item, load, **own)
 
 
 def pressed(mbs, body, stiffness=SPRING, gap=0.0, **of_time):

@@ -1,8 +1,6 @@
 """Step control: time to contact, adaptive runs against uniform ones, and the stability limit that steps keep to."""
 
 import itertools
-import os
-import signal
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import MARBLE_RADIUS, TOP, add_force
+from oracles import MARBLE_RADIUS, TOP, add_force, ctrl_c_after
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
@@ -351,12 +349,8 @@ def test_user_functions_are_called_and_put_back(body):
 def test_ctrl_c_keeps_what_an_adaptive_run_computed(body):
     mbs, *_ = fall(body, 1e-3)
 
-    def press_ctrl_c(share):
-        if 0.5 < share < 0.6:
-            os.kill(os.getpid(), signal.SIGINT)
-
     with pytest.warns(StoppedRunWarning, match="interrupted by the user; results are kept up to"):
-        result = ep.solve_dynamic(mbs, end_time=10e-3, method="implicit", adaptive=True, progress=press_ctrl_c)
+        result = ep.solve_dynamic(mbs, end_time=10e-3, method="implicit", adaptive=True, progress=ctrl_c_after(0.5))
     assert 4.9e-3 < result.t[-1] < 6.1e-3
     assert mbs.GetPostStepUserFunction() == mbs.GetPostNewtonUserFunction() == 0
 
