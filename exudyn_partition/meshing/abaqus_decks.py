@@ -5,13 +5,16 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..support.arrays import Array
 from .abaqus_keywords import Block, blocks
 from .deck_lines import LARGEST, Line
+from .deck_materials import DeckMaterial
 from .deck_parts import Assembly, Elements, Member, Part, Set, Surface
 from .file_mesh import SOLIDS, SURFACES, FileMesh
 
@@ -35,12 +38,14 @@ _STRUCTURE = (
 )  # fmt: skip
 
 
-def read_abaqus(path: Path) -> FileMesh:
-    """Read nodes, elements, sets, surfaces and sections of an input deck of Abaqus or CalculiX.
+def read_abaqus(path: Path, only_solids: bool = False) -> FileMesh:
+    """Read nodes, elements, sets, surfaces, sections and materials of an input deck of Abaqus or CalculiX.
 
     Parameters
     ----------
     path : Path
+    only_solids : bool
+        Whether other elements are left out, with what they weigh and hold; the log names them.
 
     Returns
     -------
@@ -53,25 +58,37 @@ def read_abaqus(path: Path) -> FileMesh:
         If it is no such deck.
     MeshError
         If a line cannot be read, or if the deck makes nodes or elements by keywords that are not followed, or has mass
-        or stiffness besides its solid elements.
+        or stiffness besides its solid elements, without `only_solids`.
     """
-    deck = _Deck()
+    deck = _Deck(only_solids)
     for block in blocks(path):
         deck.take(block)
-    if deck.structure:
-        names = [line.text[1:].partition(",")[0].strip().upper() for line in deck.structure.values()]
+    structure = ["*" + line.text[1:].partition(",")[0].strip().upper() for line in deck.structure.values()]
+    if structure and not only_solids:
         raise next(iter(deck.structure.values())).refuse(
-            f"expected solid elements alone, got {', '.join('*' + name for name in names)}, whose mass and stiffness "
-            "would be missing. Delete them from the deck, and put them into the Exudyn model"
+            f"expected solid elements alone, got {', '.join(structure)}, whose mass and stiffness would be missing. "
+            "Give only_solids=True to leave them out, and put them into the Exudyn model"
         )
+    beside = [f"{count} {name}" for name, count in deck.left_out.items()] + structure
+    if beside:
+        _LOG.info("%s: left out %s, which are no solid elements", path, ", ".join(beside))
     placed = list(deck.instances.values()) or list(deck.parts.values())
-    return Assembly([*placed, deck.root], deck.instances).mesh(path)
+    mesh = Assembly([*placed, deck.root], deck.instances, only_solids).mesh(path)
+    regions = [name for regions in mesh.regions for name in regions.names if name is not None]
+    known = {name: deck.materials[name.upper()] for name in regions if name.upper() in deck.materials}
+    if not known and len(deck.materials) == 1:
+        known = dict.fromkeys(["", *regions], next(iter(deck.materials.values())))
+    return replace(mesh, materials=known)
 
 
 class _Deck:
     """What the keywords of a deck have said so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, only_solids: bool) -> None:
+        self.only_solids = only_solids
+        self.left_out: dict[str, int] = {}  # elements by their types
+        self.materials: dict[str, DeckMaterial] = {}  # by their names in capitals
+        self._material = ""  # the one that is told of
         self.root = Part()
         self.parts: dict[str, Part] = {}
         self.instances: dict[str, Part] = {}
@@ -152,7 +169,9 @@ class _Deck:
     def elements(self, block: Block) -> None:
         """Take elements, and the set that they make."""
         name, set_name = block.option("TYPE").upper(), block.options.get("ELSET", "")
-        kind, n = _kind(name, block.line)
+        kind, n = _kind(name, block.line, self.only_solids)
+        if self.only_solids and kind not in SOLIDS and kind not in SURFACES:
+            self.left_out[name] = self.left_out.get(name, 0) + len(block.data)
         rows = np.array(list(_rows(block, name, n)), dtype=np.int64).reshape(-1, n + 1)
         self._open.elements.append(Elements(kind, name, set_name, rows[:, 0], rows[:, 1:], block.line))
         if set_name:
@@ -184,6 +203,34 @@ class _Deck:
             key, *face = line.fields
             own.members.append((_member(line, None, key), face[0].upper() if face and kind == "ELEMENT" else ""))
 
+    def material(self, block: Block) -> None:
+        """Open a material."""
+        name = block.option("NAME")
+        self._material = name.upper()
+        self.materials[self._material] = DeckMaterial(name, block.line.where)
+
+    def elastic(self, block: Block) -> None:
+        """Take the modulus and Poisson's ratio of the open material."""
+        kind = block.options.get("TYPE", "ISO").upper()
+        if not kind.startswith("ISO"):
+            self._tell(besides=f"elastic of TYPE={kind}, expected ISOTROPIC")
+        elif len({tuple(line.numbers[:2]) for line in block.data}) > 1:
+            self._tell(besides="elastic by temperature, expected one line of *ELASTIC")
+        elif block.data:
+            E, nu = [*block.data[0].numbers, 0.0][:2]
+            self._tell(E=E, nu=nu)
+
+    def density(self, block: Block) -> None:
+        """Take the density of the open material."""
+        if len({line.numbers[0] for line in block.data}) > 1:
+            self._tell(besides="given a density by temperature, expected one line of *DENSITY")
+        elif block.data:
+            self._tell(rho=block.data[0].numbers[0])
+
+    def _tell(self, **what: Any) -> None:
+        if self._material in self.materials:
+            self.materials[self._material] = replace(self.materials[self._material], **what)
+
     def section(self, block: Block) -> None:
         """Take the material of a set of elements."""
         member = Member(block.line, None, name=block.option("ELSET"))
@@ -194,7 +241,7 @@ _TAKERS: dict[str, Callable[[_Deck, Block], None]] = {
     "PART": _Deck.part, "ENDPART": _Deck.end, "ASSEMBLY": _Deck.end, "ENDASSEMBLY": _Deck.end,
     "INSTANCE": _Deck.instance, "ENDINSTANCE": _Deck.end, "SYSTEM": _Deck.system, "NODE": _Deck.nodes,
     "ELEMENT": _Deck.elements, "NSET": _Deck.node_set, "ELSET": _Deck.element_set, "SURFACE": _Deck.surface,
-    "SOLIDSECTION": _Deck.section,
+    "SOLIDSECTION": _Deck.section, "MATERIAL": _Deck.material, "ELASTIC": _Deck.elastic, "DENSITY": _Deck.density,
 }  # fmt: skip
 
 
@@ -234,16 +281,17 @@ def _generated(line: Line) -> range:
     return range(first, last + 1, step)
 
 
-def _kind(name: str, line: Line) -> tuple[str | None, int]:
+def _kind(name: str, line: Line, only_solids: bool) -> tuple[str | None, int]:
     """Kind of an element by its type's name, and its number of nodes; None for lines, whose nodes are not read."""
     solid, surface = _SOLID.match(name), _SURFACE.match(name)
     kind = _SOLID_OF.get(int(solid[1])) if solid else _SURFACE_OF.get(int(surface[1])) if surface else None
     if kind is not None:
         return kind, (SOLIDS | SURFACES)[kind]
-    if _LINE.match(name):
+    if _LINE.match(name) or only_solids:
         return None, 0
     raise line.refuse(
-        f"elements of TYPE={name} are not read. Delete them from the deck, and put what they do into the Exudyn model"
+        f"elements of TYPE={name} are not read. Give only_solids=True to leave them out, and put what they do into the "
+        "Exudyn model"
     )
 
 

@@ -119,10 +119,12 @@ class Assembly:
     placed : sequence of Part
         Instances, or parts that have none, and what belongs to no part.
     instances : dict of str to Part
+    only_solids : bool
+        Whether other elements of a *SOLID SECTION are left out.
     """
 
-    def __init__(self, placed: Sequence[Part], instances: dict[str, Part]) -> None:
-        self._placed, self._instances = placed, instances
+    def __init__(self, placed: Sequence[Part], instances: dict[str, Part], only_solids: bool = False) -> None:
+        self._placed, self._instances, self._only_solids = placed, instances, only_solids
         self._nodes: dict[int, _Numbering] = {}  # by the part's id, and so below
         self._elements: dict[int, _Numbering] = {}
         self._blocks: list[tuple[int, Elements, Array]] = []  # first row, and rows of the nodes, (k, n)
@@ -278,10 +280,14 @@ class Assembly:
         for part, member, material in sections:
             rows = self._rows(part, member, of_elements=True)
             others = np.setdiff1d(rows, self._solids)
-            if len(others):
+            if len(others) and self._only_solids:
+                _LOG.info(
+                    "%s: left out %d elements of a *SOLID SECTION that are no solids", member.line.where, len(others)
+                )
+            elif len(others):
                 raise member.line.refuse(
                     f"expected solid elements alone, got {len(others)} others of a *SOLID SECTION, whose mass and "
-                    "stiffness would be missing. Delete them from the deck"
+                    "stiffness would be missing. Give only_solids=True to leave them out"
                 )
             number[rows] = names.setdefault(spelling.setdefault(material.upper(), material), len(names))
         if sections:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import MeshError
 from ..support.arrays import Array
+from .deck_materials import DeckMaterial
 
 # Number of nodes of each kind of element that decks have, by the names of meshio.
 SOLIDS = {
@@ -73,6 +74,8 @@ class FileMesh:
         Of the solid elements, if they have several, or names that a user may give materials to.
     labels : (n,) int array or None
         Numbers of the nodes in the file, if it has some.
+    materials : dict of str to DeckMaterial
+        Of a deck, by the names of the regions; by "" if it has one for all.
     """
 
     points: Array
@@ -81,6 +84,7 @@ class FileMesh:
     node_sets: dict[str, Array] = field(default_factory=dict)
     regions: Sequence[CellRegions] = ()
     labels: Array | None = None
+    materials: dict[str, DeckMaterial] = field(default_factory=dict)
 
     @property
     def solids(self) -> dict[str, Array]:

@@ -22,6 +22,7 @@ from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
 from .abaqus_decks import read_abaqus
+from .deck_materials import DeckMaterial
 from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, refuse_regions
 from .gmsh_files import in_groups
 from .mesh_counts import counts_said
@@ -29,6 +30,8 @@ from .nastran_decks import ENDINGS, read_nastran
 from .regions import regions_of
 
 _LOG = logging.getLogger(__name__)
+
+DECKS = (".inp", *ENDINGS)  # endings of input decks
 
 _ORDERS = ({"tetra", "hexahedron", "wedge", "pyramid"}, {"tetra10", "hexahedron20", "wedge15", "pyramid13"})
 # Corners of an element in the order that mirrors it, by their number.
@@ -51,6 +54,8 @@ class VolumeMesh:
     regions : CellRegions
     hexahedra : bool
         Whether rows of `cells` are those of hexahedra.
+    materials : dict of str to DeckMaterial
+        Of a deck, by the names of the regions.
     """
 
     points: Array
@@ -58,6 +63,7 @@ class VolumeMesh:
     faces: dict[str, Array]
     regions: CellRegions
     hexahedra: bool
+    materials: dict[str, DeckMaterial]
 
     def __post_init__(self) -> None:
         read_only(self.points, self.cells, *self.faces.values())
@@ -68,7 +74,7 @@ class VolumeMesh:
         return 1 if self.cells.shape[1] in (4, 8) else 2
 
 
-def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
+def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> VolumeMesh:
     """Read the volume elements of a mesh file: Abaqus, CalculiX and Nastran by own readers, others by meshio.
 
     Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus). So are Abaqus'
@@ -80,6 +86,8 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     path : Path
     several : bool
         Whether the body may be of several regions.
+    only_solids : bool
+        Whether shells, beams, masses and others in a deck are left out.
 
     Raises
     ------
@@ -91,7 +99,7 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
-    file = _read(path)
+    file = _read(path, only_solids)
     solids = file.solids
     if not solids:
         raise MeshError(
@@ -120,7 +128,7 @@ def read_mesh(path: Path, several: bool = False) -> VolumeMesh:
     number_of[used] = np.arange(len(used))
     faces = _named_faces(file, cells, hexahedra)
     faces = {name: number_of[rows][(number_of[rows] >= 0).all(axis=1)] for name, rows in faces.items()}
-    return VolumeMesh(points[used], numbers.reshape(cells.shape), faces, regions, hexahedra)
+    return VolumeMesh(points[used], numbers.reshape(cells.shape), faces, regions, hexahedra, file.materials)
 
 
 def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
@@ -191,14 +199,16 @@ def write_vtu(path: Path, points: Array, blocks: list[tuple[str, Array]], fields
     _meshio().Mesh(points, blocks, point_data=fields).write(path, file_format="vtu")
 
 
-def _read(path: Path) -> FileMesh:
+def _read(path: Path, only_solids: bool = False) -> FileMesh:
     """Read a file by the reader of its format."""
     validate_file("source", path)
     suffix = path.suffix.lower()
     if suffix == ".inp":
-        return read_abaqus(path)
+        return read_abaqus(path, only_solids)
     if suffix in ENDINGS:
-        return read_nastran(path)
+        return read_nastran(path, only_solids)
+    if only_solids:
+        raise InputError(f"only_solids: is for decks of Abaqus, CalculiX and Nastran, got {path}")
     mesh = _read_by_meshio(path)
     _check_counts(path, mesh)
     cells = {kind: np.asarray(rows) for kind, rows in mesh.cells_dict.items()}

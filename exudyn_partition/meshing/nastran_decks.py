@@ -11,6 +11,7 @@ import numpy as np
 
 from ..support.arrays import Array
 from .deck_lines import Line
+from .deck_materials import DeckMaterial
 from .deck_parts import Assembly, Elements, Part
 from .file_mesh import SOLIDS, SURFACES, CellRegions, FileMesh
 from .nastran_cards import Card, cards
@@ -66,12 +67,14 @@ class _System(NamedTuple):
         return found
 
 
-def read_nastran(path: Path) -> FileMesh:
+def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
     """Read nodes and elements of bulk data of Nastran, and the materials of the elements' properties.
 
     Parameters
     ----------
     path : Path
+    only_solids : bool
+        Whether other elements are left out, with what they weigh and hold; the log names them.
 
     Returns
     -------
@@ -99,10 +102,13 @@ def read_nastran(path: Path) -> FileMesh:
         if _STRUCTURE.match(name)
         or (name in (*_SURFACE, *_LINES) and any((card.field(2) or card.field(1)) in made for card in own))
     )
-    if structure:
+    if structure and only_solids:
+        listed = ", ".join(f"{len(found[name])} {name}" for name in structure)
+        _LOG.info("%s: left out %s, which are no solid elements", path, listed)
+    elif structure:
         raise found[structure[0]][0].line.refuse(
             f"expected solid elements alone, got {', '.join(structure)}, whose mass and stiffness would be missing. "
-            "Delete them from the deck, and put them into the Exudyn model"
+            "Give only_solids=True to leave them out, and put them into the Exudyn model"
         )
     links = [name for name in found if _LINKS.match(name)]
     if links:
@@ -118,7 +124,9 @@ def read_nastran(path: Path) -> FileMesh:
                 properties.setdefault(kind, []).extend(card.integer(2, 0) for card, _ in of_kind)
     mesh = Assembly([part], {}).mesh(path)
     of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
-    return FileMesh(mesh.points, mesh.cells, regions=_regions(found, of_solids), labels=mesh.labels)
+    regions = _regions(found, of_solids)
+    materials = _materials(found, of_solids, regions)
+    return FileMesh(mesh.points, mesh.cells, regions=regions, labels=mesh.labels, materials=materials)
 
 
 def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
@@ -222,6 +230,30 @@ def _by_kind(name: str, own: list[Card]) -> dict[str, list[tuple[Card, list[int]
         nodes = [card.integer(i) for i in range(3, 3 + len(given))]
         found.setdefault(allowed[len(given)], []).append((card, nodes))
     return found
+
+
+def _materials(found: dict[str, list[Card]], properties: Array, regions: list[CellRegions]) -> dict[str, DeckMaterial]:
+    """Materials of the properties of solid elements, (ne,), by the names of the regions."""
+    weight = [card.real(2) for card in found.get("PARAM", []) if card.field(1).upper() == "WTMASS"]
+    known = {}
+    for card in found.get("MAT1", []):
+        E, G, nu = (card.real(i) if card.field(i) else None for i in (2, 3, 4))
+        if nu is None and E and G:
+            nu = E / (2 * G) - 1
+        elif E is None and G and nu is not None:
+            E = 2 * G * (1 + nu)
+        rho = card.real(5) * (weight[-1] if weight else 1.0)
+        known[card.field(1)] = DeckMaterial(f"MAT1 {card.field(1)}", card.line.where, E, nu, rho)
+    of_property = {
+        str(card.integer(1)): known[card.field(2)]
+        for name in ("PSOLID", "PLSOLID")
+        for card in found.get(name, [])
+        if card.field(1) and card.field(2) in known
+    }
+    names = [str(name) for name in np.unique(properties)]
+    if not regions:
+        return {"": of_property[names[0]]} if names and names[0] in of_property else {}
+    return {name: of_property[name] for name in names if name in of_property}
 
 
 def _regions(found: dict[str, list[Card]], properties: Array) -> list[CellRegions]:

@@ -21,14 +21,15 @@ from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
 from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
-from ..support.checks import validate_integer, validate_number, validate_path, validate_positive
+from ..support.checks import validate_flag, validate_integer, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import others_busy
 from ..support.optional import require
 from ..support.progress import pulsing
+from .deck_materials import material_of_deck
 from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
-from .mesh_files import VolumeMesh, check_order, inverted, read_mesh
+from .mesh_files import DECKS, VolumeMesh, check_order, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .mixed_basis import to_coefficients
 from .netgen_mesh import (
@@ -54,7 +55,7 @@ _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its
 
 def fe_model(
     source: Shape | NGSolveMesh | str | Path,
-    material: Material | Mapping[str, Material],
+    material: Material | Mapping[str, Material] | None = None,
     *,
     modulus: Modulus | None = None,
     order: int | None = None,
@@ -62,6 +63,7 @@ def fe_model(
     refine: Iterable[Refine] = (),
     grading: float = GRADING,
     scale: float = 1.0,
+    only_solids: bool = False,
 ) -> FEModel:
     """Assemble the FE model of a free body.
 
@@ -77,7 +79,9 @@ def fe_model(
     material : Material or dict of str to Material
         In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
         name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
-        groups (Gmsh), solid sections (Abaqus), properties (Nastran) or numbers of materials.
+        groups (Gmsh), solid sections (Abaqus), properties (Nastran) or numbers of materials. Default: the materials of
+        an input deck, `*ELASTIC` and `*DENSITY`, or MAT1, in the deck's units; with scale=1e-3 those of a deck in
+        millimetres become SI units. The log has their numbers.
     modulus : callable, optional
         Young's modulus by place, in place of the materials': called with the centres of the elements, (ne, 3), after
         scaling; returns (ne,) [Pa]. It is constant in an element.
@@ -90,6 +94,9 @@ def fe_model(
         For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
     scale : float
         Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
+    only_solids : bool
+        Whether shells, beams, springs, masses and others beside the solid elements of an input deck are left out; the
+        log names them. Default: such a deck is refused.
 
     Returns
     -------
@@ -123,10 +130,16 @@ def fe_model(
     ngsolve = require("ngsolve")
     if order is not None and validate_integer("order", order) not in (1, 2, 3):
         raise InputError(f"order: expected 1, 2 or 3, got {order!r}")
-    given = GivenMaterial(material, modulus)
+    given = None if material is None else GivenMaterial(material, modulus)
+    validate_flag("only_solids", only_solids)
     scale = validate_positive("scale", scale)
     path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
     is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
+    is_deck = path is not None and path.suffix.lower() in DECKS
+    if given is None and not is_deck:
+        raise InputError("material: expected an ep.Material, such as ep.STEEL, got None; only decks have their own")
+    if only_solids and not is_deck:
+        raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
     try:
         with ONE_AT_A_TIME:
             if is_shape:
@@ -134,19 +147,22 @@ def fe_model(
                 if maxh is None:
                     raise InputError("maxh: a shape needs a largest element size [m]")
                 check_one_part(shape)
+                assert given is not None
                 given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
                 mesh = meshed(shape, maxh, refine, grading, order or 2)
                 with pulsing("assemble"):
                     fem = _from_mesh(ngsolve, mesh, given, order or 2)
             elif path:
                 with pulsing("assemble"):
-                    file = read_mesh(path, several=given.several)
+                    file = read_mesh(path, given is None or given.several, only_solids)
+                    given = given or GivenMaterial(_of_deck(path, file, scale), modulus)
                     _refuse_mesh_options(maxh, refine, grading)
                     fem = _from_file(ngsolve, path, file, given, order, scale)
             else:
                 _refuse_mesh_options(maxh, refine, grading)
                 if scale != 1:
                     raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
+                assert given is not None
                 with pulsing("assemble"):
                     fem = _from_mesh(ngsolve, source, given, order or 2)
     except MemoryLimitError:
@@ -169,6 +185,11 @@ def fe_model(
             )
     fem.warn_if_units_slipped()
     return fem
+
+
+def _of_deck(path: Path, file: VolumeMesh, scale: float) -> Material | dict[str, Material]:
+    names = [file.regions.names[i] or "" for i in np.unique(file.regions.number)]
+    return material_of_deck(path, file.materials, names, scale)
 
 
 def _is_geometry(ngsolve: NGSolve, source: object) -> bool:

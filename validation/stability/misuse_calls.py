@@ -216,6 +216,7 @@ CALLS = {
         ),
         order=v.count.or_none.but(four=4),
         scale=v.positive,
+        only_solids=v.flag.but(**{"of a shape": True}),
     ),
     "FEModel": dict(
         **OF_A_MODEL,
