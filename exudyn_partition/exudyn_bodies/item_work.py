@@ -157,7 +157,7 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
             continue
         if "markerNumbers" in entry:
             touches = any(_is_on(mbs.GetMarker(marker), objects, nodes) for marker in entry["markerNumbers"])
-        else:  # without a function it is the stiffness between two contacts, which has no force
+        else:  # without a function it has no force
             touches = bool(entry.get("forceUserFunction")) and not nodes.isdisjoint(map(int, entry["nodeNumbers"]))
         if touches:
             found.append((f"{entry['name']} ({entry['objectType']})", of_object(exu.ObjectIndex(index))))
@@ -275,7 +275,7 @@ def _has_force(entry: ItemEntry) -> bool:
 
 
 def _is_idle(entry: ItemEntry) -> bool:
-    """Whether an object has no force, as the stiffness between two contacts."""
+    """Whether an object has neither mass nor force, as one that only carries markers."""
     matrices = [entry.get(name) for name in ("massMatrix", "stiffnessMatrix", "dampingMatrix")]
     full = any(np.size(matrix.GetPythonObject()) for matrix in matrices if matrix is not None)
     none = not full and not np.size(entry.get("forceVector", ()))

@@ -56,7 +56,7 @@ class MultiplierStep:
         self._stepped_to: float | None = None
         self._looked_from: float | None = None  # start of the step that multipliers were applied for beforehand
         self._pushes: list[tuple[Array, Array]] = []  # coordinates and accelerations by contacts in the last step
-        self._foretold: list[tuple[Array, Array]] = []  # those in present velocities that are to be taken back
+        self._predicted: list[tuple[Array, Array]] = []  # those in present velocities that are to be taken back
         self._dofs = [contact.dofs for contact in contacts]
         self._forward = increment_of([cast(LagrangeContact, contact.law) for contact in contacts], self._dofs)
         if joints is not None:
@@ -87,7 +87,7 @@ class MultiplierStep:
             self._step = t - start
             self._apply(mbs)
             for contact in self.contacts:
-                contact.stepped(t, self._step)
+                contact.count_impulse(t, self._step)
         self._stepped_to = t
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
@@ -101,7 +101,7 @@ class MultiplierStep:
                 self._step = left  # Exudyn's last step ends with the run
         self._apply(mbs)
         for contact in self.contacts:
-            contact.stepped(t + self._step, self._step, half=True)
+            contact.count_impulse(t + self._step, self._step, half=True)
         self._looked_from = t
 
     def _apply(self, mbs: MainSystem) -> None:
@@ -109,7 +109,7 @@ class MultiplierStep:
         data, step = mbs.systemData, self._step
         q = data.GetODE2Coordinates(copy=False)
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        for dofs, acceleration in self._foretold:
+        for dofs, acceleration in self._predicted:
             _push(q_t, q_tt, dofs, -acceleration, self._last_step)
         states = [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
         increments: list[Array] = []
@@ -143,11 +143,11 @@ class MultiplierStep:
             self._usual = abs(acceleration).max()
         if self.contacts:
             # They push as in the last step, and joints answer, until the multipliers of the next one are known.
-            self._foretold, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
-        for dofs, acceleration in self._foretold:
+            self._predicted, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
+        for dofs, acceleration in self._predicted:
             _push(q_t, q_tt, dofs, acceleration, self._step)
         for contact in self.contacts:
-            contact.foretell()
+            contact.predict_impulse()
         data.SetAECoordinates(-(self._mean + 0.5 * (self._carried + self._answer - self._answered)))
         self._answered = self._answer
 

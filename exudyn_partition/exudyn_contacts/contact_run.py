@@ -1,15 +1,16 @@
-"""State of a contact in one run, and what it keeps for the results. The next run makes another one."""
+"""State of a contact in one run, and of contacts whose forces are found together; and what they keep for results.
+
+The next run makes others. No other module asks a law for its forces in a run.
+"""
 
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
-from ..algebra.products import dense
 from ..contact.formulations.formulation import Law, Method, Together
 from ..contact.formulations.frictional import FrictionalContact
 from ..contact.frozen import FrozenContacts
@@ -18,12 +19,10 @@ from ..exudyn_bodies.model import SolverMotion, start_of_step
 from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone import PlasticZone
-from ..support.arrays import Array
-from ..support.foreign import Coordinates, MainSystem
+from ..support.arrays import Array, consecutive, joined_slices
+from ..support.foreign import MainSystem
 
-_FEW = 200  # coordinates that are converted from Exudyn's list faster than they are gathered from the model's
-
-TOLD, TOLD_AHEAD = 6, 10  # values of `sForce`; those of multipliers tell impulses too
+N_VALUES, N_VALUES_AHEAD = 6, 10  # of `sForce`; multipliers have impulses too
 
 
 class ContactRun:
@@ -40,11 +39,15 @@ class ContactRun:
     t : float
         When the run begins [s].
     method : {"explicit", "implicit", "static"}
-    place_told : int, optional
+    place : int, optional
         First of the data coordinates that the sensor `sForce` reads. Default: it asks the contact itself.
 
     Attributes
     ----------
+    dofs : (n,) int array
+        Numbers of the contact's coordinates in the model.
+    force : (n,) array or None
+        Generalised force that the law has found last; None before, and after compiled loops have found it.
     tangential : dict of float to ((na, 3) array, (na,) int8 array)
         With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
     on_nodes : dict of float to list of (np, 3) arrays
@@ -56,32 +59,25 @@ class ContactRun:
         Area of the row of each of the slave's patch nodes [m2].
     edge : (float, (3,) array) or None
         When and where the contact reached the edge of its patch first [s, m].
-    together : Together or None
-        What finds the forces of this contact and of others on the same bodies.
-    time_s : float
-        Time in the contact's force so far [s].
     joined : bool
         Whether the multipliers are found together with those of joints.
     goes_on : bool
         Whether the run begins where the last one ended.
+    goes_on_at : float or None
+        When the run ended that this one goes on from as if they were one [s].
     """
 
     def __init__(
-        self, name: str, law: Law, slices: Sequence[slice], t: float, method: Method, place_told: int | None = None
+        self, name: str, law: Law, slices: Sequence[slice], t: float, method: Method, place: int | None = None
     ) -> None:
-        self.name, self._law, self.slices, self.place_told = name, law, [*slices], place_told
+        self.name, self._law, self.place = name, law, place
         self._explicit = method == "explicit"  # then the last evaluation is the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
-        self.together: Together | None = None
+        self._slices = joined_slices(slices)  # the fewer, the quicker
+        self._own = consecutive([s.stop - s.start for s in self._slices])
         self._group: GroupRun | None = None
         self.joined = self.goes_on = False
-        self.time_s = 0.0
         self.areas = law.node_areas
-        self._members: list[ContactRun] = [self]
-        self._place = 0  # among the members
-        self._remembering: list[ContactRun] = []
-        self._evaluation: object = None
-        self._jacobian: Array | None = None
         self._open_index: Array | None = None
         self._open_values: list[float] = []  # of `sFriction`
         self._samples: list[tuple[float, Array, Array]] = []
@@ -94,16 +90,32 @@ class ContactRun:
         self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
         self._stepped_to = t
         self._start, self._at = -np.inf, t
-        self._force: Array | None = None  # of the last evaluation
-        self._goes_on_at: float | None = None  # when the run that this one goes on from ended
+        self.force: Array | None = None
+        self.goes_on_at: float | None = None
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
 
     @property
     def law(self) -> Law:
         """The contact's, in its present state."""
         if self._group is not None:
-            self._group.tell_laws()
+            self._group.update_laws()
         return self._law
+
+    @property
+    def group(self) -> GroupRun:
+        """Contacts whose forces are found together with this one's."""
+        assert self._group is not None
+        return self._group
+
+    @property
+    def acts_within(self) -> bool:
+        """Whether there are forces within a step; multipliers ahead of it are none."""
+        return not self._law.ahead or self._law.yielding is not None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether forces depend on earlier steps."""
+        return self._law.remembers
 
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
@@ -139,87 +151,50 @@ class ContactRun:
 
     def of(self, coordinates: Array) -> Array:
         """Coordinates of slave and master, (n,), of the model's."""
-        return np.concatenate([coordinates[s] for s in self.slices])
+        return np.concatenate([coordinates[s] for s in self._slices])
 
-    def join(self, together: Together, members: list[ContactRun]) -> None:
-        """Find the forces together with those of other contacts; `members` are all, this one included."""
-        self.together, self._members, self._place = together, members, members.index(self)
-        self._remembering = [member for member in members if member.law.remembers]
+    def join(self, group: GroupRun, place: int) -> None:
+        """Leave the forces to the group, in which this contact has a place."""
+        self._group, self._place = group, place
 
     def go_on(self, earlier: ContactRun, t: float) -> None:
         """Go on from the end of an earlier run at time t [s]; this one's law is the twin of that one's."""
-        for name in ("_start", "_at", "_force", "_impulse", "_last", "_rest", "_stepped_to"):
+        for name in ("_start", "_at", "force", "_impulse", "_last", "_rest", "_stepped_to"):
             setattr(self, name, copy.copy(getattr(earlier, name)))
-        self._goes_on_at = t
+        self.goes_on_at = t
 
-    @property
-    def evaluated(self) -> bool:
-        """Whether it has been evaluated by itself; a run may begin anew before."""
-        return self._force is not None
-
-    def at_once(self, group: GroupRun) -> None:
-        """Leave the forces to the group, which finds those of all members at once."""
-        self._group = group
-
-    def evaluate(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> Array:
-        """Generalised contact force, (n,), in the model's present state at time t [s].
-
-        `q` are the contact's coordinates, if Exudyn has handed them to a user function.
-        """
-        if self._force is None or t != self._goes_on_at:  # the law has evaluated that state already
-            self._force = self._evaluated(mbs, t, q)
-        return self._force
-
-    def _evaluated(self, mbs: MainSystem, t: float, q: Coordinates | None) -> Array:
-        if self.together is not None:
-            for member in self._remembering:
-                member.follow(start_of_step(mbs), t)
-            data = mbs.systemData.GetODE2Coordinates(copy=False)
-            forces = self.together.forces_at(data, lambda: [member.of(data) for member in self._members])
-            self._note(forces)
-            return forces[self._place]
-        law = self.law
+    def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
+        """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
+        law = self._law
         if law.remembers:
             if self._explicit and law.flies_on(self._at):
                 self._start, self._at = self._at, t
             else:
                 self.follow(start_of_step(mbs), t)
         if law.elastic or isinstance(law, FrictionalContact):
-            few = q is not None and len(q) <= _FEW
-            return law.force(np.asarray(q) if few else self.of(mbs.systemData.GetODE2Coordinates(copy=False)))
-        return law.evaluate(SolverMotion(mbs, self.of))
-
-    def update(self, mbs: MainSystem, t: float, q: Coordinates | None = None) -> None:
-        """Bring the law to the model's present state at time t [s]."""
-        if self._group is None:
-            self.evaluate(mbs, t, q)
+            self.force = law.force(self.of(q))
         else:
-            self._group.force(mbs.systemData.GetODE2Coordinates(copy=False))
-            self._note(self._group.evaluated)
+            self.force = law.evaluate(SolverMotion(mbs, self.of))
 
-    def _note(self, evaluation: object) -> None:
-        """Forget what belongs to another evaluation."""
-        if evaluation is not self._evaluation:
-            self._evaluation, self._jacobian = evaluation, None
-
-    def row_jacobian(self) -> Array:
-        """Closed rows on the coordinates, (na, n), in the state that was evaluated last; links with others share it."""
-        if self.together is None:
-            return dense(self.law.row_jacobian())
-        if self._jacobian is None:
-            self._jacobian = dense(self.law.row_jacobian())
-        return self._jacobian
+    def add_force(self, total: Array) -> None:
+        """Add `force` to generalised forces on the model's coordinates, (nq,)."""
+        assert self.force is not None
+        for place, own in zip(self._slices, self._own, strict=True):
+            total[place] += self.force[own]
 
     def follow(self, start: float, t: float) -> None:
-        """Tell a law that depends on the path which step is computed, from `start` to t [s]."""
+        """Let a law that depends on the path begin the step from `start` to t [s], or begin it again."""
         if start != self._start:
             self.law.commit(start)
         elif t != self._at:
             self.law.rollback()
         self._start, self._at = start, t
 
-    def stepped(self, t: float, step: float, *, half: bool = False) -> None:
-        """Count what multipliers push at the start of the step to t; velocities there have all of it, or `half`."""
+    def count_impulse(self, t: float, step: float, *, half: bool = False) -> None:
+        """Count the impulse of multipliers in the step that ends at t [s].
+
+        They act at the start of the step. Velocities there have all of their impulse, or `half` of it.
+        """
         law, share = self.law, 0.5 if half else 1.0
         self._last = np.zeros(7)
         if law.index.size:
@@ -229,7 +204,7 @@ class ContactRun:
         self._rest = (1 - share) * self._last
         self._stepped_to = t
 
-    def foretell(self) -> None:
+    def predict_impulse(self) -> None:
         """Count half of the last step's impulse again, until that of the next step is known."""
         self._impulse += 0.5 * self._last
         self._rest = -0.5 * self._last
@@ -238,10 +213,10 @@ class ContactRun:
         """Impulses so far of multipliers, which jump between steps, (7,) [N s]; None of forces that do not."""
         return self._impulse if self._law.ahead else self._law.impulse
 
-    def told(self) -> list[float]:
+    def force_values(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
-        if self._group is not None and (told := self._group.told) is not None:
-            values: list[float] = told[self._place].tolist()
+        if self._group is not None and (found := self._group.values) is not None:
+            values: list[float] = found[self._place].tolist()
             return values
         law = self.law
         if law.index.size:
@@ -251,11 +226,11 @@ class ContactRun:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
         return values if (impulse := self._impulses()) is None else values + impulse[:4].tolist()
 
-    def tell(self, data: Array) -> None:
+    def publish(self, data: Array) -> None:
         """Write these values to where the sensor reads them, among the model's data coordinates."""
-        if self.place_told is not None:
-            values = self.told()
-            data[self.place_told : self.place_told + len(values)] = values
+        if self.place is not None:
+            values = self.force_values()
+            data[self.place : self.place + len(values)] = values
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep what results need of the state at t; `q` returns the model's coordinates there."""
@@ -265,7 +240,7 @@ class ContactRun:
             law.yielding.check()
             for side, zone in law.yielding.zones:
                 self.plastic_strains[side].keep(t, zone.present.strain)
-        if law.ahead and t != self._goes_on_at:  # which was checked there, and looking moves pairs
+        if law.ahead and t != self.goes_on_at:  # which was checked there, and looking moves pairs
             self._check_step(t)
             law.check(self.of(q()))
         if closed.size:
@@ -319,78 +294,116 @@ class ContactRun:
 
 
 class GroupRun:
-    """Contacts in a run whose forces are found together and applied at once.
+    """Contacts in a run whose forces are found together. One that is solved alone is a group of its own.
 
-    As long as their pairs are frozen, compiled loops evaluate all of them at once. This keeps what the sensors tell,
-    and laws learn of it only when they are looked at. Else each contact is evaluated by its law.
+    As long as the pairs of all contacts are frozen, compiled loops evaluate all of them at once. Then the group has the
+    values of the sensors, and laws take the state only when somebody looks at them. Else each law finds its forces.
 
     Parameters
     ----------
-    together : Together
     members : sequence of ContactRun
+    together : Together, optional
+        What finds their forces together. Default: each contact is evaluated alone.
 
     Attributes
     ----------
-    time_s : float
-        Time in forces so far [s].
-    evaluated : object
-        Another object after each evaluation in another state.
     pushes : bool
         Whether any force was there in the last evaluation.
     """
 
-    def __init__(self, together: Together, members: Sequence[ContactRun]) -> None:
-        self.time_s, self.evaluated, self.pushes = 0.0, object(), False
-        self._together, self._members = together, [*members]
+    def __init__(self, members: Sequence[ContactRun], together: Together | None = None) -> None:
+        self.members, self.together = [*members], together
+        self._within = [member for member in members if member.acts_within]
+        self._remembering = [member for member in members if member.remembers]
+        known = all(member.force is not None for member in self._within)
+        self._known_at = members[0].goes_on_at if known else None  # when laws have evaluated the state already
+        self._find_whether_pushes()
         self._dofs = [member.dofs for member in members]
-        self._twice = [len(np.unique(dofs)) < len(dofs) for dofs in self._dofs]  # of a body that touches itself
         self._frozen: FrozenContacts | None = None
         self._q: Array | None = None  # of the evaluation, if compiled loops made it
         self._laws_know = True
-        readers = [(j, member.place_told) for j, member in enumerate(members) if member.place_told is not None]
-        starts = np.reshape(readers, (-1, 2)).astype(int) * [TOLD, 1]
-        self._from, self._to = np.add.outer(starts.T, np.arange(TOLD)).reshape(2, -1)  # of `told` to data coordinates
+        readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
+        starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
+        self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # of values to data
         self._closed: Array | None = None
         self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
-        for member in members:
-            member.at_once(self)
+        for place, member in enumerate(members):
+            member.join(self, place)
 
-    def force(self, q: Array) -> Array:
-        """Generalised forces of all members, (nq,), at the model's coordinates q, (nq,)."""
-        if self._q is not None and self._frozen is not None and (q == self._q).all():
-            return self._frozen.force
-        begin = time.perf_counter()
-        if self._q is None:
-            known, self._frozen = self._frozen, self._together.frozen(self._dofs, self._frozen)
-            self._closed = self._closed if self._frozen is known else None
-        if self._frozen is not None and self._frozen.evaluate(q):
-            self.evaluated = self._q = q.copy()
-            self._laws_know, force = False, self._frozen.force
-            self.pushes = self._frozen.pushes
+    @property
+    def acts_within(self) -> bool:
+        """Whether there are forces within a step; multipliers ahead of it are none."""
+        return bool(self._within)
+
+    def evaluate(self, mbs: MainSystem, t: float) -> None:
+        """Find the forces of all members in the model's present state, at time t [s]."""
+        if t == self._known_at:
+            return
+        q = mbs.systemData.GetODE2Coordinates(copy=False)
+        if self.together is None:
+            for member in self._within:
+                member.evaluate(mbs, t, q)
+        elif self._find_by_loops(q):
+            return
         else:
-            self._q, self._laws_know, force = None, True, np.zeros(len(q))
-            self.evaluated = forces = self._together.forces_at(q, lambda: [member.of(q) for member in self._members])
-            for dofs, twice, own in zip(self._dofs, self._twice, forces, strict=True):
-                if twice:
-                    np.add.at(force, dofs, own)
-                else:
-                    force[dofs] += own
-            self.pushes = bool(force.any())
-        self.time_s += time.perf_counter() - begin
-        return force
+            for member in self._remembering:
+                member.follow(start_of_step(mbs), t)
+            forces = self.together.forces_at(q, lambda: [member.of(q) for member in self.members])
+            for member, force in zip(self.members, forces, strict=True):
+                member.force = force
+        self._find_whether_pushes()
 
-    def tell_laws(self) -> None:
-        """Let the laws take what compiled loops have found, if they do not know it yet."""
+    def _find_whether_pushes(self) -> None:
+        self.pushes = False
+        for member in self._within:
+            if member.force is not None and member.force.any():
+                self.pushes = True
+                return
+
+    def _find_by_loops(self, q: Array) -> bool:
+        """Find the forces by compiled loops, if there are such and all pairs are frozen."""
+        assert self.together is not None
+        if self._q is not None and (q == self._q).all():
+            return True
+        if self._q is None:
+            known, self._frozen = self._frozen, self.together.frozen(self._dofs, self._frozen)
+            self._closed = self._closed if self._frozen is known else None
+        if self._frozen is None or not self._frozen.evaluate(q):
+            self._q, self._laws_know = None, True
+            return False
+        if self._q is None:
+            for member in self.members:
+                member.force = None
+        self._q, self._laws_know, self.pushes = q.copy(), False, self._frozen.pushes
+        return True
+
+    def add_force(self, total: Array) -> None:
+        """Add the generalised forces of all members to those on the model's coordinates, (nq,)."""
+        if self._looped is not None:
+            total += self._looped.force
+            return
+        for member in self._within:
+            member.add_force(total)
+
+    def stiffness(self, first: ContactRun, last: ContactRun) -> Array:
+        """Forces on the closed rows of one member by gaps of those of another, or of itself, (na, nb) [N/m]."""
+        if self.together is None:
+            return first.law.row_stiffness()
+        return self.together.stiffness(first.law, last.law)
+
+    def update_laws(self) -> None:
+        """Let the laws take what compiled loops have found, if they have not taken it yet."""
         if self._laws_know or self._q is None or self._frozen is None:
             return
+        assert self.together is not None
         self._laws_know, q = True, self._q
         known = self._frozen.whole or self._frozen.evaluate_rows(q)
-        if not (known and self._together.take(self._frozen, [member.of(q) for member in self._members])):
+        if not (known and self.together.take(self._frozen, [member.of(q) for member in self.members])):
             self._q = None
 
     def end(self) -> None:
-        """Leave the last state to the laws alone."""
-        self.tell_laws()
+        """Leave the last state to the laws alone, and let go of what compiled loops need."""
+        self.update_laws()
         self._q = self._frozen = None
 
     @property
@@ -399,22 +412,23 @@ class GroupRun:
         return None if self._q is None else self._frozen
 
     @property
-    def told(self) -> Array | None:
+    def values(self) -> Array | None:
         """Values of the sensors `sForce` of all members, (n, 6); None if their laws have evaluated them."""
         return None if self._looped is None else self._looped.told
 
-    def tell(self, data: Array) -> None:
+    def publish(self, data: Array) -> None:
         """Write these values to where the sensors read them, among the model's data coordinates."""
-        if (told := self.told) is not None:
-            data[self._to] = told.take(self._from)
+        if (values := self.values) is not None:
+            data[self._to] = values.take(self._from)
             return
-        for member in self._members:
-            member.tell(data)
+        for member in self.members:
+            member.publish(data)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep what results need of the members' state at t; `q` returns the model's coordinates there."""
-        if (frozen := self._looped) is None:
-            for member in self._members:
+        frozen = self._frozen
+        if self._q is None or frozen is None:
+            for member in self.members:
                 member.keep(t, q)
             return
         if self._kept and self._kept[-1][0] == t:  # asked for again
@@ -427,7 +441,7 @@ class GroupRun:
             self._bounds = np.searchsorted(closed, frozen.starts).tolist()
             at_edge = closed[frozen.at_edge[closed]]
             for j in np.unique(np.searchsorted(frozen.starts, at_edge, side="right")) - 1:
-                self._members[j].look_for_edge(t)
+                self.members[j].look_for_edge(t)
         if len(closed):
             self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy()))
 

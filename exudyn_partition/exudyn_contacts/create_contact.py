@@ -29,8 +29,8 @@ from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
 from ..surfaces.near import near_patches, opposite_parts
 from ..surfaces.points import ROWS, RowKind
-from .contact_elements import add_common_element, add_element, add_links
-from .contact_run import TOLD, TOLD_AHEAD, ContactRun
+from .contact_object import add_to_object
+from .contact_run import N_VALUES, N_VALUES_AHEAD, ContactRun
 from .coupling import solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
@@ -237,12 +237,9 @@ def CreatePartitionContact(
     runs = runs_of(mbs)
     if contact.law.ahead:
         _chain_steps(mbs, runs)
-    contact["oContact"] = add_element(mbs, contact, runs)
+    contact["oContact"] = add_to_object(mbs, contact, contacts, runs)
     if masterBody is not None:
         load_carrier(mbs, lambda: runs.at_work(contact).law, masterBody)
-    add_common_element(mbs, contact, contacts, runs)
-    add_links(mbs, contact, runs)
-
     _add_force_sensor(mbs, runs, contact, first=not contacts)
     if coulomb is not None:
         contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
@@ -307,16 +304,16 @@ def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
 
 
 def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *, first: bool) -> None:
-    """Add `sForce`. That of the `first` contact lets all contacts tell; the others read, which needs no Python."""
+    """Add `sForce`. That of the `first` contact samples all contacts; the others read, which needs no Python."""
     items = require("exudyn.itemInterface")
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return runs.see(mbs, t).of(contact).told()
+        return runs.sample(mbs, t).of(contact).force_values()
 
     if first:
         sensor = items.SensorUserFunction(name=contact.name, sensorUserFunction=sample, storeInternal=True)
     else:
-        values = [0.0] * (TOLD_AHEAD if contact.law.ahead else TOLD)
+        values = [0.0] * (N_VALUES_AHEAD if contact.law.ahead else N_VALUES)
         contact["nGenericData"] = mbs.AddNode(
             items.NodeGenericData(initialCoordinates=values, numberOfDataCoordinates=len(values))
         )

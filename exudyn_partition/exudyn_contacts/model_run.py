@@ -13,7 +13,8 @@ import numpy as np
 from ..contact.formulations.formulation import Method, Together
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import latest_solver, method_of, registered
+from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
+from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
@@ -51,11 +52,15 @@ class ModelRun:
     Attributes
     ----------
     record : RunRecord
+    dofs : (n,) int array
+        Numbers of the coordinates that contacts may push, in the order of the object that does so.
     method : {"explicit", "implicit", "static"}
     at : float
         Time at which contacts were evaluated last [s].
     ended : (float, (nq,) array) or None
         Time [s] and the model's coordinates at the end, or when the sensors were read last.
+    acts_within : bool
+        Whether contacts have forces within steps; multipliers ahead of them are none.
     idle : bool
         Whether there is nothing to do ahead of steps.
     """
@@ -70,7 +75,7 @@ class ModelRun:
         keep: bool,
         earlier: ModelRun | None = None,
     ) -> None:
-        self._contacts, self._stepping_s, self._began = [*contacts], 0.0, t
+        self._contacts, self._spent_s, self._began = [*contacts], 0.0, t
         self.method, self.at = method, t
         self.ended: tuple[float, Array] | None = None
         known: Known = {}
@@ -78,25 +83,26 @@ class ModelRun:
         for contact in contacts:
             last = None if earlier is None else earlier.find(contact)
             law = contact.law.for_run(method) if last is None else twin(last.law, known)
-            place = _place_told(mbs, contact)
+            place = _place_of_values(mbs, contact)
             self._runs[id(contact)] = run = ContactRun(contact.name, law, contact.slices(mbs), t, method, place)
             if last is not None:
                 run.go_on(last, t)
-        self._evaluated: list[ContactRun | GroupRun] = [*self._runs.values()]
-        self._all_ask = all(run.place_told is None for run in self._runs.values())
+        self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
         self._steppers: list[MultiplierStep] = []
         self._groups: list[GroupRun] = []
         for group in {id(contact.group): contact.group for contact in contacts}.values():
             members = [self._runs[id(contact)] for contact in group]
+            together = None
             if group[0].together is not None:
                 before = None if earlier is None else earlier._together(group)
                 laws = [member.law for member in members]
                 together = group[0].together.for_run(laws) if before is None else twin(before, known)
-                for member in members:
-                    member.join(together, members)
+            self._groups.append(GroupRun(members, together))
             if joints is None and members[0].law.ahead:
                 self._steppers.append(MultiplierStep(members))
+        self._within = [group for group in self._groups if group.acts_within]
+        self.acts_within = bool(self._within)
         if joints is not None:
             ahead = [run for run in self._runs.values() if run.law.ahead]
             for run in ahead:
@@ -110,6 +116,14 @@ class ModelRun:
                 stepper.go_on(last_served[served], known, t)
         self._counted = 0, 0  # what laws have counted in the run that this one goes on from
         self._counted = self.active_set_iterations, self.pair_searches
+        items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
+        self._floating = [
+            (np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]), item.kinematics)
+            for item in items
+            if isinstance(item.kinematics, FloatingKinematics)
+        ]
+        dofs = mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else []
+        self.dofs, self._total = np.array(dofs, dtype=int), np.zeros(mbs.systemData.ODE2Size())
 
     def _served_by(self, stepper: MultiplierStep) -> tuple[int, ...]:
         """Whether it closes joints, and the identities of its contacts."""
@@ -119,8 +133,8 @@ class ModelRun:
     def _together(self, group: Sequence[ModelContact]) -> Together | None:
         """What found the forces of these contacts, if they were all of a group."""
         found = [run for contact in group if (run := self.find(contact)) is not None]
-        same = len(found) == len(group) and all(run.together is found[0].together for run in found)
-        return found[0].together if same else None
+        same = len(found) == len(group) == len(found[0].group.members)
+        return found[0].group.together if same else None
 
     def ended_at(self, t: float, method: Method, q: Array) -> bool:
         """Whether the run had this method and ended at time t [s], at the model's coordinates q, (nq,)."""
@@ -131,8 +145,7 @@ class ModelRun:
     @property
     def contact_s(self) -> float:
         """Time in contacts so far [s]."""
-        in_forces = sum(run.time_s for run in self._runs.values()) + sum(group.time_s for group in self._groups)
-        return self._stepping_s + in_forces
+        return self._spent_s
 
     @property
     def active_set_iterations(self) -> int:
@@ -176,13 +189,13 @@ class ModelRun:
             run = self.of(contact)
             for before in earlier if run.law.remembers else ():
                 last = before.find(contact)
-                if last is not None and last.evaluated and run.law.resume(last.law, run.of(initial)):
+                if last is not None and last.force is not None and run.law.resume(last.law, run.of(initial)):
                     found = found or before
                     break
         return found
 
     @property
-    def stepped(self) -> bool:
+    def has_steps(self) -> bool:
         """Whether the run has made steps."""
         return self.ended is not None and self.ended[0] > self._began
 
@@ -190,35 +203,42 @@ class ModelRun:
         """Whether the run ended at the model's coordinates q, (nq,), at whatever time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
 
-    def evaluate_at_once(self, contacts: Sequence[ModelContact]) -> None:
-        """Find the forces of these contacts by `force_at_once` alone; they are whole groups of the model."""
-        for group in {id(contact.group): contact.group for contact in contacts}.values():
-            members = [self._runs[id(contact)] for contact in group]
-            assert members[0].together is not None
-            self._groups.append(GroupRun(members[0].together, members))
-        grouped = set(map(id, contacts))
-        self._evaluated = [*self._groups, *(run for key, run in self._runs.items() if key not in grouped)]
+    def force(self, mbs: MainSystem, t: float) -> Array | None:
+        """Generalised forces of all contacts within a step, (nq,), in the model's present state at t [s].
 
-    def force_at_once(self, mbs: MainSystem, t: float) -> Array | None:
-        """Generalised forces of these contacts, (nq,), in the model's present state at t [s]; None if all are open."""
-        self.at = t
-        q = mbs.systemData.GetODE2Coordinates(copy=False)
-        found = [(group.force(q), group.pushes) for group in self._groups]
-        self.tell(mbs)
-        forces = [force for force, pushes in found if pushes]
-        return sum(forces[1:], forces[0]) if forces else None
-
-    def tell(self, mbs: MainSystem) -> None:
-        """Let sensors `sForce` have what the contacts tell in the state that was evaluated last."""
+        None if there is none. The next call writes to the same array. First, the record keeps the end of the last step.
+        """
+        begin = time.perf_counter()
+        if self.record.on:
+            self.keep_last_step(mbs, t)
+        self.at, total = t, None
+        for group in self._within:
+            group.evaluate(mbs, t)
+            if group.pushes:
+                if total is None:
+                    total = self._total
+                    total.fill(0.0)
+                group.add_force(total)
         if not self._all_ask:
-            data = mbs.systemData.GetDataCoordinates(copy=False)
-            for run in self._evaluated:
-                run.tell(data)
+            self.publish(mbs)
+        if total is not None and self._floating:
+            q = mbs.systemData.GetODE2Coordinates(copy=False)
+            for own, kinematics in self._floating:
+                if total[own].any():
+                    total[own] = kinematics.on_constant_mass(q[own], total[own])
+        self._spent_s += time.perf_counter() - begin
+        return total
+
+    def publish(self, mbs: MainSystem) -> None:
+        """Write the values of sensors `sForce` to where they read them, in the state that was evaluated last."""
+        data = mbs.systemData.GetDataCoordinates(copy=False)
+        for group in self._groups:
+            group.publish(data)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep what results need of the state at t; `q` returns the model's coordinates there."""
-        for run in self._evaluated:
-            run.keep(t, q)
+        for group in self._groups:
+            group.keep(t, q)
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
@@ -231,7 +251,7 @@ class ModelRun:
         found: dict[int, list[float]] = {}
         for contact in self._contacts:
             run = self.of(contact)
-            found[int(contact["sForce"])] = run.told()
+            found[int(contact["sForce"])] = run.force_values()
             if "sFriction" in contact:
                 found[int(contact["sFriction"])] = run.friction_values()
             if "sPlastic" in contact:
@@ -250,27 +270,24 @@ class ModelRun:
         for stepper in self._steppers:
             if (stepper.joints is not None) == joined:
                 stepper.before_step(mbs, t)
-        self._stepping_s += time.perf_counter() - begin
+        self._spent_s += time.perf_counter() - begin
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts in the explicit step that begins at t; a second call does nothing."""
         begin = time.perf_counter()
         for stepper in self._steppers:
             stepper.look_ahead(mbs, t)
-        self._stepping_s += time.perf_counter() - begin
+        self._spent_s += time.perf_counter() - begin
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Correct velocities for the joints at the end of a step."""
         for stepper in self._steppers if t > self._began else ():
             stepper.after_step(mbs, t)
 
-    def forget_loops(self) -> None:
-        """Let go of what compiled loops need, after the run: results keep the laws and the samples."""
+    def release(self) -> None:
+        """Let go of what only the run needed: results keep laws and samples, and joints hold the model."""
         for group in self._groups:
             group.end()
-
-    def forget_joints(self) -> None:
-        """Let go of the joints after the run: they hold the model, and results must not."""
         jointed = [stepper for stepper in self._steppers if stepper.joints is not None]
         self._steppers = [stepper for stepper in self._steppers if stepper.joints is None]
         for stepper in jointed:
@@ -278,62 +295,52 @@ class ModelRun:
 
 
 class Runs:
-    """The present run of a model, or the last one after it. User functions find their state here.
-
-    Attributes
-    ----------
-    joints : Joints or None
-        Joints that the next runs close together with the contacts.
-    """
+    """The present run of a model, or the last one after it. User functions find their state here."""
 
     def __init__(self) -> None:
-        self.joints: Joints | None = None
-        self._left_to_sensors = False
-        self._at_once: Sequence[ModelContact] = ()
         self._now: ModelRun | None = None
         self._origin: ModelRun | None = None  # that the present run goes on from
         self._solver: MainSolver = None
+        self._solver_comes = self._outdated = False
         self._latest, self._goes_on = -math.inf, False
 
     def now(self, mbs: MainSystem) -> ModelRun:
-        """The present run, to evaluate contacts in. If there is none, a run begins."""
-        return self._now or self.begin(mbs, float(mbs.systemData.GetTime()))
-
-    def advanced(self, mbs: MainSystem, t: float, contact: ModelContact) -> ContactRun:
-        """State of a contact that is to be evaluated at t. First, the run's record keeps the end of the last step.
-
-        A run begins if there is none, or if it does not know the contact.
-        """
-        model = self._now
-        run = None if model is None else model.find(contact)
-        if model is None or run is None:
-            model = self.begin(mbs, float(mbs.systemData.GetTime()))
-            run = model.of(contact)
-        if model.record.on:
-            model.keep_last_step(mbs, t)
-        model.at = t
-        return run
-
-    def see(self, mbs: MainSystem, t: float) -> ModelRun:
-        """The run whose sensors are read at time t. At the start of a run, sensors come first: then it begins.
-
-        The sensor of the first contact asks, and lets all contacts keep what they have at t. They told it when they
-        were evaluated, but for multipliers ahead of steps.
-        """
-        if self._now is None or mbs.sys.get("dynamicSolver") is not self._solver or t < self._latest:
-            self._now = self.begin(mbs, t)
-        self._latest = t
-        q = mbs.systemData.GetODE2Coordinates()
-        self._now.ended = t, q
-        self._now.keep(t, lambda: q)
-        if not self._now.idle:
-            self._now.tell(mbs)
+        """The present run, to evaluate contacts in. If there is none, or contacts have been added, a run begins."""
+        if self._now is None or self._outdated:
+            return self.begin(mbs, float(mbs.systemData.GetTime()))
         return self._now
 
-    def begin(self, mbs: MainSystem, t: float, method: Method | None = None) -> ModelRun:
-        """Begin a run at time t [s]. Without a method, it is that of Exudyn's solver."""
-        self._solver, self._latest = mbs.sys.get("dynamicSolver"), t
-        keep = not self._left_to_sensors and not sensors_keep_all(mbs)
+    def add_contact(self) -> None:
+        """Let another run begin before contacts are evaluated again, for the model has another one."""
+        self._outdated = True
+
+    def sample(self, mbs: MainSystem, t: float) -> ModelRun:
+        """The run whose sensors are read at time t; all contacts keep what they have there.
+
+        Exudyn reads the sensors first in a run: then it begins, unless it has by `begun`. The sensor of the first
+        contact asks. The values that other sensors read are those of the last evaluation. They are written here again
+        where multipliers are applied ahead of steps, and at the start, where Exudyn has set them to their initial ones.
+        """
+        solver, now = mbs.sys.get("dynamicSolver"), self._now
+        first = now is None or solver is not self._solver or t < self._latest or self._outdated or self._solver_comes
+        if now is None or (first and not self._solver_comes):
+            now = self.begin(mbs, t)
+        if first or not now.idle:
+            now.publish(mbs)
+        self._solver, self._solver_comes, self._latest = solver, False, t
+        q = mbs.systemData.GetODE2Coordinates()
+        now.ended = t, q
+        now.keep(t, lambda: q)
+        return now
+
+    def begin(self, mbs: MainSystem, t: float, method: Method | None = None, joints: Joints | None = None) -> ModelRun:
+        """Begin a run at time t [s].
+
+        Without a method, it is that of Exudyn's solver, and the record keeps steps that Exudyn's sensors do not. With
+        one, sensors have the period that the user chose.
+        """
+        self._solver, self._latest, self._outdated = mbs.sys.get("dynamicSolver"), t, False
+        keep = method is None and not sensors_keep_all(mbs)
         if method is None:
             solver = latest_solver(mbs)
             method = "explicit" if solver is None else method_of(solver)
@@ -341,16 +348,36 @@ class Runs:
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         earlier = [run for run in (self._now, self._origin) if run is not None]
-        if self._now is not None and self._now.stepped:  # else a run begins again, before its first step
+        if self._now is not None and self._now.has_steps:  # else a run begins again, before its first step
             self._goes_on = self._now.ended_in(initial)
         same = next((run for run in earlier if run.ended_at(t, method, initial)), None)
-        self._now = ModelRun(mbs, contacts, t, method, self.joints, keep, same)
+        if self._now is not None:
+            self._now.release()
+        self._now = ModelRun(mbs, contacts, t, method, joints, keep, same)
         for contact in contacts:
             self._now.of(contact).goes_on = self._goes_on
-        self._now.evaluate_at_once(self._at_once)
         self._origin = same or self._now.resume(initial, earlier)
-        self._now.tell(mbs)
         return self._now
+
+    @contextlib.contextmanager
+    def begun(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
+        """Begin a run at time t [s], to which the solver belongs that Exudyn makes meanwhile.
+
+        Parameters
+        ----------
+        mbs : exudyn.MainSystem
+        t : float
+        method : {"explicit", "implicit", "static"}
+        joints : Joints, optional
+            Joints that explicit steps close together with the contacts.
+        """
+        run = self.begin(mbs, t, method, joints)
+        self._solver_comes = True
+        try:
+            yield run
+        finally:
+            self._solver_comes = False
+            run.release()
 
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
@@ -372,37 +399,6 @@ class Runs:
         if self._now is not None:
             self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
 
-    @contextlib.contextmanager
-    def sensors_alone(self) -> Iterator[None]:
-        """Keep no steps in the record: Exudyn's sensors have the period that the user chose."""
-        self._left_to_sensors = True
-        try:
-            yield
-        finally:
-            self._left_to_sensors = False
-
-    @contextlib.contextmanager
-    def at_once(self, contacts: Sequence[ModelContact]) -> Iterator[None]:
-        """Find the forces of these contacts by `ModelRun.force_at_once` alone, in runs that begin meanwhile."""
-        self._at_once = contacts
-        try:
-            yield
-        finally:
-            self._at_once = ()
-            if self._now is not None:
-                self._now.forget_loops()
-
-    @contextlib.contextmanager
-    def closing(self, joints: Joints) -> Iterator[None]:
-        """Close joints together with the contacts, in runs that begin within this context."""
-        self.joints = joints
-        try:
-            yield
-        finally:
-            self.joints = None
-            if self._now is not None:
-                self._now.forget_joints()
-
 
 def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
@@ -410,6 +406,6 @@ def runs_of(mbs: MainSystem) -> Runs:
     return runs
 
 
-def _place_told(mbs: MainSystem, contact: ModelContact) -> int | None:
+def _place_of_values(mbs: MainSystem, contact: ModelContact) -> int | None:
     """First of the data coordinates that `sForce` reads; None if it asks the contact itself."""
     return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None

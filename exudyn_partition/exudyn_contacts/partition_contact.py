@@ -53,8 +53,8 @@ _RENAMED = {  # what contacts had before `friction` and `plastic` were views
 class PartitionContact(dict[str, Any]):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact`, the force element; `oCommon`, where contacts are coupled, the element that applies the forces of
-    all of them in runs by `solve_dynamic` and `solve_static`; `sForce`, a sensor of the total normal force [N], the
+    Keys: `oContact`, the object that holds the forces and the stiffness of all contacts of the model, the same for all
+    of them; `sForce`, a sensor of the total normal force [N], the
     number of closed rows, the force on the slave [N] and the smallest gap of the rows [m], without the contact's own
     flexibility, so that it is negative in contact, or zero of multipliers; of multipliers also the impulses so far
     in an explicit run, total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in

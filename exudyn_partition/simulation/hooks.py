@@ -16,7 +16,7 @@ from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_elements import all_at_once, switched_off
+from ..exudyn_contacts.contact_object import called_if_needed
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..support.arrays import Array
@@ -96,48 +96,33 @@ class Watch:
 
 
 @contextlib.contextmanager
-def multipliers_at_work(mbs: MainSystem, method: Method) -> Iterator[None]:
-    """Close the model's joints in explicit runs, together with its contacts, and let multipliers see ahead.
-
-    Exudyn's explicit solvers leave algebraic equations alone, with a warning. Velocities get their part of multipliers
-    through its PostStep function, around the model's own, which is put back after.
-    """
-    exu, runs, jointed = require("exudyn"), runs_of(mbs), mbs.systemData.AEsize() > 0
-    if method == "implicit" or not (jointed or any(contact.law.ahead for contact in partition_items(mbs)[1])):
-        yield
-        return
-    own_function = user_function(mbs.GetPostStepUserFunction())
-
-    def after_step(mbs: MainSystem, t: float) -> bool:
-        run = runs.now(mbs)
-        run.after_step(mbs, t)
-        go_on = own_function is None or own_function(mbs, t)
-        run.look_ahead(mbs, t)  # also where the model's own function was set after contacts
-        return go_on
-
-    warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, exu.config.suppressWarnings or jointed
-    mbs.SetPostStepUserFunction(after_step)
-    try:
-        with runs.closing(Joints(mbs)) if jointed else contextlib.nullcontext():
-            yield
-    finally:
-        exu.config.suppressWarnings = warnings_off
-        mbs.SetPostStepUserFunction(own_function or 0)
-
-
-@contextlib.contextmanager
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
-    """Begin a run at time t [s].
+    """Begin a run at time t [s], in which contacts and joints have what explicit steps need.
 
-    Force elements of contacts whose forces are all applied ahead of steps are off meanwhile. The forces of all contacts
-    that are coupled are applied together.
+    Exudyn's explicit solvers leave algebraic equations alone, with a warning: joints are closed here, together with the
+    contacts. Velocities get their part of multipliers through Exudyn's PostStep function, around the model's own, which
+    is put back after.
     """
-    contacts, runs = partition_items(mbs)[1], runs_of(mbs)
-    with all_at_once(mbs, contacts, runs, explicit=method == "explicit"):
-        run = runs.begin(mbs, t, method)
-        laws = [(contact, run.of(contact).law) for contact in contacts]
-        with switched_off(mbs, [contact for contact, law in laws if law.ahead and law.yielding is None]):
+    exu, jointed = require("exudyn"), method == "explicit" and mbs.systemData.AEsize() > 0
+    with runs_of(mbs).begun(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
+        if run.idle:
             yield
+            return
+        own_function = user_function(mbs.GetPostStepUserFunction())
+
+        def after_step(mbs: MainSystem, t: float) -> bool:
+            run.after_step(mbs, t)
+            go_on = own_function is None or own_function(mbs, t)
+            run.look_ahead(mbs, t)  # also where the model's own function was set after contacts
+            return go_on
+
+        warnings_off, exu.config.suppressWarnings = exu.config.suppressWarnings, exu.config.suppressWarnings or jointed
+        mbs.SetPostStepUserFunction(after_step)
+        try:
+            yield
+        finally:
+            exu.config.suppressWarnings = warnings_off
+            mbs.SetPostStepUserFunction(own_function or 0)
 
 
 @contextlib.contextmanager

@@ -34,7 +34,7 @@ from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .balance_review import warn_of_balance
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
-from .hooks import begun, cause, controlled, multipliers_at_work, residual, unsettled, watched
+from .hooks import begun, cause, controlled, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start
 from .result import Result, cut, samples
 from .review import noted, reviewed, warn_of_turns
@@ -243,13 +243,10 @@ def _run(
 
     _log.info("%s steps of %.4g s to %.6g s, %s", steps, step, end_time, "adaptive" if adaptive else "equal")
     status, message = "finished", f"reached {end_time:.6g} s"
-    runs = runs_of(mbs)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
         one_blas_thread(),
         bar as report,
-        runs.sensors_alone(),
-        multipliers_at_work(mbs, method),
         begun(mbs, start, method),
         accelerated(mbs, end, settings) as accelerations,
         watched(mbs, start, end_time, step, report, accelerations) as watch,

@@ -14,7 +14,6 @@ import scipy.linalg
 from ..algebra.blas_threads import one_blas_thread
 from ..errors import InputError, ModelLimitWarning, RunError
 from ..exudyn_bodies.model import coordinate_slices
-from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import partition_items
 from ..support.checks import validate_flag, validate_integer
 from ..support.foreign import MainSystem, SimulationSettings
@@ -148,9 +147,8 @@ def _run(
 
     _log.info("%s load steps to %.6g", load_steps, end)
     status, message = "finished", "reached the full load"
-    runs = runs_of(mbs)
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with one_blas_thread(), bar as report, runs.sensors_alone():
+    with one_blas_thread(), bar as report:
 
         def attempt(springs: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
             """Load steps, whether the user asked to stop, and the error of a run by Exudyn."""

@@ -17,3 +17,14 @@ def consecutive(sizes: Sequence[int]) -> list[slice]:
     """Slices of parts with these sizes that lie one behind the other."""
     ends = np.cumsum([0, *sizes]).tolist()
     return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def joined_slices(slices: Sequence[slice]) -> list[slice]:
+    """The same places in the same order; slices that begin where the one before ends are joined with it."""
+    result: list[slice] = []
+    for each in slices:
+        if result and result[-1].stop == each.start:
+            result[-1] = slice(result[-1].start, each.stop)
+        else:
+            result.append(each)
+    return result

@@ -1,6 +1,7 @@
-"""Contacts of a chain, which one element applies in `solve_dynamic`, against the contacts' own elements."""
+"""Contacts of a chain, whose forces one object of the model holds, against an element for each that asks the laws."""
 
 import itertools
+from types import SimpleNamespace
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -16,10 +17,10 @@ from exudyn_partition.support.compiled import compiles
 STEP, END = 0.1e-6, 15e-6
 
 
-def chain(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
+def row_of_balls(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
     """Marbles that meet, with speeds across the line of contact, on a rigid plane below if there is one."""
     mbs = exu.SystemContainer().AddSystem()
-    balls = [
+    return mbs, [
         ep.CreatePartitionBody(
             mbs,
             marble,
@@ -29,6 +30,11 @@ def chain(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
         )
         for i, v in enumerate(aside)
     ]
+
+
+def chain(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
+    """The same with their contacts."""
+    mbs, balls = row_of_balls(marble, aside, plate, frame)
     between = {"slavePatch": "north", "masterPatch": "south"}
     contacts = [ep.CreatePartitionContact(mbs, *pair, **between) for pair in itertools.pairwise(balls)]
     if plate is not None:
@@ -37,7 +43,35 @@ def chain(marble, aside=(0.0, 0.0, 0.0), plate=None, frame="inertial"):
     return mbs, contacts
 
 
-def by_own_elements(mbs, solver=exu.DynamicSolverType.VelocityVerlet, sample_period=STEP):
+def with_elements(marble, *options):
+    """The same balls without contacts, but with an element for each, which asks the laws of contacts elsewhere."""
+    _, (first, *_) = chain(marble, *options)
+    contacts = first.group
+    mbs, balls = row_of_balls(marble, *options)
+    laws = [contact.law.for_run("explicit") for contact in contacts]
+    together = first.together.for_run(laws)
+    places = [[round(item.kinematics.position[2] / (2 * R)) for item, _ in contact.sides] for contact in contacts]
+    size = sum(balls[0].node_sizes)
+
+    def element(j):
+        def force(mbs, t, i, q, q_t):
+            each = np.reshape(mbs.systemData.GetODE2Coordinates(), (-1, size))
+            of_sides = np.reshape(together.forces([each[place].ravel() for place in places])[j], (-1, size))
+            for place, own in zip(places[j], of_sides, strict=True):
+                if options[2:] == ("floating",) and own.any():
+                    own[:] = balls[place].kinematics.on_constant_mass(each[place], own)
+            return of_sides.ravel()
+
+        return force
+
+    for j, place in enumerate(places):
+        nodes = [node for k in place for node in balls[k].nodes]
+        mbs.AddObject(items.ObjectGenericODE2(nodeNumbers=nodes, forceUserFunction=element(j)))
+    mbs.Assemble()
+    return mbs, {tuple(place): law for place, law in zip(places, laws, strict=True)}
+
+
+def run_by_exudyn(mbs, solver=exu.DynamicSolverType.VelocityVerlet, sample_period=STEP):
     """Run the model by Exudyn directly."""
     settings = exu.SimulationSettings()
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
@@ -48,14 +82,13 @@ def by_own_elements(mbs, solver=exu.DynamicSolverType.VelocityVerlet, sample_per
     settings.solution.sensors.writePeriod = sample_period
     settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
     mbs.SolveDynamic(settings, solverType=solver)
-    return ep.collect(mbs)
 
 
-def all_told(mbs, contacts, result):
-    """What the contacts tell of a run."""
-    for contact in contacts:
-        told = mbs.GetSensorStoredData(contact["sForce"]), contact.row_forces(result).toarray(), contact.energy(result)
-        yield from (*told, contact.nodal_forces(result)[0])
+def assert_same_motion(mbs, other, rtol=1e-9):
+    """Both models have ended in the same state."""
+    for kind in ("GetODE2Coordinates", "GetODE2Coordinates_t", "GetODE2Coordinates_tt"):
+        found, wanted = (getattr(model.systemData, kind)() for model in (mbs, other))
+        np.testing.assert_allclose(found, wanted, rtol=rtol, atol=rtol * abs(wanted).max())
 
 
 @pytest.mark.usefixtures("each_path")
@@ -70,42 +103,79 @@ def all_told(mbs, contacts, result):
     ],
     ids=["pressed", "begin to slide", "on a plane", "floating"],
 )
-def test_forces_are_those_of_the_contacts_own_elements(marble, aside, plate, frame):
+def test_forces_are_those_of_an_element_for_each_contact(marble, aside, plate, frame):
     """While pairs are frozen, compiled loops find them, and Python when they slide; without numba always Python."""
     mbs, contacts = chain(marble, aside, plate, frame)
     result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
-    own, own_contacts = chain(marble, aside, plate, frame)
-    expected = by_own_elements(own)
+    other, laws = with_elements(marble, aside, plate, frame)
+    run_by_exudyn(other)
     assert min(contact.force(result).max() for contact in contacts) > 10.0
     moving = [run.law.gaps.moving for run in result.runs]
     assert moving == [any(aside) or frame == "floating"] * len(moving)
-    for found, wanted in zip(all_told(mbs, contacts, result), all_told(own, own_contacts, expected), strict=True):
-        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12 * abs(wanted[np.isfinite(wanted)]).max())
-    for run, other in zip(result.runs, expected.runs, strict=True):
-        assert [t for t, *_ in run.samples] == [t for t, *_ in other.samples]
-        assert (run.edge is None) == (other.edge is None)
-        np.testing.assert_array_equal(run.law.index, other.law.index)
-        np.testing.assert_allclose(run.law.resultant(), other.law.resultant(), rtol=1e-9, atol=1e-9)
+    assert_same_motion(mbs, other)
+    for run, law in zip(result.runs, (laws[0, 1], laws[1, 2], *([] if plate is None else [laws[0,]])), strict=True):
+        np.testing.assert_array_equal(run.law.index, law.index)
+        np.testing.assert_allclose(run.law.resultant(), law.resultant(), rtol=1e-9, atol=1e-9)
 
 
-def test_implicit_steps_take_the_jacobian_of_the_same_state(marble):
-    """The contacts' own elements still give it, so that Newton's method converges as fast."""
+def test_the_jacobian_is_the_derivative_of_the_forces(marble):
+    """Of each contact, and between contacts on one ball."""
     mbs, contacts = chain(marble)
-    result = ep.solve_dynamic(mbs, end_time=END, step=STEP, method="implicit")
-    own, own_contacts = chain(marble)
-    expected = by_own_elements(own, exu.DynamicSolverType.GeneralizedAlpha)
-    assert result.work.newton_iterations <= 1.2 * expected.work.newton_iterations
-    for contact, other in zip(contacts, own_contacts, strict=True):
-        np.testing.assert_allclose(contact.force(result), other.force(expected), rtol=1e-6, atol=1e-4)
+    common = {int(contact["oContact"]) for contact in contacts}
+    assert len(common) == 1
+    (number,) = common
+    entry, q = mbs.GetObject(exu.ObjectIndex(number)), mbs.systemData.GetODE2Coordinates()
+    q[: marble.n_dofs] += 2e-6 * marble.rigid[:, 2]
+    q[-marble.n_dofs :] -= 2e-6 * marble.rigid[:, 2]
+    force, jacobian = (entry[f"{name}UserFunction"]["function"] for name in ("force", "jacobian"))
+
+    def at(q):
+        mbs.systemData.SetODE2Coordinates(q)
+        return np.array(force(mbs, 0.0, number, q, 0 * q))
+
+    change = 1e-12
+    columns = [(at(q + change * axis) - at(q - change * axis)) / (2 * change) for axis in np.eye(len(q))]
+    at(q)
+    K = jacobian(mbs, 0.0, number, q, 0 * q, 1.0, 0.0).GetPythonObject()
+    found = np.zeros((len(q),) * 2)
+    for row, column, value in K["triplets"]:
+        found[int(row), int(column)] += value
+    assert abs(found[: marble.n_dofs, -marble.n_dofs :]).max() > 1e-3 * abs(found).max()
+    np.testing.assert_allclose(found, -np.array(columns).T, rtol=0, atol=1e-5 * abs(found).max())
 
 
-def test_a_run_by_exudyn_after_one_at_once_is_as_before(marble):
-    """The common element is idle again, and the contacts' own apply their forces."""
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_run_by_exudyn_itself_is_the_same(marble, method):
+    """Before and after one by `solve_dynamic`: there is one way for the forces."""
     mbs, contacts = chain(marble)
-    assert len({int(contact["oCommon"]) for contact in contacts}) == 1
-    first = contacts[0].force(ep.solve_dynamic(mbs, end_time=END, step=STEP))
-    np.testing.assert_allclose(contacts[0].force(by_own_elements(mbs)), first, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(contacts[0].force(ep.solve_dynamic(mbs, end_time=END, step=STEP)), first)
+    solver = {"explicit": exu.DynamicSolverType.VelocityVerlet, "implicit": exu.DynamicSolverType.GeneralizedAlpha}
+    run_by_exudyn(mbs, solver[method])
+    alone = ep.collect(mbs)
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP, method=method)
+    assert contacts[1].force(result).max() > 10.0
+    tolerance = 0.0 if method == "explicit" else 1e-6
+    for contact in contacts:
+        np.testing.assert_allclose(contact.force(alone), contact.force(result), rtol=tolerance, atol=tolerance)
+        np.testing.assert_allclose(contact.energy(alone), contact.energy(result), rtol=tolerance, atol=tolerance)
+    again = ep.solve_dynamic(mbs, end_time=END, step=STEP, method=method)
+    np.testing.assert_array_equal(contacts[0].force(again), contacts[0].force(result))
+
+
+def test_a_contact_that_is_added_after_a_run_acts_in_the_next(marble):
+    """The object that holds the forces takes it too, and what was kept of the first run stays."""
+    mbs, balls = row_of_balls(marble)
+    between = {"slavePatch": "north", "masterPatch": "south"}
+    first = ep.CreatePartitionContact(mbs, *balls[:2], **between)
+    mbs.Assemble()
+    run_by_exudyn(mbs)
+    second = ep.CreatePartitionContact(mbs, *balls[1:], **between)
+    assert int(second["oContact"]) == int(first["oContact"])
+    mbs.Assemble()
+    run_by_exudyn(mbs)
+    whole, contacts = chain(marble)
+    run_by_exudyn(whole)
+    assert_same_motion(mbs, whole, rtol=0)
+    np.testing.assert_array_equal(second.force(ep.collect(mbs)), contacts[1].force(ep.collect(whole)))
 
 
 def test_sensors_of_moments_see_the_laws(marble):
@@ -122,14 +192,21 @@ def test_sensors_of_moments_see_the_laws(marble):
 
 def grouped(marble):
     """Laws of a chain to be evaluated alone and in a group, the former together, runs, group, and size of facets."""
-    mbs, contacts = chain(marble)
+    mbs, (first, _) = chain(marble)
+    contacts = first.group
     laws = [[contact.law.for_run("explicit") for contact in contacts] for _ in range(2)]
     alone, together = (contacts[0].together.for_run(some) for some in laws)
     each = zip(laws[1], contacts, strict=True)
     runs = [ContactRun("", law, contact.slices(mbs), 0.0, "explicit") for law, contact in each]
-    for run in runs:
-        run.join(together, runs)
-    return laws, alone, runs, GroupRun(together, runs), contacts[0].slave_facet_size
+    return laws, alone, runs, GroupRun(runs, together), contacts[0].slave_facet_size
+
+
+def force_of(group, q):
+    """Generalised forces of a group at the model's coordinates, (nq,)."""
+    mbs, force = SimpleNamespace(systemData=SimpleNamespace(GetODE2Coordinates=lambda copy: q)), np.zeros(len(q))
+    group.evaluate(mbs, 0.0)
+    group.add_force(force)
+    return force
 
 
 @pytest.mark.skipif(not compiles(), reason="numba does not load here")
@@ -145,16 +222,16 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
         expected = np.zeros(len(q))
         for run, force in zip(runs, alone.forces([run.of(q) for run in runs]), strict=True):
             expected[run.dofs] += force
-        np.testing.assert_allclose(group.force(q), expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+        np.testing.assert_allclose(force_of(group, q), expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
         if step in (10, 100, 699):
             assert [law.gaps.moving for law in laws[0]] == [step == 100] * 2
-            assert (group.told is None) == (step == 100)
+            assert (group.values is None) == (step == 100)
     assert all(law.gaps.searches for law in laws[0])
     # Somebody moves the pairs of a law: then the laws find the present state themselves.
     laws[1][0].gaps.at(runs[0].of(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]])))
     assert runs[0].law.gaps.moving
     np.testing.assert_allclose(runs[0].law.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
-    assert group.told is None
+    assert group.values is None
 
 
 @pytest.mark.skipif(not compiles(), reason="numba does not load here")
@@ -166,20 +243,20 @@ def test_contacts_that_fly_tell_the_smallest_gap(marble, monkeypatch):
     for step in range(300):
         away = size * ((-0.01 if 100 <= step < 120 else 0.01) + 1e-5 * step)
         q = (marble.rigid[:, 2] * away * [[0], [1], [2]]).ravel()
-        force, expected = group.force(q), np.zeros(len(q))
+        force, expected = force_of(group, q), np.zeros(len(q))
         for run, own in zip(runs, alone.forces([run.of(q) for run in runs]), strict=True):
             expected[run.dofs] += own
         np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
         assert group.pushes == expected.any() == (100 <= step < 120)
         gaps = [law.least_gap for law in laws[0]]
-        np.testing.assert_allclose(group.told[:, 5], gaps, rtol=1e-9)
+        np.testing.assert_allclose(group.values[:, 5], gaps, rtol=1e-9)
         if step == 200:
             assert [run.law.least_gap for run in runs] == pytest.approx(gaps, rel=1e-9)
     assert counted == [0, *range(100, 121), 200]
 
 
 @pytest.mark.usefixtures("each_path")
-@pytest.mark.parametrize("method", ["explicit", "implicit", "own elements"])
+@pytest.mark.parametrize("method", ["explicit", "implicit", "by Exudyn"])
 def test_sensors_tell_in_each_step(marble, method):
     """Users' functions read them there, however seldom Exudyn stores them. All but the first do without Python."""
 
@@ -189,8 +266,8 @@ def test_sensors_tell_in_each_step(marble, method):
         assert kinds == ["UserFunction", "Node"]
         if read is not None:
             mbs.SetPreStepUserFunction(lambda mbs, t: read.append(mbs.GetSensorValues(contacts[1]["sForce"])) is None)
-        if method == "own elements":
-            by_own_elements(mbs, sample_period=sample_period)
+        if method == "by Exudyn":
+            run_by_exudyn(mbs, sample_period=sample_period)
         else:
             ep.solve_dynamic(mbs, end_time=END, step=STEP, method=method, sample_period=sample_period)
         return mbs.GetSensorStoredData(contacts[1]["sForce"])
@@ -205,11 +282,10 @@ def test_sensors_tell_in_each_step(marble, method):
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")
 @pytest.mark.filterwarnings("ignore:.* starts with an overlap")  # that presses them
 @pytest.mark.parametrize("added", [0.0, 0.3], ids=["alone", "with another item's mass"])
-def test_bodies_that_press_on_each_other_at_the_start_move_as_by_own_elements(marble, added):
-    """Contacts push at the end of each step, and at first accelerations alone; mass that couples coordinates counts."""
+def test_bodies_that_press_on_each_other_at_the_start_move_as_by_elements(marble, added):
+    """Also where mass couples coordinates, and where Exudyn computes accelerations at the end of steps once more."""
 
-    def pressed():
-        mbs, contacts = chain(marble)
+    def pressed(mbs):
         if added:
             matrix = marble.mass.toarray()
             matrix[:3, :3] += added
@@ -219,18 +295,16 @@ def test_bodies_that_press_on_each_other_at_the_start_move_as_by_own_elements(ma
         q = mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Initial)
         q[: marble.n_dofs] += 2e-6 * marble.rigid[:, 2]
         mbs.systemData.SetODE2Coordinates(q, exu.ConfigurationType.Initial)
-        return mbs, contacts[0]
 
-    mbs, contact = pressed()
-    settings = exu.SimulationSettings()  # by which Exudyn computes accelerations at the end of steps once more
+    mbs, (contact, _) = chain(marble)
+    pressed(mbs)
+    settings = exu.SimulationSettings()
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
     assert settings.timeIntegration.explicit.computeEndOfStepAccelerations
     result = ep.solve_dynamic(mbs, end_time=END, step=STEP, settings=settings)
-    own, other = pressed()
-    expected = by_own_elements(own)
+    other, _ = with_elements(marble)
+    pressed(other)
+    run_by_exudyn(other)
     assert contact.force(result)[0] > 10.0
-    np.testing.assert_allclose(contact.force(result), other.force(expected), rtol=1e-9, atol=1e-9)
-    for kind in ("GetODE2Coordinates", "GetODE2Coordinates_t", "GetODE2Coordinates_tt"):
-        found, wanted = (getattr(model.systemData, kind)() for model in (mbs, own))
-        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * abs(wanted).max())
+    assert_same_motion(mbs, other)

@@ -1,4 +1,4 @@
-"""What a contact in a run tells its law of the steps."""
+"""Steps that a law in a run begins, and what a group of contacts keeps."""
 
 from types import SimpleNamespace
 
@@ -43,15 +43,15 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     noted = []
     members = [
         SimpleNamespace(
-            dofs=np.zeros(1, int), place_told=None, at_once=lambda group: None,
-            look_for_edge=lambda t, j=j: noted.append((j, t)),
+            dofs=np.zeros(1, int), place=None, join=lambda group, place: None, acts_within=True, remembers=False,
+            force=None, look_for_edge=lambda t, j=j: noted.append((j, t)),
         )
         for j in range(2)
     ]  # fmt: skip
-    group = GroupRun(SimpleNamespace(frozen=lambda dofs, last: loops), members)
+    group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: loops))
     for t, size in ((1.0, 7.0), (1.0, 1.0), (2.0, 4.0)):  # the first time is asked for again
         loops.lam, loops.stored[:] = size * np.array([0.0, 3.0, 2.0, 0.0]), [0.1 * size, 0.2 * size]
-        group.force(np.array([size]))
+        group.evaluate(model_at(np.array([size])), t)
         group.keep(t, lambda: np.zeros(1))
     assert noted == [(1, 1.0)]
     kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in group.samples(1)]
@@ -60,27 +60,27 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     assert group.stored(1) == {1.0: 0.2, 2.0: 0.8}
 
 
+def model_at(q):
+    """What a group asks of Exudyn."""
+    return SimpleNamespace(systemData=SimpleNamespace(GetODE2Coordinates=lambda copy: q))
+
+
+class Known(Diary):
+    """A law whose force is known."""
+
+    remembers, ahead = False, False
+
+
 def test_forces_of_a_body_that_touches_itself_add_up():
     """Both sides have the same coordinates; other members of the group have coordinates of their own."""
     forces = [np.array([1.0, 2.0, 10.0, 20.0]), np.array([3.0, 4.0])]
     members = [
-        SimpleNamespace(dofs=np.array(dofs), place_told=None, at_once=lambda group: None, of=lambda q: q)
+        ContactRun("contact", Known(), [slice(n, n + 1) for n in dofs], 0.0, "explicit")
         for dofs in ([1, 2, 1, 2], [0, 2])
     ]
-    laws = SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces)
-    assert GroupRun(laws, members).force(np.zeros(4)).tolist() == [3.0, 11.0, 26.0, 0.0]
-
-
-def test_closed_rows_are_those_of_the_present_evaluation():
-    """Links with other contacts share them as long as the state is the same, and take others in another one."""
-    law, q, found = Diary(), np.zeros(1), {}
-    law.row_jacobian, law.remembers = lambda: np.full((1, 1), q[0]), False
-    run = ContactRun("contact", law, [slice(0, 1)], 0.0, "implicit")
-    run.join(SimpleNamespace(forces_at=lambda q, parts: found.setdefault(q[0], [q.copy()])), [run])
-    mbs = SimpleNamespace(systemData=SimpleNamespace(GetODE2Coordinates=lambda copy: q))
-    shared = []
-    for q[0] in (1.0, 1.0, 2.0):
-        run.update(mbs, 0.0)
-        shared.append(run.row_jacobian())
-    assert shared[0] is shared[1]
-    assert [rows.item() for rows in shared] == [1.0, 1.0, 2.0]
+    group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces))
+    group.evaluate(model_at(np.zeros(4)), 0.0)
+    total = np.zeros(4)
+    group.add_force(total)
+    assert group.pushes
+    assert total.tolist() == [3.0, 11.0, 26.0, 0.0]

@@ -231,8 +231,8 @@ def test_a_name_that_is_taken_leaves_the_model_as_it_was(mbs, bodies, frame):
     third = ep.CreatePartitionBody(mbs, bodies[0], frame=frame)
     fourth = ep.CreatePartitionBody(mbs, bodies[0], frame=frame, referencePosition=[0, 0, -0.1])
     between = counts(mbs)
-    for name in ("tip", "ball"):
-        with pytest.raises(InputError, match=f"name: the model already has the object '{name}'"):
+    for kind, name in (("sensor", "tip"), ("object", "ball")):
+        with pytest.raises(InputError, match=f"name: the model already has the {kind} '{name}'"):
             ep.CreatePartitionContact(mbs, third, ep.RigidPlane((0, 0, -0.01)), name=name)
     assert counts(mbs) == between != before
     mbs.Assemble()

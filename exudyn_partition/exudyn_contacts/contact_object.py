@@ -1,0 +1,180 @@
+"""Exudyn adapter: the one object of a model that holds the forces and the stiffness of all its contacts."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.products import dense
+from ..exudyn_bodies.model import latest_solver, user_function
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
+from ..support.optional import require
+from .contact_run import ContactRun
+from .model_run import ModelRun, Runs
+from .partition_contact import PartitionContact, partition_items
+
+_TOUCHING = 1e-3  # of a facet's size: gaps of rows that touch
+
+Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (k,), and columns, (l,)
+
+
+def add_to_object(
+    mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact], runs: Runs
+) -> ObjectIndex:
+    """Let the model's object of contacts hold those of a new one too; returns its number.
+
+    The object has no mass. Its nodes are those of all bodies in contact and of what carries rigid surfaces. So Exudyn
+    calls Python once for all forces, and the Jacobian has the stiffness between contacts on common bodies. Without it
+    Newton's method does not converge where nothing else holds a carrier, or bodies between two contacts.
+    """
+    runs.add_contact()
+    nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
+    if not others:
+        return _add_object(mbs, [*nodes.values()], runs)
+    number: ObjectIndex = others[0]["oContact"]
+    known = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
+    mbs.SetObjectParameter(number, "nodeNumbers", [*(known | nodes).values()])
+    return number
+
+
+def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIndex:
+    exu, items = require("exudyn"), require("exudyn.itemInterface")
+
+    # Exudyn hands coordinates over as lists. Those of the model are read quicker, and a list is returned quicker.
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
+        run = runs.now(mbs)
+        total = run.force(mbs, t)
+        if total is None:
+            return [0.0] * len(q)
+        values: list[float] = total.take(run.dofs).tolist()
+        return values
+
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        run = runs.now(mbs)
+        run.force(mbs, t)
+        contacts = partition_items(mbs)[1]
+        blocks = [*_of_each(mbs, run, contacts, fODE2, fODE2_t), *_between(mbs, run, contacts, fODE2)]
+        return exu.MatrixContainer(_assembled(blocks, run.dofs))
+
+    return mbs.AddObject(
+        items.ObjectGenericODE2(
+            nodeNumbers=nodes,
+            forceUserFunction=force,
+            jacobianUserFunction=jacobian,
+            visualization=items.VObjectGenericODE2(show=False),
+        )
+    )
+
+
+@contextlib.contextmanager
+def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
+    """Let Exudyn not call the object in a run whose contacts all act ahead of steps.
+
+    A call takes long, for it hands all coordinates over.
+    """
+    contacts = partition_items(mbs)[1]
+    if run.acts_within or not contacts:
+        yield
+        return
+    number, name = contacts[0]["oContact"], "forceUserFunction"
+    own = user_function(mbs.GetObjectParameter(number, name))
+    mbs.SetObjectParameter(number, name, 0)
+    try:
+        yield
+    finally:
+        mbs.SetObjectParameter(number, name, own)
+
+
+def _assembled(blocks: Sequence[Block], dofs: Array) -> sp.csr_matrix:
+    """Sum of blocks on some coordinates of the model, csr (n, n); `dofs`, (n,), are their numbers."""
+    n = len(dofs)
+    if not blocks:
+        return sp.csr_matrix((n, n))
+    place = np.zeros(dofs.max() + 1, dtype=int)
+    place[dofs] = np.arange(n)
+    parts = [(sp.coo_matrix(K), place[rows], place[columns]) for K, rows, columns in blocks]  # without zeros
+    values = np.concatenate([K.data for K, _, _ in parts])
+    rows = np.concatenate([rows[K.row] for K, rows, _ in parts])
+    columns = np.concatenate([columns[K.col] for K, _, columns in parts])
+    return sp.csr_matrix((values, (rows, columns)), shape=(n, n))
+
+
+def _of_each(
+    mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float, by_q_t: float
+) -> Iterator[Block]:
+    """Stiffness and damping of each contact on the coordinates of its bodies."""
+    for contact in contacts:
+        run = model.of(contact)
+        K = _own_stiffness(mbs, run, by_q, by_q_t)
+        if K is not None:
+            yield K, run.dofs, run.dofs
+
+
+def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float, by_q_t: float) -> Rows | None:
+    """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of a contact's force F; None if it is zero."""
+    law = run.law
+    if law.compliant and not law.index.size:
+        if _touches(mbs, run) and (closed := law.closed_stiffness()) is not None:
+            return by_q * closed
+        if law.yielding is None:
+            return None
+    if run.group.together is None:
+        return law.tangent_matrix(by_q, by_q_t)
+    H = dense(law.row_jacobian())
+    stiffness = H.T @ run.group.stiffness(run, run) @ H
+    return by_q * (stiffness if law.yielding is None else law.yielding.tangent(stiffness))
+
+
+def _touches(mbs: MainSystem, run: ContactRun) -> bool:
+    """Whether rows of an open contact just touch, in the first iteration of a load step.
+
+    An open contact has no stiffness, and a block that only stands on another one would have no equilibrium under its
+    load.
+    """
+    solver = mbs.sys.get("staticSolver")
+    if solver is None or solver.it.newtonSteps != 1 or latest_solver(mbs) is not solver:
+        return False
+    return bool(run.law.least_gap < _TOUCHING * run.law.gaps.size)
+
+
+def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
+    """Stiffness of closed contacts with what carries their surface, and with other contacts on their bodies."""
+    rows: dict[int, tuple[Array, Array]] = {}
+    for contact in contacts:
+        run = model.of(contact)
+        if not contact.law.compliant or not run.law.index.size:
+            continue
+        linked = [other for other in contact.linked if model.of(other).law.index.size]
+        for end in [contact, *linked] if linked or _carrying_nodes(contact) else []:
+            if id(end) not in rows:
+                rows[id(end)] = _closed_rows(mbs, model.of(end), end)
+        if _carrying_nodes(contact):
+            H, own = rows[id(contact)]
+            K = H.T @ run.group.stiffness(run, run) @ H
+            K[: len(run.dofs), : len(run.dofs)] = 0.0  # `_of_each` has that of the bodies
+            yield by_q * K, own, own
+        for other in linked:
+            (H, own), (H_other, others), last = rows[id(contact)], rows[id(other)], model.of(other)
+            yield by_q * (H.T @ run.group.stiffness(run, last) @ H_other), own, others
+            yield by_q * (H_other.T @ run.group.stiffness(last, run) @ H), others, own
+
+
+def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) -> tuple[Array, Array]:
+    """Closed rows on the coordinates of bodies and carrier, (na, m), and the numbers of these in the model, (m,)."""
+    H, nodes = dense(run.law.row_jacobian()), _carrying_nodes(contact)
+    if contact.carrier is None or not nodes:
+        return H, run.dofs
+    H = np.hstack([H, run.law.row_carrier() @ contact.carrier.by_coordinates(mbs)])
+    return H, np.concatenate([run.dofs, *(mbs.systemData.GetNodeLTGODE2(node) for node in nodes)])
+
+
+def _carrying_nodes(contact: PartitionContact) -> list[NodeIndex]:
+    """Nodes of the body that carries the rigid surface."""
+    return [] if contact.carrier is None else contact.carrier.nodes
