@@ -20,7 +20,8 @@ from ..support.twins import Known, copied
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
-from ..surfaces.witnesses import pose_of, seen_from, triangle_frame
+from ..surfaces.vectors import triangle_frame
+from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
 from .side import Side
 from .stages import NOTHING, Pair, PresentRows, Pressed, Shares, Stage

@@ -23,7 +23,8 @@ from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
-from ..surfaces.points import ContactPoints, at_points, on_nodes
+from ..surfaces.loops import at_points, on_nodes
+from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from . import loops
 from .linear_gaps import LinearGaps

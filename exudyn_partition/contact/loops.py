@@ -17,7 +17,7 @@ from ..algebra.products import smallest
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
-from ..surfaces.surface import cross
+from ..surfaces.vectors import cross
 
 if TYPE_CHECKING:
     from ..frames.kernels import Fixed

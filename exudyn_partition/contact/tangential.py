@@ -18,8 +18,8 @@ from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
-from ..surfaces.points import at_points
-from ..surfaces.surface import cross
+from ..surfaces.loops import at_points
+from ..surfaces.vectors import cross
 from . import loops
 from .gaps import Gaps
 from .side import LoadedNodes, Standing

@@ -19,8 +19,9 @@ from ..errors import EmptyRegionError, PenetrationError
 from ..fe.facets import area_vectors, facet_corners
 from ..support.arrays import Array
 from .points import ContactPoints, RowKind, contact_points
+from .projection import Projection
 from .rows import EDGE_TOLERANCE, PENETRATION_TOLERANCE, TOUCHING, ContactRows, rows_of
-from .surface import Projection, Surface, closest_points
+from .surface import Surface, closest_points
 
 _OPPOSITE = math.cos(math.radians(30))  # between normals and the line across a gap
 _FACING = 0.5  # points meet if the cosine between their local normal and the master's inward normal is above

@@ -10,11 +10,13 @@ import numpy as np
 
 from ..fe.shapes import QUADS, TABLES, corners_of, shape_functions
 from ..support.arrays import Array
-from ..support.compiled import kernels
 from ..support.twins import Known, copied
-from .points import ContactPoints, at_points
+from . import loops
+from .points import ContactPoints
+from .projection import Projection, newton_step
 from .rows import EDGE_TOLERANCE
-from .surface import Projection, Surface, closest_points, cross, newton_step
+from .surface import Surface, closest_points
+from .vectors import cross
 
 if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving
@@ -90,7 +92,7 @@ class MovingPairs:
         (k, 3) array, (k,) array
             Normals, and gaps [m]; the gap of points past the edge of the patch is the size of a facet.
         """
-        if loops := kernels("surfaces", "moving_kernels"):
+        if loops.at_once():
             normal, gap, lost = loops.follow(self.moving(points, index), x_s, x_m, FOLLOWED, STEPS, self.size)
         else:
             found, lost = self._follow(index, points.at(x_s), x_m)
@@ -103,8 +105,7 @@ class MovingPairs:
     def moving(self, points: ContactPoints, index: Array) -> Moving:
         """What compiled loops need to follow some points; it is made once for the same points."""
         if self._points is not points:
-            loops, mean, k = kernels("surfaces", "moving_kernels"), points.mean, len(index)
-            assert loops is not None
+            mean, k = points.mean, len(index)
             self._keep()
             last, now = (np.asfortranarray(values.take(index, axis=0)) for values in (self._last, self._local))
             self._here, self._motion, self._index = (self._facet.take(index), now, np.zeros_like(now)), last, index
@@ -118,10 +119,7 @@ class MovingPairs:
 
     def followed(self, points: ContactPoints, index: Array, *choice: Array) -> Followed:
         """What compiled loops need to follow the rows of some points; `choice` are its other fields."""
-        loops = kernels("surfaces", "moving_kernels")
-        assert loops is not None
-        rows: Followed = loops.followed(self.moving(points, index), *choice)
-        return rows
+        return loops.followed(self.moving(points, index), *choice)
 
     def twin(self, known: Known) -> MovingPairs:
         """See `support.twins`; compiled loops have arrays of their own."""
@@ -158,7 +156,7 @@ class MovingPairs:
 
         Find out, too, which of them are past the edge.
         """
-        found = closest_points(at_points(points.nodes[lost], points.weights[lost], x_s), x_m[self.facets])
+        found = closest_points(loops.at_points(points.nodes[lost], points.weights[lost], x_s), x_m[self.facets])
         facet, local, rest = self._here
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
@@ -173,17 +171,16 @@ class MovingPairs:
     def carriers(self) -> tuple[Array, Array]:
         """Nodes of the master around the closest points, and their shape functions there, (k, n) each."""
         facet, _, weights = self._here
-        if loops := kernels("surfaces", "moving_kernels"):
+        if loops.at_once():
             weights = loops.weights(self._moving)
         return self.facets.take(facet, axis=0), weights
 
     def nodal_forces(self, lam: Array, normal: Array, n_s: int, n_m: int) -> list[Array] | None:
-        """Forces on the n_s and n_m nodes of both patches, (n, 3) each [N]; None where loops are not compiled.
+        """Forces on the n_s and n_m nodes of both patches, (n, 3) each [N]; None unless it is done at once.
 
         They are of forces on the rows, (nr,) [N], along normals of the points, (k, 3).
         """
-        loops = kernels("surfaces", "moving_kernels")
-        return None if loops is None else [*loops.nodal_forces(self._moving, lam, normal, n_s, n_m)]
+        return loops.nodal_forces(self._moving, lam, normal, n_s, n_m) if loops.at_once() else None
 
     def _follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
         """Follow points, x (k, 3), over edges; the second result are those that must be searched."""

@@ -25,7 +25,7 @@ from ..fe.quadrature import RULES, facet_integration
 from ..fe.shapes import FACET_NODES, linear_shares
 from ..support.arrays import Array
 from ..support.checks import validate_choice
-from ..support.compiled import kernels
+from . import loops
 from .surface import Surface
 
 RowKind = Literal["integrated", "node-to-segment"]
@@ -70,7 +70,7 @@ class ContactPoints:
         return bool(self.nodes.shape[1] == 1)
 
     @cached_property
-    def _quick_mean(self) -> Array | sp.csr_matrix:
+    def quick_mean(self) -> Array | sp.csr_matrix:
         """`mean` as what multiplies fastest."""
         return self.mean.toarray() if math.prod(self.mean.shape) <= _DENSE else self.mean
 
@@ -84,27 +84,17 @@ class ContactPoints:
         """Means of each row, (nr, ...), of values at the points, (p, ...)."""
         if self.nodal:
             return values
-        if loops := kernels("surfaces"):
-            columns = values if values.ndim == 2 else values[:, None]
-            means: Array = loops.average(self.mean.indptr, self.mean.indices, self.mean.data, columns)
-            return means if values.ndim == 2 else means[:, 0]
-        value: Array = self._quick_mean @ values
-        return value
+        return loops.average(self, values)
 
     def spread(self, forces: Array) -> Array:
         """Forces at the points, (p, ...), of forces on the rows, (nr, ...): the transpose of `average`."""
         if self.nodal:
             return forces
-        if loops := kernels("surfaces"):
-            mean, columns = self.mean, forces if forces.ndim == 2 else forces[:, None]
-            at_points: Array = loops.spread(mean.indptr, mean.indices, mean.data, columns, mean.shape[1])
-            return at_points if forces.ndim == 2 else at_points[:, 0]
-        value: Array = self._quick_mean.T @ forces
-        return value
+        return loops.spread(self, forces)
 
     def at(self, points: Array) -> Array:
         """Positions of the contact points, (p, 3), from those of the patch's nodes, (np, 3) [m]."""
-        return at_points(self.nodes, self.weights, points)
+        return loops.at_points(self.nodes, self.weights, points)
 
     def restricted(self, points: Array) -> ContactPoints:
         """Take some points (a mask); rows become the means of these, and rows without points are dropped."""
@@ -137,29 +127,6 @@ class ContactPoints:
             facets=self.facets[:, points],
         )
         return kept, points
-
-
-def at_points(nodes: Array, weights: Array, values: Array) -> Array:
-    """Vectors at points, (p, 3), of those at the nodes that carry each, by their weights."""
-    if loops := kernels("surfaces"):
-        found: Array = loops.at_points(nodes, weights, values)
-        return found
-    if nodes.shape[1] == 1:
-        return weights * values[nodes[:, 0]]
-    return (weights[:, None] @ values.take(nodes, axis=0))[:, 0]
-
-
-def on_nodes(nodes: Array, weights: Array, forces: Array, n: int) -> Array:
-    """Forces on n nodes, (n, 3), of forces at points, (p, 3), with the nodes that carry each and their weights."""
-    if loops := kernels("surfaces"):
-        carried: Array = loops.on_nodes(nodes, weights, forces, n)
-        return carried
-    active = np.flatnonzero(forces.any(axis=1))
-    at, share, some = nodes.take(active, axis=0).ravel(), weights.take(active, axis=0), forces.take(active, axis=0)
-    result = np.empty((n, 3))
-    for axis in range(3):  # np.add.at takes several times as long
-        result[:, axis] = np.bincount(at, (share * some[:, axis, None]).ravel(), minlength=n)
-    return result
 
 
 _DENSE = 200_000  # entries of a matrix up to which a dense one multiplies faster than a sparse one

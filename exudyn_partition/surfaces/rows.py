@@ -14,7 +14,8 @@ from ..errors import EmptyRegionError, PenetrationError
 from ..support.arrays import Array
 from ..support.checks import read_only
 from .points import ContactPoints, RowKind, contact_points
-from .surface import Projection, Surface, closest_points
+from .projection import Projection
+from .surface import Surface, closest_points
 
 EDGE_TOLERANCE = 0.02  # of a facet's size: a point that projects past the patch's edge by less is paired
 _FACING = 0.9  # points meet if the cosine between line of contact and master's inward normal is above

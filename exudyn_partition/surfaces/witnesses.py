@@ -9,19 +9,9 @@ import numpy as np
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .surface import Surface
-
-
-def triangle_frame(points: Array) -> tuple[Array, Array]:
-    """First of three points, (3,), and axes as columns, (3, 3); two axes lie in the plane of the points."""
-    (a, b, c), (d, e, f) = (points[1:] - points[0]).tolist()
-    length = math.sqrt(a * a + b * b + c * c)
-    a, b, c = a / length, b / length, c / length
-    u, v, w = b * f - c * e, c * d - a * f, a * e - b * d
-    length = math.sqrt(u * u + v * v + w * w)
-    u, v, w = u / length, v / length, w / length
-    return points[0], np.array([[a, v * c - w * b, u], [b, w * a - u * c, v], [c, u * b - v * a, w]])
+from .vectors import triangle_frame
 
 
 def seen_from(places: Sequence[Array], witnesses: Sequence[Array]) -> Array:
@@ -33,11 +23,7 @@ def seen_from(places: Sequence[Array], witnesses: Sequence[Array]) -> Array:
         If they are not finite.
     """
     (x_s, x_m), (some, others) = places, witnesses
-    if loops := kernels("surfaces", "moving_kernels"):
-        here: Array = loops.seen_from(x_s, some, x_m, others)
-    else:
-        origin, axes = triangle_frame(x_m[others])
-        here = (x_s[some] - origin) @ axes
+    here = loops.seen_from(x_s, some, x_m, others)
     if not math.isfinite(here.sum()):
         raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
     return here

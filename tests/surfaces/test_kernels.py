@@ -6,8 +6,9 @@ import scipy.sparse as sp
 from oracles import each_way
 
 from exudyn_partition.fe.shapes import FACET_NODES
+from exudyn_partition.surfaces.loops import on_nodes
 from exudyn_partition.surfaces.pairs import MovingPairs
-from exudyn_partition.surfaces.points import ContactPoints, contact_points, on_nodes
+from exudyn_partition.surfaces.points import ContactPoints, contact_points
 from exudyn_partition.surfaces.surface import Surface, closest_points
 
 KINDS = [3, 4, 6, 10]  # nodes of a facet
