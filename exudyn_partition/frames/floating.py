@@ -18,17 +18,14 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
-from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
-from ..support.compiled import kernels
-from .inertia_forces import Inertia
-from .inertial import InertialKinematics, node_fields
-from .kinematics import NO_NODES
+from . import loops
+from .inertia import Inertia
+from .inertial import InertialKinematics
+from .kinematics import NO_NODES, node_fields
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
-from .rotations import rotation_matrix, total_moment
-
-LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
+from .rotations import rotation_matrix
 
 
 class FloatingKinematics:
@@ -163,12 +160,7 @@ class FloatingKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
-        if q.ndim == 1 and isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
-            found: Array = loops.places(q, self.origin, self.rotation, self.node_axes, self.arms, self.rows)
-            return found
-        r, A = self.frame(q)
-        place: Array = r[..., None, :] + self._arms(q) @ A.swapaxes(-1, -2)
-        return place
+        return loops.places(q, self.origin, self.rotation, self.node_axes, self.arms, self.rows)
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""
@@ -191,16 +183,7 @@ class FloatingKinematics:
 
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`; the torque is in the node's axes."""
-        if isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
-            found: Array = loops.generalised(q, self.rotation, self.node_axes, self.arms, self.rows, forces)
-            return found
-        local, arms, rows = forces @ self.frame(q)[1], self.arms, self.rows
-        if isinstance(rows, np.ndarray) and rows.size > LARGE:
-            loaded = np.flatnonzero(forces.any(axis=1))
-            local, arms = local[loaded], arms[loaded]
-            rows = rows.reshape(len(forces), 3, rows.shape[1])[loaded].reshape(3 * len(loaded), rows.shape[1])
-        torque = total_moment(arms + node_fields(rows, q[6:]), local) @ self.node_axes
-        return np.concatenate([forces.sum(axis=0), torque, rows.T @ local.ravel()])
+        return loops.generalised(q, self.rotation, self.node_axes, self.arms, self.rows, forces)
 
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:
         """See `Kinematics.on_coordinates`."""
@@ -220,12 +203,7 @@ class FloatingKinematics:
 
         `InertiaForces` does the same for inertia and elastic forces.
         """
-        if isinstance(self.inertia, InertiaIntegrals) and (loops := kernels("frames")):
-            integrals = self.inertia.inertia, self.inertia.cross, self.inertia.tensor
-            found: Array = loops.on_constant_mass(*integrals, q[6:], force)
-            return found
-        q_tt = self.accelerations(q, force)
-        return np.concatenate([force[:3], self.inertia.tensor @ q_tt[3:6], q_tt[6:]])
+        return loops.on_constant_mass(self.inertia, q[6:], force)
 
     def weight(self, gravity: Array) -> Array:
         """See `Kinematics.weight`."""

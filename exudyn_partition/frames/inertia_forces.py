@@ -22,13 +22,14 @@ Theory: examples/site/theory.md, "Floating frame".
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
-from ..reduction.inertia import PLACE, InertiaIntegrals
+from ..reduction.inertia import PLACE
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
+from .inertia import Inertia
 from .rotations import skew
 
 InertiaTerm = Literal["gyroscopic", "coriolis", "centrifugal", "coupling"]
@@ -40,41 +41,6 @@ TERMS: dict[InertiaTerm, str] = {
     "coupling": "inertia that changes with deformation, but for that of gyroscopic, Coriolis and centrifugal forces",
 }
 """Inertia forces of a floating frame, and what the model lacks without each of them."""
-
-
-class Inertia(Protocol):
-    """Inertia of a deformation z, (n,), of unit mass: `reduction.inertia.InertiaIntegrals` or `NodalInertia`."""
-
-    @property
-    def tensor(self) -> Array:
-        """(3, 3) array: inertia of the undeformed body about its centre of mass [kg m2]."""
-
-    def turned(self, axes: Array) -> Inertia:
-        """Inertia by components along other axes, the columns of (3, 3)."""
-
-    def products(self, z: Array, z_t: Array) -> tuple[Array, Array, Array, Array]:
-        """Half the derivative of J's components by z (6, n), J (3, 3), C (3, n) and the cross integrals with z_t."""
-
-    def of_place(self, z: Array) -> tuple[Array, Array]:
-        """J(z), (3, 3), and C(z), (3, n), of the angular momentum J omega + C z_t."""
-
-    def crossed(self, z: Array) -> Array:
-        """Cross integrals of all shapes with the field of z, (3, n)."""
-
-    def by_shapes(self, z: Array) -> Array:
-        """Part of half the derivative of J's components by z, (6, n), that is linear in z."""
-
-    def inertia_form(self, weights: Array) -> Array:
-        """Integrals of products of two shapes, (n, n), in the six components with weights (6,)."""
-
-    def cross_form(self, omega: Array) -> Array:
-        """Integrals of omega . (psi_i x psi_j), (n, n), for a vector omega, (3,)."""
-
-    def angular_momentum(self, omega: Array, z: Array, z_t: Array) -> Array:
-        """Angular momentum about the centre of mass in the body's axes, (..., 3) [N m s]."""
-
-    def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
-        """Kinetic energy but for that of the centre of mass, (...,) [J]."""
 
 
 class InertiaForces:
@@ -119,10 +85,8 @@ class InertiaForces:
         z, z_t : (n,) array
             Elastic coordinates and their velocities.
         """
-        if self._all and isinstance(self._inertia, InertiaIntegrals) and (loops := kernels("frames")):
-            integrals = self._inertia.inertia, self._inertia.cross
-            compiled: Array = loops.inertia_force(*integrals, self.tensor, self.elastic(z), omega, z, z_t)
-            return compiled
+        if self._all and (found := loops.inertia_force(self._inertia, self.elastic, omega, z, z_t)) is not None:
+            return found
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         torque, force, turn = np.zeros(3), np.zeros(len(z)), skew(omega)
         if self.gyroscopic:
@@ -144,11 +108,8 @@ class InertiaForces:
         The derivatives of the coupling are left out. They are of second order in the deformation, and only Newton's
         method uses the result.
         """
-        if self._all and isinstance(self._inertia, InertiaIntegrals) and (loops := kernels("frames")):
-            compiled: tuple[Array, Array] = loops.inertia_derivatives(
-                self._inertia.inertia, self._inertia.cross, omega, z, z_t
-            )
-            return compiled
+        if self._all and (found := loops.inertia_derivatives(self._inertia, omega, z, z_t)) is not None:
+            return found
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         n = len(z)
         by_z, by_velocity = np.zeros((3 + n, n)), np.zeros((3 + n, 3 + n))

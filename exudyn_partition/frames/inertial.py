@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
-from ..support.compiled import kernels
-from .kinematics import NO_NODES
+from . import loops
+from .kinematics import NO_NODES, node_fields
 
 
 class InertialKinematics:
@@ -87,11 +87,7 @@ class InertialKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
-        if q.ndim == 1 and isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
-            found: Array = loops.moved_places(self.start, self.rows, q)
-            return found
-        place: Array = self.start + self.displacements(q)
-        return place
+        return loops.moved_places(self.start, self.rows, q)
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""
@@ -109,11 +105,7 @@ class InertialKinematics:
 
     def generalised(self, q: Array, forces: Array) -> Array:
         """See `Kinematics.generalised`."""
-        if isinstance(self.rows, np.ndarray) and (loops := kernels("frames")):
-            found: Array = loops.on_shapes(self.rows, forces)
-            return found
-        generalised: Array = self.rows.T @ forces.ravel()
-        return generalised
+        return loops.on_shapes(self.rows, forces)
 
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array | sp.csr_matrix:
         """See `Kinematics.on_coordinates`; csr if the body keeps nodes."""
@@ -171,10 +163,3 @@ class InertialKinematics:
     def deformation(self, q: Array) -> Array:
         """See `Kinematics.deformation`."""
         return node_fields(self.rows, self.deformed(q))
-
-
-def node_fields(rows: Array | sp.csr_matrix, q: Array) -> Array:
-    """Vectors at k nodes, (..., k, 3), by rows (3k, n) of the coordinates q, (..., n)."""
-    if q.ndim == 1:
-        return np.asarray(rows @ q).reshape(-1, 3)
-    return np.asarray((rows @ q.T).T).reshape(*q.shape[:-1], -1, 3)

@@ -138,3 +138,10 @@ class Kinematics(Protocol):
 
     def kinetic_energy(self, q: Array, q_t: Array) -> Array:
         """Kinetic energy, (...,) [J]."""
+
+
+def node_fields(rows: Array | sp.csr_matrix, q: Array) -> Array:
+    """Vectors at k nodes, (..., k, 3), by rows (3k, n) of the coordinates q, (..., n)."""
+    if q.ndim == 1:
+        return np.asarray(rows @ q).reshape(-1, 3)
+    return np.asarray((rows @ q.T).T).reshape(*q.shape[:-1], -1, 3)

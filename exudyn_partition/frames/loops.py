@@ -5,15 +5,119 @@ This is the only module of `frames` that knows which. `kernels` beside it has th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .inertia import Inertia
+from .kinematics import Rows, node_fields
+from .rotations import rotation_matrix, total_moment
 
 if TYPE_CHECKING:
     from .kernels import Fixed
+
+LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
+
+
+def moved_places(start: Array, rows: Rows, q: Array) -> Array:
+    """Places start + rows q of nodes, (..., k, 3) [m], at coordinates q, (..., n).
+
+    Parameters
+    ----------
+    start : (k, 3) array
+        [m]
+    rows : (3k, n) array or csr matrix
+    q : (..., n) array
+    """
+    if q.ndim == 1 and isinstance(rows, np.ndarray) and (compiled := kernels("frames")):
+        found: Array = compiled.moved_places(start, rows, q)
+        return found
+    return start + node_fields(rows, q)
+
+
+def on_shapes(rows: Rows, forces: Array) -> Array:
+    """Generalised forces, (n,), of forces on nodes, (k, 3) [N], by the nodes' rows, (3k, n)."""
+    if isinstance(rows, np.ndarray) and (compiled := kernels("frames")):
+        found: Array = compiled.on_shapes(rows, forces)
+        return found
+    generalised: Array = rows.T @ forces.ravel()
+    return generalised
+
+
+def places(q: Array, origin: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
+    """Places of nodes, (..., k, 3) [m], of a body in a floating frame at coordinates q, (..., 6 + n).
+
+    Parameters
+    ----------
+    q : (..., 6 + n) array
+    origin, rotation, node_axes : (3,), (3,), (3, 3) arrays
+        Place of the frame [m], rotation vector and axes of its node at q = 0, see `FloatingKinematics`.
+    arms : (k, 3) array
+        Nodes of the undeformed body, in its axes [m].
+    rows : (3k, n) array
+    """
+    if q.ndim == 1 and (compiled := kernels("frames")):
+        found: Array = compiled.places(q, origin, rotation, node_axes, arms, rows)
+        return found
+    A, local = _axes(q, rotation, node_axes), arms + node_fields(rows, q[..., 6:])
+    place: Array = (origin + q[..., :3])[..., None, :] + local @ A.swapaxes(-1, -2)
+    return place
+
+
+def generalised(q: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array, forces: Array) -> Array:
+    """Generalised forces, (6 + n,), of forces on nodes, (k, 3) [N], of a body in a floating frame: see `places`.
+
+    The torque is in the node's axes [N m].
+    """
+    if compiled := kernels("frames"):
+        found: Array = compiled.generalised(q, rotation, node_axes, arms, rows, forces)
+        return found
+    local = forces @ _axes(q, rotation, node_axes)
+    if rows.size > LARGE:
+        loaded = np.flatnonzero(forces.any(axis=1))
+        local, arms = local[loaded], arms[loaded]
+        rows = rows.reshape(len(forces), 3, rows.shape[1])[loaded].reshape(3 * len(loaded), rows.shape[1])
+    torque = total_moment(arms + node_fields(rows, q[6:]), local) @ node_axes
+    return np.concatenate([forces.sum(axis=0), torque, rows.T @ local.ravel()])
+
+
+def on_constant_mass(inertia: Inertia, z: Array, force: Array) -> Array:
+    """Forces, (6 + n,), that act on the constant mass diag(m, J, 1) as `force`, (6 + n,), acts on the true mass.
+
+    The true mass is that at the deformation z, (n,). See `FloatingKinematics.on_constant_mass`.
+    """
+    if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
+        found: Array = compiled.on_constant_mass(inertia.inertia, inertia.cross, inertia.tensor, z, force)
+        return found
+    J, C = inertia.of_place(z)
+    omega_t = np.linalg.solve(J - C @ C.T, force[3:6] - C @ force[6:])
+    return np.concatenate([force[:3], inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
+
+
+def inertia_force(
+    inertia: Inertia, elastic: Callable[[Array], Array], omega: Array, z: Array, z_t: Array
+) -> Array | None:
+    """Torque [N m] and forces on elastic coordinates, (3 + n,), with all terms, see `InertiaForces.force`.
+
+    None if no loop does it in one call; then the terms are added one by one. `elastic` returns K z, (n,).
+    """
+    if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
+        integrals = inertia.inertia, inertia.cross, inertia.tensor
+        found: Array = compiled.inertia_force(*integrals, elastic(z), omega, z, z_t)
+        return found
+    return None
+
+
+def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) -> tuple[Array, Array] | None:
+    """Derivatives of `inertia_force`, see `InertiaForces.derivatives`; None as there."""
+    if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
+        found: tuple[Array, Array] = compiled.inertia_derivatives(inertia.inertia, inertia.cross, omega, z, z_t)
+        return found
+    return None
 
 
 def fixed(start: Array, rows: Array, active: Array) -> Fixed | None:
@@ -28,3 +132,9 @@ def fixed(start: Array, rows: Array, active: Array) -> Fixed | None:
         value: Fixed = compiled.fixed(start, rows, active, np.full(start.shape, np.nan))
         return value
     return None
+
+
+def _axes(q: Array, rotation: Array, node_axes: Array) -> Array:
+    """Axes of the body in space, (..., 3, 3)."""
+    axes: Array = rotation_matrix(rotation + q[..., 3:6]) @ node_axes.T
+    return axes

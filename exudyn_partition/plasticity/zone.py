@@ -17,7 +17,7 @@ from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
 from ..fe.shapes import integration_gradients, integration_weights
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .flow import Flow, PlasticState
 
 if TYPE_CHECKING:
@@ -47,6 +47,10 @@ class PlasticZone:
     ----------
     nodes : (nz,) int array
         Of the body, ascending.
+    gradient : (g, k, 3) array
+        Of the shape functions of each point's element [1/m].
+    own : (g, k) int array
+        Nodes of that element, as places in `nodes`.
     weight : (g,) array
         Volume of each integration point [m3].
     flow : Flow
@@ -63,15 +67,15 @@ class PlasticZone:
         gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, k, 3)
         q, k = gradient.shape[1:3]
         self.weight = (integration_weights(k) * np.linalg.det(jacobian)).ravel()
-        self._gradient, self._own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
+        self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
         self.border = np.repeat(np.isin(region.cells, region.border).any(axis=1), q)
         self._places = np.repeat(points[region.cells].mean(axis=1), q, axis=0)
 
     @cached_property
     def strain(self) -> sp.csr_matrix:
         """E, (6 g, 3 nz): deviatoric strains at the points in Mandel's notation, by displacements of the nodes."""
-        values = np.einsum("vab,pkb->pvka", _MANDEL, self._gradient).ravel()
-        columns = np.repeat(node_dofs(self._own.ravel()).reshape(len(self), -1), 6, axis=0)
+        values = np.einsum("vab,pkb->pvka", _MANDEL, self.gradient).ravel()
+        columns = np.repeat(node_dofs(self.own.ravel()).reshape(len(self), -1), 6, axis=0)
         starts = columns.shape[1] * np.arange(6 * len(self) + 1)
         return sp.csr_matrix((values, columns.ravel(), starts), shape=(6 * len(self), 3 * len(self.nodes)))
 
@@ -87,8 +91,8 @@ class PlasticZone:
         result = copy.copy(self)
         for known in ("strain", "_force"):
             vars(result).pop(known, None)
-        result.nodes, own = np.unique(self._own[chosen], return_inverse=True)
-        result._gradient, result._own = self._gradient[chosen], own.reshape(-1, self._own.shape[1])
+        result.nodes, own = np.unique(self.own[chosen], return_inverse=True)
+        result.gradient, result.own = self.gradient[chosen], own.reshape(-1, self.own.shape[1])
         result.weight, result.border, result._places = self.weight[chosen], self.border[chosen], self._places[chosen]
         return result
 
@@ -105,11 +109,7 @@ class PlasticZone:
 
     def excess(self, displacement: Array, state: PlasticState) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], by displacements of the nodes, (3 nz,) [m]."""
-        if loops := kernels("plasticity"):
-            now = state.strain, state.equivalent, state.back
-            beyond: Array = loops.excess(self._gradient, self._own, displacement, *now, self.flow.tables)
-            return beyond
-        return self.flow.excess(self.stress(displacement, state), state)
+        return loops.excess(self, displacement, state)
 
     def answer(self, displacement: Array, state: PlasticState) -> tuple[PlasticState, Array, Array]:
         """State at the end of a step, its deviatoric strains, and how much flow has changed the pseudo-forces.
@@ -128,14 +128,7 @@ class PlasticZone:
         change : (3 nz,) array
             [N]
         """
-        if loops := kernels("plasticity"):
-            before = state.strain, state.equivalent, state.back
-            at = self._gradient, self._own, displacement
-            strain, *after, change = loops.answer(*at, *before, self.flow.tables, self.weight)
-            return PlasticState(*after), strain, change
-        strain = self.strains(displacement)
-        new = self.flow.answer(strain, state)
-        return new, strain, self.pseudo_forces(new.strain - state.strain)
+        return loops.answer(self, displacement, state)
 
     def pseudo_forces(self, strain: Array) -> Array:
         """Forces p on the nodes, (3 nz,) [N], by which plastic strain, (g, 6), acts on the elastic body."""

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
-from ..algebra.complementarity import SOLVING, Complementarity, regularised
+from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import SLIP, FrictionProblem
 from ..errors import InputError
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .default_step import SAFETY, STEPS_A_PERIOD, resolving_step
 
 _SAMPLES = 5000
 _MOST_STEPS = 1e6  # of an impact; more mean a duration in other units
-Contact = Callable[[Array, float], tuple[Array, Array]]  # coordinates and step to generalised and total forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,45 +85,8 @@ class Impact:
 
     def _run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array, Array]:
         """Return what `run` and `loaded` do."""
-        problem = Complementarity(self.F)
-        if loops := kernels("prediction"):
-            step, steps, stride = _steps(duration, largest_step)
-            F, *_ = problem.compiled
-            state = self.omega**2, self.velocity, step, steps, stride
-            *found, solved = loops.integrate(self.gap, np.ascontiguousarray(self.H), F, *state, SOLVING)
-            if solved:
-                return tuple(found)
-        none, loaded = np.zeros(len(self.omega)), np.zeros(len(self.gap), dtype=bool)
-
-        def contact(q: Array, step: float) -> tuple[Array, Array]:
-            nonlocal loaded
-            lam = problem.solve(self.gap + self.H @ q)
-            index = problem.index
-            if not index.size:
-                return none, lam.sum(keepdims=True)
-            loaded[index] = True
-            return lam[index] @ self.H[index], lam.sum(keepdims=True)
-
-        return *self._integrate(contact, duration, largest_step), loaded
-
-    def _integrate(self, contact: Contact, duration: float, largest_step: float) -> tuple[Array, Array, Array]:
-        """Integrate by velocity Verlet with the generalised forces of contact and its total force, (n,) and (k,)."""
-        step, steps, stride = _steps(duration, largest_step)
-        squares = self.omega**2
-        q, v = np.zeros(len(squares)), self.velocity.copy()
-        generalised, force = contact(q, step)
-        a = generalised - squares * q
-        samples = [(0.0, force, v.copy())]
-        for n in range(1, steps + 1):
-            v += 0.5 * step * a
-            q += step * v
-            generalised, force = contact(q, step)
-            a = generalised - squares * q
-            v += 0.5 * step * a
-            if n % stride == 0 or n == steps:
-                samples.append((n * step, force, v.copy()))
-        t, force_at, v_at = zip(*samples, strict=True)
-        return np.array(t), np.array(force_at), np.array(v_at)
+        steps = _steps(duration, largest_step)
+        return loops.integrate(self.gap, self.H, self.F, self.omega**2, self.velocity, steps)
 
 
 def _steps(duration: float, largest_step: float) -> tuple[float, int, int]:
@@ -194,4 +155,4 @@ class ObliqueImpact(Impact):
                 mu = coefficients(self.friction, slides, np.linalg.norm(slip, axis=1) / step * slides)
             return last.ravel() @ rows, last.sum(axis=0)
 
-        return self._integrate(contact, duration, largest_step)
+        return loops.verlet(contact, self.omega**2, self.velocity, _steps(duration, largest_step))
