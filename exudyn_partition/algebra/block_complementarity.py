@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .complementarity import PATIENCE, ROUNDING, Complementarity
 
 _SETTLED = 1e-13  # change of what blocks push, relative
@@ -113,13 +113,12 @@ class FlatBlocks(NamedTuple):
     iterations: Array
 
     def solve(self, h: Array) -> bool:
-        """Find lambda for h, (nr,). Only where loops are compiled.
+        """Find lambda for h, (nr,).
 
-        Return False if amplitudes or active rows do not settle soon; then another method has to find them.
+        Return False if amplitudes or active rows do not settle soon, or loops are not compiled; then another method has
+        to find them.
         """
-        loops = kernels("algebra")
-        assert loops is not None
-        settled: bool = loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE)
+        settled = loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE)
         if not settled:
             self.active[:], self.n_closed[:], self.amplitudes[:] = False, -1, 0.0  # no guesses for the next time
         return settled
@@ -257,18 +256,7 @@ class BlockComplementarity:
 
     def _iterated(self, a: Array, G: Array, pressed: Array) -> Array | None:
         """Return c = S (a - G c) by iteration from the last amplitudes; None if it does not settle."""
-        c = self.amplitudes
-        if loops := kernels("algebra"):
-            result = c.copy()
-            settled = loops.iterate(self._flat_core, a, G, pressed, result, _SETTLED, _STEPS)
-            return result if settled else None
-        for _ in range(_STEPS):
-            forces = a.copy()
-            forces[pressed] -= (G @ c[pressed, :, None])[:, :, 0]
-            before, c = c, np.asarray(self._core @ forces.ravel()).reshape(c.shape)
-            if abs(c - before).max() <= _SETTLED * abs(c).max():
-                return c
-        return None
+        return loops.iterate(self._flat_core, self._core, a, G, pressed, self.amplitudes, _SETTLED, _STEPS)
 
     def _response(self, key: int, problem: Complementarity, fields: Array) -> tuple[Array, Array]:
         """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of a block's active rows."""

@@ -13,14 +13,14 @@ from scipy.linalg import lapack
 
 from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .products import smallest as least_of
 
 _REGULARISATION = 1e-9  # of the mean diagonal
 ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
 _FEW = 60  # active rows up to which compiled loops are faster than LAPACK
 PATIENCE = 10  # block steps without progress before single pivots begin
-SOLVING = ROUNDING, PATIENCE, _FEW  # as `kernels.solve_active` takes them
+SOLVING = ROUNDING, PATIENCE, _FEW  # as `loops.solve_active` takes them
 
 
 def regularised(F: Array) -> Array:
@@ -118,29 +118,15 @@ class Complementarity:
 
     @property
     def compiled(self) -> tuple[Array, Array, Array]:
-        """F, the factor of its active part and the active rows, as compiled loops take them, see `check_active`."""
+        """F, the factor of its active part and the active rows, as loops take them, see `loops.check_active`."""
         return self._by_rows, self._active_factor().T, self.index
-
-    def forces(self, h: Array) -> tuple[Array, Array]:
-        """Forces lambda on the present active set, and gaps w = h + F lambda, (nc,) each."""
-        lam, index = np.zeros(len(h)), self.index
-        if not index.size:
-            return lam, h
-        active = self.solve_active(-h[index])
-        lam[index] = active
-        return lam, h + self.F[:, index] @ active
 
     def check(self, h: Array, scale: float = 0.0) -> tuple[Array, Array, int]:
         """Forces on the present active set, which rows violate their condition, (nc,) each, and how many do.
 
         Rounding is that of gaps of size `scale`; by default, of the largest entry of h.
         """
-        if loops := kernels("algebra"):
-            lam, wrong, count = loops.check_active(*self.compiled, h, ROUNDING, scale)
-            return lam, wrong, count
-        lam, w = self.forces(h)
-        wrong = np.where(self.active, lam < 0.0, w < -ROUNDING * (scale or abs(h).max()))
-        return lam, wrong, int(np.count_nonzero(wrong))
+        return loops.check_active(*self.compiled, h, ROUNDING, scale)
 
     def solve(self, h: Array, smallest: float | None = None) -> Array:
         """Return lambda, (nc,), for h, (nc,); `smallest` is the least entry of h, if it is known.
@@ -157,15 +143,13 @@ class Complementarity:
             if self.index.size:
                 self.reset()
             return np.zeros(len(h))
-        if loops := kernels("algebra"):
-            lam, upper, index, changes, count = loops.solve_active(*self.compiled, h, *SOLVING)
-            self.iterations += changes + 1
-            if changes:
-                self.active, self.index, self._factor = np.zeros(len(h), dtype=bool), index, upper.T
-                self.active[index] = True
-            if not count:
-                solution: Array = lam
-                return solution
+        lam, upper, index, changes, count = loops.solve_active(*self.compiled, h, *SOLVING)
+        self.iterations += changes + 1
+        if changes:
+            self.active, self.index, self._factor = np.zeros(len(h), dtype=bool), index, upper.T
+            self.active[index] = True
+        if not count:
+            return lam
         fewest, patience = len(h) + 1, PATIENCE
         for _ in range(50 + 20 * len(h)):
             self.iterations += 1

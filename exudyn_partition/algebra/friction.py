@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from ..support.compiled import kernels
+from . import loops
 from .complementarity import Complementarity
 from .friction_sweeps import sweep
 
@@ -293,19 +293,9 @@ class _ClosedRows:
 
     def residual(self, lam: Array) -> float:
         """Largest force that the law leaves unbalanced [N]."""
-        if loops := kernels("algebra", "friction_kernels"):
-            law = loops.friction_residual(self._F, self._h, lam, self._mu)
-            self._value, self._x1, self._x2, self._length, self._bound, largest = law
-            return float(largest)
-        value = self._h + self._F @ lam
-        self._x1, self._x2 = x1, x2 = lam[1::3] - value[1::3], lam[2::3] - value[2::3]
-        self._length = length = np.sqrt(x1 * x1 + x2 * x2)
-        self._bound = bound = self._mu * np.maximum(lam[::3], 0.0)
-        share = np.minimum(1.0, bound / (length + 1e-300))
-        value[1::3] = lam[1::3] - share * x1
-        value[2::3] = lam[2::3] - share * x2
-        self._value = value
-        return float(abs(value).max())
+        law = loops.friction_residual(self._F, self._h, lam, self._mu)
+        self._value, self._x1, self._x2, self._length, self._bound, largest = law
+        return largest
 
     def allowed(self, lam: Array) -> Array:
         """Forces without the rounding by which they are beyond the law, (3 na,) [N]."""
@@ -342,19 +332,8 @@ class _ClosedRows:
 
         The correction is that of Broyden. Forces are in N.
         """
-        moves, squares, count = self._moves, self._squares, self.steps
         self.steps += 1
-        if loops := kernels("algebra", "friction_kernels"):
-            factors, pivots = self._factors
-            step, largest = loops.chord_step(factors.T, pivots, self._value, moves, squares, count)
-            return step, float(largest)
-        step = lapack.dgetrs(*self._factors, -self._value, overwrite_b=1)[0]
-        for m in range(count - 1):
-            step += moves[m + 1] * (moves[m] @ step / squares[m])
-        if count:
-            step /= 1.0 - moves[count - 1] @ step / squares[count - 1]
-        moves[count], squares[count] = step, step @ step
-        return step, float(abs(step).max())
+        return loops.chord_step(self._factors, self._value, self._moves, self._squares, self.steps - 1)
 
     def stiffness(self) -> Array:
         """Derivative of the forces by -h with the present factors, (3 na, 3 na) [N/m]."""

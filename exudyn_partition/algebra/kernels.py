@@ -84,7 +84,7 @@ def solve_active(
     Returns
     -------
     Forces, the active rows' factor, their numbers, how often they were changed, and how many rows violate their
-    condition; -1 if the active part of F is not positive definite.
+    condition; -1 if the active part of F is not positive definite with the rows that should be active next.
     """
     lam, wrong, count = on_active(F, factor, index, h, rounding, 0.0)
     for step in range(steps):
@@ -95,22 +95,23 @@ def solve_active(
             active[index[i]] = not active[index[i]]
         if np.sum(active) > most:
             return lam, factor, index, step, count
-        index = np.flatnonzero(active)
-        n = len(index)
-        factor = np.empty((n, n))
+        chosen = np.flatnonzero(active)
+        n = len(chosen)
+        upper = np.empty((n, n))
         for i in range(n):
             for k in range(i, n):
-                factor[i, k] = F[index[i], index[k]]
+                upper[i, k] = F[chosen[i], chosen[k]]
         for i in range(n):
-            if not factor[i, i] > 0.0:
+            if not upper[i, i] > 0.0:
                 return lam, factor, index, step, -1
-            root = math.sqrt(factor[i, i])
+            root = math.sqrt(upper[i, i])
             for k in range(i, n):
-                factor[i, k] /= root
+                upper[i, k] /= root
             for k in range(i + 1, n):
-                share = factor[i, k]
+                share = upper[i, k]
                 for p in range(k, n):
-                    factor[k, p] -= share * factor[i, p]
+                    upper[k, p] -= share * upper[i, p]
+        factor, index = upper, chosen
         lam, wrong, count = on_active(F, factor, index, h, rounding, 0.0)
     return lam, factor, index, steps, count
 

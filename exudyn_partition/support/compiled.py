@@ -1,9 +1,10 @@
 """Inner loops that numba compiles, if it is installed; without it the same is done by NumPy.
 
-The modules named `kernels`, or like `moving_kernels`, hold these loops. They are imported only where `compiles` is
-true, because numba takes long to load. Compiled code is kept on disk, beside the modules or in the user's folder for
-caches, so that only the first process waits for the compiler. Beside the modules it is made again if any of them
-changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
+The modules named `kernels`, or like `moving_kernels`, hold these loops. Beside them, a module `loops` is the door to
+them: it alone asks whether they are there, and does the same by NumPy if not. They are imported when one of them is
+called first, because numba takes long to load. Compiled code is kept on disk, beside the modules or in the user's
+folder for caches, so that only the first process waits for the compiler. Beside the modules it is made again if any of
+them changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
 switches compiling off.
 """
 
@@ -35,7 +36,7 @@ def compiles() -> bool:
 
 @cache
 def kernels(layer: str, module: str = "kernels") -> ModuleType | None:
-    """Compiled loops of a layer of this package; None if they are not compiled."""
+    """Compiled loops of a layer of this package; None if they are not compiled. Only doors call it."""
     if not compiles():
         return None
     forget_stale(_PACKAGE)

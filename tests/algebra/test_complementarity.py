@@ -87,3 +87,12 @@ def test_bad_complementarity_problems():
         Complementarity(np.array([[1.0, 0.5], [0.0, 1.0]]))
     with pytest.raises(ComplementarityError, match="not finite"):
         Complementarity(np.eye(2)).solve(np.array([1.0, np.nan]))
+
+
+@pytest.mark.usefixtures("each_path")
+def test_active_rows_that_are_not_definite_are_an_error():
+    """The first row closes, its force closes the second, and both together have no factor."""
+    problem = Complementarity(np.eye(2))
+    problem.replace(np.array([[1.0, -2.0], [-2.0, 1.0]]), np.zeros(2, dtype=bool))
+    with pytest.raises(IndefiniteMatrixError, match="not positive definite"):
+        problem.solve(np.array([-1.0, 0.5]))

@@ -11,7 +11,7 @@ import scipy.sparse.linalg
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from exudyn_partition.algebra.blas_threads import one_blas_thread
-from exudyn_partition.algebra.sparse import fronts, multifrontal
+from exudyn_partition.algebra.sparse import fronts, loops, multifrontal
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.errors import IndefiniteMatrixError
 
@@ -74,7 +74,7 @@ def test_fronts_against_dense_algebra(matrix, shift, way, monkeypatch):
     """Chains of fronts, fronts that several children change, and fronts with negative pivots."""
     monkeypatch.setattr(fronts, "WIDEST", 40)
     if way == "NumPy":
-        monkeypatch.setattr(multifrontal, "kernels", lambda layer: None)
+        monkeypatch.setattr(loops, "kernels", lambda *layer: None)
     if way == "loops in two threads":
         monkeypatch.setattr(multifrontal, "TWO_THREADS_FROM", 0)
     matrix = sp.csr_matrix(matrix - shift * sp.identity(matrix.shape[0]))
@@ -97,7 +97,7 @@ def test_fronts_against_dense_algebra(matrix, shift, way, monkeypatch):
 def test_single_precision(block, with_loops, monkeypatch):
     """Half of the memory, and six digits of what the matrix' condition leaves; what is not definite is refused."""
     if not with_loops:
-        monkeypatch.setattr(multifrontal, "kernels", lambda layer: None)
+        monkeypatch.setattr(loops, "kernels", lambda *layer: None)
     matrix = block.stiffness + 1e12 * block.mass
     rhs = np.random.default_rng(0).standard_normal((block.n_dofs, 6))
     exact, rough = Factorisation(matrix), Factorisation(matrix, single=True)
@@ -112,7 +112,7 @@ def test_single_precision(block, with_loops, monkeypatch):
 @pytest.mark.parametrize("matrix", [springs(30, 35), springs(9, 10, 11), sp.kron(springs(7, 8, 9), np.eye(3) + 1)])
 def test_compiled_loops_find_the_same_fronts(matrix, monkeypatch):
     compiled = fronts.find_fronts(sp.csr_matrix(matrix))
-    monkeypatch.setattr(fronts, "kernels", lambda *layer: None)
+    monkeypatch.setattr(loops, "kernels", lambda *layer: None)
     for one, other in zip(compiled, fronts.find_fronts(sp.csr_matrix(matrix)), strict=True):
         assert len(one) == len(other)
         assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))

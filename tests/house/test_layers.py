@@ -79,6 +79,22 @@ def test_outer_packages_have_one_door_each(modules):
     assert {module for module in users["exudyn"] if module.startswith("present.")} == {"present.view"}
 
 
+def test_compiled_loops_have_one_door_a_layer():
+    """Callers of loops do not ask whether numba is there. The doctor says it, and products are a door of their own."""
+    asking, doors = {}, set()
+    for path in PACKAGE.rglob("*.py"):
+        module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        named = {getattr(call, "id", getattr(call, "attr", "")) for call in calls}
+        if asked := named & {"kernels", "compiles"}:
+            asking[module] = asked
+        if path.name.endswith("kernels.py") and not module.startswith("support."):
+            doors.add(f"{module.rsplit('.', 1)[0]}.loops")
+    assert asking.pop("support.compiled") == {"compiles"}
+    assert asking.pop("cli.doctor") == {"compiles"}
+    assert asking == {door: {"kernels"} for door in {*doors, "algebra.products"}}
+
+
 def test_import_needs_neither_exudyn_nor_ngsolve():
     code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

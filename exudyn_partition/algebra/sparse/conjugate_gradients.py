@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...support.arrays import Array
-from ...support.compiled import kernels
+from . import loops
 
 _STEPS = 40  # at most
 
@@ -27,23 +27,4 @@ def solve_roughly(matrix: sp.csr_matrix, rhs: Array, solved: float) -> Array:
     scale = np.linalg.norm(rhs, axis=0)
     r = np.ascontiguousarray(rhs / np.where(scale > 0, scale, 1.0), dtype=np.float32)
     matrix, inverse = matrix.astype(np.float32), (1 / matrix.diagonal()).astype(np.float32)
-    if loops := kernels("algebra.sparse", "gradient_kernels"):
-        blocks = matrix.tobsr((3, 3))
-        return np.asarray(loops.solve(blocks.indptr, blocks.indices, blocks.data, inverse, r, solved, _STEPS) * scale)
-    inverse = inverse[:, None]
-    x, z = np.zeros_like(r), inverse * r
-    p, rz = z.copy(), np.einsum("ij,ij->j", r, z)
-    goal = solved**2 * rz
-    for _ in range(_STEPS):
-        q = matrix @ p
-        curvature = np.einsum("ij,ij->j", p, q)
-        alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=curvature > 0)
-        x += alpha * p
-        r -= alpha * q
-        z = inverse * r
-        last, rz = rz, np.einsum("ij,ij->j", r, z)
-        if (rz <= goal).all():
-            break
-        p *= np.divide(rz, last, out=np.zeros_like(rz), where=last > 0)
-        p += z
-    return np.asarray(x * scale)
+    return np.asarray(loops.conjugate_gradients(matrix, inverse, r, solved, _STEPS) * scale)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...support.arrays import Array
-from ...support.compiled import kernels
+from . import loops
 from .ordering import nested_dissection, node_graph
 
 _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fronts are quicker than many small ones
@@ -141,10 +141,8 @@ def _roots(graph: sp.csr_matrix, sizes: Array) -> list[_Front]:
     """Eliminate nodes one by one, and put those together that may share a front; return the fronts without a parent."""
     lower = sp.csc_matrix(sp.tril(graph, -1))
     lower.sort_indices()
-    loops = kernels("algebra.sparse", "front_kernels")
-    eliminate = loops.eliminate_nodes if loops else _eliminate_nodes
     limits = _SMALL, _SMALL_ZEROS, _ZEROS
-    front, n_rows, n_below, ends, below = eliminate(lower.indptr, lower.indices, sizes, *limits)
+    front, n_rows, n_below, ends, below = loops.eliminate_nodes(lower.indptr, lower.indices, sizes, *limits)
     while (front[front] != front).any():
         front = front[front]
     leading, counts = np.unique(front, return_counts=True)
@@ -158,31 +156,3 @@ def _roots(graph: sp.csr_matrix, sizes: Array) -> list[_Front]:
         one.arrange()
         (found[int(front[one.below[0]])].children if len(one.below) else roots).append(one)
     return roots
-
-
-def _eliminate_nodes(
-    starts: Array, neighbours: Array, sizes: Array, small: int, zeros_of_small: float, zeros_of_large: float
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Do what `front_kernels.eliminate_nodes` does."""
-    taken_by, n_rows, n_below, zeros = np.arange(len(sizes)), sizes.tolist(), [0] * len(sizes), [0] * len(sizes)
-    children: list[list[int]] = [[] for _ in sizes]
-    below: list[Array] = []
-    for node, beyond in enumerate(np.split(neighbours, starts[1:-1])):
-        own = children[node]
-        if own:
-            beyond = np.concatenate([beyond, *(below[child][1:] for child in own)])
-            beyond.sort()
-            beyond = beyond[np.concatenate([[True], beyond[1:] != beyond[:-1]])[: len(beyond)]]
-        below.append(beyond)
-        n_below[node] = int(sizes[beyond].sum())
-        own.sort(key=lambda child: n_rows[child] * (n_rows[node] + n_below[node] - n_below[child]))
-        for child in own:
-            rows = n_rows[child] + n_rows[node]
-            lacking = zeros[node] + zeros[child] + n_rows[child] * (n_rows[node] + n_below[node] - n_below[child])
-            entries = rows * (rows + 1) // 2 + rows * n_below[node]
-            if lacking <= (zeros_of_small if rows <= small else zeros_of_large) * entries:
-                taken_by[child], n_rows[node], zeros[node] = node, rows, lacking
-        if len(beyond):
-            children[beyond[0]].append(node)
-    ends = np.cumsum([0, *map(len, below)])
-    return taken_by, np.array(n_rows), np.array(n_below), ends, np.concatenate(below)
