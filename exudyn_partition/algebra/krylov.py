@@ -17,7 +17,7 @@ import scipy.sparse.linalg
 from ..errors import ModeAccuracyError, ModeCountWarning
 from ..support.arrays import Array
 from ..support.progress import Progress
-from .sparse.multifrontal import Factorisation
+from .sparse.solver import factorise
 
 _COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
 _BLOCK = 1e7  # numbers in them, which bounds the memory for large bodies
@@ -282,7 +282,7 @@ def eigenmodes(
         If more or fewer modes converge than were counted.
     """
     shift = -(omega_max**2)
-    factor = Factorisation(stiffness + shift * mass)
+    factor = factorise(stiffness + shift * mass)
     expected = factor.negative_pivots() - rigid.shape[1]
     if expected == 0:
         return RitzPairs(np.empty((len(rigid), 0)), np.empty(0))

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg
 
 from ..algebra.krylov import RitzPairs, eigenmodes, orthonormal_complement
-from ..algebra.sparse.multifrontal import Factorisation
+from ..algebra.sparse.solver import factorise
 from ..errors import FrequencyRangeError, InputError, UnitsWarning
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
@@ -209,7 +209,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
     averaged = [i for i in partition.interfaces if i.kind == "averaged"]
     loads = attached_loads(fem, averaged, partition.loads) @ model.expand
-    answers = Factorisation(K).solve(
+    answers = factorise(K).solve(
         np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T])
     )
     held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)

@@ -15,7 +15,8 @@ import scipy.sparse as sp
 
 from ..algebra.krylov import BlockKrylov, RitzPairs, columns, mass_normalised, orthonormal_complement
 from ..algebra.sparse.flexibility import FreeBodyFlexibility
-from ..algebra.sparse.multifrontal import Analysis, Factorisation
+from ..algebra.sparse.multifrontal import Analysis
+from ..algebra.sparse.solver import SparseFactors, factorise
 from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
@@ -169,7 +170,7 @@ class AdaptedSpace(FreeBody):
         del self.krylov  # frees its factors before others are made
         self._begin(f_shift, self._factors(_shift(f_shift)))
 
-    def _begin(self, f_shift: float, factors: Factorisation) -> None:
+    def _begin(self, f_shift: float, factors: SparseFactors) -> None:
         """Begin the Krylov space with these factors."""
         self._settled: tuple[float, float] | None = None
         lead = orthonormal_complement(self._lead, self.model.mass, self.rigid)
@@ -177,7 +178,7 @@ class AdaptedSpace(FreeBody):
         self.krylov = BlockKrylov(factors.solve, self.model.mass, *start)
         self.krylov.grow(2 * _GROWTH)
 
-    def _factors(self, shift: float) -> Factorisation:
+    def _factors(self, shift: float) -> SparseFactors:
         """Factors of K + s M for the Krylov space; of large bodies in single precision, where that is accurate.
 
         Rayleigh-Ritz is exact in any space, and static answers have factors of their own. So vectors need few digits.
@@ -189,13 +190,13 @@ class AdaptedSpace(FreeBody):
 
         if model.n >= LARGE:
             with contextlib.suppress(IndefiniteMatrixError):
-                factors, load = Factorisation(matrix, analysis=self._analysis, single=True), self.loads[:, 0]
+                factors, load = factorise(matrix, analysis=self._analysis, single=True), self.loads[:, 0]
                 answer = factors.solve(load)
                 left = load - model.stiffness @ answer - shift * (model.mass @ answer)
                 if left @ factors.solve(left) <= ROUGH**2 * (load @ answer):  # by energies
                     return factors
                 del factors
-        return Factorisation(matrix, analysis=self._analysis)
+        return factorise(matrix, analysis=self._analysis)
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.

@@ -95,6 +95,17 @@ def test_compiled_loops_have_one_door_a_layer():
     assert asking == {door: {"kernels"} for door in {*doors, "algebra.products"}}
 
 
+def test_sparse_matrices_are_factorised_by_one_function():
+    """So that another solver can take its place. SuperLU solves small or unsymmetric systems of bodies and joints."""
+    users = {
+        ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "Factorisation"
+    }
+    assert users == {"algebra.sparse.solver"}
+
+
 def test_import_needs_neither_exudyn_nor_ngsolve():
     code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

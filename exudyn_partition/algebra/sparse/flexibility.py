@@ -12,7 +12,8 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ...support.arrays import Array
-from .multifrontal import Analysis, Factorisation
+from .multifrontal import Analysis
+from .solver import factorise
 
 
 class FreeBodyFlexibility:
@@ -42,7 +43,7 @@ class FreeBodyFlexibility:
         _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
         self._held = np.sort(held[: rigid.shape[1]])
         self.free = np.delete(np.arange(len(rigid)), self._held)
-        self._factor = Factorisation(lambda: _uncoupled(stiffness, self._held), analysis=analysis)
+        self._factor = factorise(lambda: _uncoupled(stiffness, self._held), analysis=analysis)
 
     def __call__(self, loads: Array) -> Array:
         """Elastic displacements of `loads`, (n, k)."""

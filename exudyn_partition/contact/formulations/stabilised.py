@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.friction import OPEN, SLIP, STICK, FrictionProblem
-from ...algebra.sparse.multifrontal import Factorisation
+from ...algebra.sparse.solver import factorise
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
@@ -434,5 +434,5 @@ def _in_step(side: Side, step: float, weights: GeneralizedAlpha) -> Array:
     """Displacements of the patch's nodes per force on them at the end of a step, (3 np, 3 np) [m/N]."""
     body = side.kinematics.body
     rows = sp.csr_matrix(body.rows(side.kinematics.nodes))
-    met = Factorisation(sp.csc_matrix(weights.by_q_tt(step) * body.mass + body.stiffness))
+    met = factorise(sp.csc_matrix(weights.by_q_tt(step) * body.mass + body.stiffness))
     return np.asarray(rows @ met.solve(rows.T.toarray()))
