@@ -10,10 +10,9 @@ from oracles import TOP, relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity
-from exudyn_partition.algebra.sparse import flexibility
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
+from exudyn_partition.algebra.sparse.solver import solved_by
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
-from exudyn_partition.reduction import free_body
 
 SPEED = 1.0
 END = 150e-6
@@ -68,7 +67,7 @@ def test_errors_fall_as_the_estimate_says(pair, block, top):
     assert fine[0].estimate.error < 0.006
 
 
-def test_a_pair_never_holds_factors_of_both_bodies(pair, monkeypatch):
+def test_a_pair_never_holds_factors_of_both_bodies(pair):
     """They are most of the memory that a reduction needs: the first body's two go before the second's are made."""
     living, at_once = weakref.WeakSet(), []
 
@@ -78,9 +77,8 @@ def test_a_pair_never_holds_factors_of_both_bodies(pair, monkeypatch):
             living.add(self)
             at_once.append(len(living))
 
-    for module in (free_body, flexibility):
-        monkeypatch.setattr(module, "Factorisation", Counted)
-    ep.reduce_pair(*pair[0], tolerance=0.1, speed=SPEED, duration=50e-6)
+    with solved_by(Counted):
+        ep.reduce_pair(*pair[0], tolerance=0.1, speed=SPEED, duration=50e-6)
     assert len(at_once) >= 4
     assert max(at_once) == 2
 
