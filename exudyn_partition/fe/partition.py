@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import overload
 
 import numpy as np
 
@@ -17,13 +18,16 @@ from ..support.checks import (
     read_only,
     validate_choice,
     validate_integer,
+    validate_items,
     validate_positive,
+    validate_text,
     validate_type,
     validate_vector,
 )
 from .facets import of_one_shape
+from .facing import connected, facing_facets
 from .model import FEModel, same_mesh
-from .patch_facets import Faces, ball_facets, local_normals, mean_direction, show, smooth_rim
+from .patch_facets import Faces, ball_facets, local_normals, mean_direction, show, smooth_rim, widened
 from .patches import (
     AXES,
     Interface,
@@ -321,6 +325,84 @@ class Partition:
         material = None if fem.regions is None else fem.material_beneath(number)
         patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals, extent=size)
         return cls(patch.nodes, (patch,), (), fem.n_nodes, fem.fingerprint)
+
+    @overload
+    @classmethod
+    def facing(cls, fems: Sequence[FEModel], *, within: float, axes: PatchAxes = "normal") -> list[Partition]: ...
+    @overload
+    @classmethod
+    def facing(
+        cls, fems: Mapping[str, FEModel], *, within: float, axes: PatchAxes = "normal"
+    ) -> dict[str, Partition]: ...
+    @classmethod
+    def facing(
+        cls, fems: Sequence[FEModel] | Mapping[str, FEModel], *, within: float, axes: PatchAxes = "normal"
+    ) -> list[Partition] | dict[str, Partition]:
+        """Contact patches of an assembly, wherever two of its bodies come near each other.
+
+        `CreatePartitionContact(mbs, bodies)` then finds the pairs. Patches are like those of `surface`: each has the
+        facets that are connected there, one ring more where the surface continues without an edge, and the name of the
+        body that they face, or of several by " and ".
+
+        Parameters
+        ----------
+        fems : dict of str to FEModel, or sequence of FEModel
+            The bodies in common coordinates, as they are assembled; names that a sequence has not are their numbers.
+        within : float
+            Distance up to which facets belong to a patch [m]. It should be above the gaps and the play of the assembly,
+            and leave room for what slides.
+        axes : {"normal", "xyz"}
+            See `surface`.
+
+        Returns
+        -------
+        dict of str to Partition, or list of Partition
+            One for each FE model.
+
+        Raises
+        ------
+        EmptyRegionError
+            If a body faces no other one within this distance.
+        InputError
+            If there are less than two FE models, or one is given twice.
+        """
+        given = list(fems.values()) if isinstance(fems, Mapping) else fems
+        models = validate_items("fems", given, FEModel, "fe_model()")
+        names = [
+            validate_text("fems", key) for key in (fems if isinstance(fems, Mapping) else map(str, range(len(models))))
+        ]
+        if len(models) < 2 or len(set(map(id, models))) < len(models):
+            raise InputError(f"fems: expected at least two FE models, each of them once, got {len(models)}")
+        validate_choice("axes", axes, AXES)
+        within = validate_positive("within", within, "m")
+        found = []
+        for name, fem, near in zip(names, models, facing_facets(models, within), strict=True):
+            if not near:
+                raise EmptyRegionError(
+                    f"fems: no other body faces {name!r} within {within:.4g} m, which spans "
+                    f"{show(fem.points.min(axis=0))} to {show(fem.points.max(axis=0))} m. Are all in the coordinates "
+                    "of the assembly? Enlarge within=, or leave this body out"
+                )
+            found.append(cls._near_others(fem, {names[i]: facets for i, facets in near.items()}, axes))
+        return dict(zip(names, found, strict=True)) if isinstance(fems, Mapping) else found
+
+    @classmethod
+    def _near_others(cls, fem: FEModel, near: Mapping[str, Array], axes: PatchAxes) -> Partition:
+        """Patches of facets near others, (k,) int each, by the names of the others."""
+        number = np.unique(np.concatenate([*near.values()]))
+        part = connected(fem.facets[number])
+        owner = np.full(fem.n_nodes, -1)
+        owner[fem.facets[number]] = part[:, None]
+        patches: list[Patch] = []
+        for i in range(part.max() + 1):
+            own = widened(fem, number[part == i])
+            own = own[np.isin(owner[fem.facets[own]], (-1, i)).all(axis=1)]
+            owner[fem.facets[own]] = i
+            name = " and ".join(other for other, facets in near.items() if np.isin(own, facets).any())
+            same = sum(patch.name == name or patch.name.startswith(f"{name} ") for patch in patches)
+            patches += cls.surface(fem, own, axes=axes, name=f"{name} {same + 1}" if same else name).patches
+        nodes = np.unique(np.concatenate([patch.nodes for patch in patches]))
+        return cls(nodes, tuple(patches), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod
     def interface(

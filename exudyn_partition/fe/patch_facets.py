@@ -178,16 +178,24 @@ def smooth_rim(fem: FEModel, number: Array, normals: Array) -> Array:
 
     `number`, (nf,), are the facets of the patch, `normals`, (k, 3), those of its nodes, ascending.
     """
+    return np.unique(_beyond(fem, number, normals)[1])
+
+
+def widened(fem: FEModel, number: Array) -> Array:
+    """Facets of a patch, (nf,), and those around it where the surface continues without an edge, ascending."""
+    return np.union1d(number, _beyond(fem, number, local_normals(fem.points, fem.facets[number]))[0])
+
+
+def _beyond(fem: FEModel, number: Array, normals: Array) -> tuple[Array, Array]:
+    """Facets beside a patch where the surface continues without an edge, each with a node that both have, (k,)."""
     nodes = np.unique(fem.facets[number])
-    other = np.ones(len(fem.facets), dtype=bool)
-    other[number] = False
-    others = fem.facets[other]
-    vectors = area_vectors(fem.points, others)
+    other = np.setdiff1d(np.arange(len(fem.facets)), number)
+    vectors = area_vectors(fem.points, fem.facets[other])
     vectors /= np.linalg.norm(vectors, axis=1)[:, None]
-    facet, column = np.nonzero(np.isin(others, nodes))
-    shared = others[facet, column]
-    cosine = np.einsum("kd,kd->k", vectors[facet], normals[np.searchsorted(nodes, shared)])
-    return np.unique(shared[cosine > _FACING])
+    facet, column = np.nonzero(np.isin(fem.facets[other], nodes))
+    shared = fem.facets[other[facet], column]
+    smooth = np.einsum("kd,kd->k", vectors[facet], normals[np.searchsorted(nodes, shared)]) > _FACING
+    return other[facet[smooth]], shared[smooth]
 
 
 def _facing(normals: Array, within: Array, direction: Vector | None) -> Array:

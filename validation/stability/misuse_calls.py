@@ -6,6 +6,8 @@ another kind, or another right value of the same kind. A method is called of wha
 entry has no `self`. So a new public name takes one entry.
 """
 
+from dataclasses import replace
+
 import netgen.occ as occ
 import numpy as np
 import scipy.sparse as sp
@@ -317,6 +319,23 @@ CALLS = {
         position=v.vector.or_none,
         kind=v.choice("rigid"),
         nodes=Kind({**v.nodes.wrong, "two": [0, 1]}, np.arange(12)),
+    ),
+    "Partition.facing": dict(
+        fems=Kind(
+            {
+                **v.NOTHING,
+                "a model": the.fem,
+                "one": Made(lambda s: [s.fem]),
+                "twice": Made(lambda s: [s.fem, s.fem]),
+                "shapes": Made(lambda s: [s.shape, s.shape]),
+                "bodies": Made(lambda s: [s.body, s.other_body]),
+                "numbers for names": Made(lambda s: {1: s.fem, 2: s.other_fem}),
+                "far apart": Made(lambda s: [s.fem, replace(s.other_fem, points=s.other_fem.points + 1.0)]),
+            },
+            Made(lambda s: [s.fem, s.other_fem]),
+        ),
+        within=v.positive(1e-4),
+        axes=v.choice("normal"),
     ),
     "Partition.surface": dict(
         faces=Kind(
