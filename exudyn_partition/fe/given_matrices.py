@@ -152,6 +152,8 @@ def check_surface(points: Array, facets: Array) -> float:
     """
     corners = facet_corners(facets)
     starts, ends = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    real = starts != ends  # a triangle among quadrilaterals has one corner twice
+    starts, ends = starts[real], ends[real]
     number = np.unique(np.sort(np.column_stack([starts, ends]), axis=1), axis=0, return_inverse=True)[1].ravel()
     count, turn = np.bincount(number), np.bincount(number, np.where(starts < ends, 1, -1))
     for wrong, said in (

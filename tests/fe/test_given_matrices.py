@@ -7,7 +7,8 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from oracles import box, hexahedra, write
+from oracles import box, hexahedra, split, write, write_deck
+from oracles import quadratic as with_middles
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, MeshError, UnitsWarning
@@ -104,6 +105,28 @@ def test_hexahedra(tmp_path):
     other = by_surface(own)
     assert other.max_size == pytest.approx(own.max_size, rel=0.3)
     np.testing.assert_allclose(other.lumped_mass, own.lumped_mass, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_wedges_and_pyramids_among_hexahedra(tmp_path, order):
+    """Triangles among quadrilaterals; the same responses by the elements and by the surface, of the order that is."""
+    kinds = ["wedge"] * 6 + ["hexahedron", "pyramid"] * 3
+    points, blocks = split(*hexahedra(2, 2, 3), kinds)
+    if order == 2:
+        points, blocks = with_middles(points, blocks)
+    own = ep.fe_model(write_deck(tmp_path / "bar.inp", points, *blocks), ep.STEEL)
+    assert own.facets.shape[1] == 4 * order
+    other = by_surface(own)
+    assert other.order == own.order == order
+    rows = []
+    for fem in (own, other):
+        foot = ep.Partition.interface(fem, "foot", plane=((0, 0, 0), (0, 0, -1)))
+        out = ep.reduce(fem, foot, f_cut=0.8 * min(own.resolved_frequency, other.resolved_frequency)).matrices()
+        foot = out.interfaces["foot"]
+        rows.append(foot @ np.linalg.solve((out.stiffness - (2e4 * np.pi) ** 2 * out.mass).toarray(), foot.T))
+    np.testing.assert_allclose(rows[1], rows[0], atol=1e-9 * abs(rows[0]).max())
+    with pytest.raises(MeshError, match="expected the whole surface"):
+        by_surface(own, facets=own.facets[1:])
 
 
 def test_what_a_mesh_resolves_is_estimated_without_its_elements():
