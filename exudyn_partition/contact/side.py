@@ -26,6 +26,8 @@ from .plasticity.zone_run import ZoneMotion
 if TYPE_CHECKING:
     from ..frames.kernels import Fixed
 
+_SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility
+
 
 @dataclass(frozen=True, eq=False)
 class Side:
@@ -173,7 +175,6 @@ class Side:
         return q
 
 
-@dataclass(frozen=True, eq=False)
 class LoadedNodes:
     """Nodes of a side's patch that carry the present rows, with the flexibility between them.
 
@@ -187,10 +188,9 @@ class LoadedNodes:
         Their part of `side.flexibility` [m/N].
     """
 
-    side: Side
-    column: Array
-    nodes: Array
-    F: Array
+    def __init__(self, side: Side, column: Array, nodes: Array, F: Array) -> None:
+        self.side, self.column, self.nodes, self.F = side, column, nodes, F
+        self._directed = np.empty((0, len(F))), np.empty((0, 0))  # rows, and the flexibility between them
 
     @classmethod
     def of(cls, side: Side, nodes: Array) -> LoadedNodes:
@@ -221,6 +221,18 @@ class LoadedNodes:
         nodes, weights = self.column[shares[0]], shares[1]
         along = np.ones((len(normals), 1)) if self.side.normal_only else self.side.kinematics.in_frame(q, normals)
         return congruence(loops.rows_along(points, nodes, weights, along, len(self.nodes)), self.F)
+
+    def directed_flexibility(self, rows: Array) -> Array:
+        """Part of this side in the flexibility of the directions of rows, (3 na, 3 na) [m/N]; kept for equal rows.
+
+        `rows`, (3 na, 3 n), are those on the flexibility coordinates of these nodes. They may differ a little.
+        """
+        known, flexibility = self._directed
+        same = known.shape == rows.shape
+        if not same or abs(rows - known).max(initial=0.0) > _SAME_ROWS * abs(rows).max(initial=0.0):
+            flexibility = congruence(rows, self.F, threes=True)
+            self._directed = rows, flexibility
+        return flexibility
 
 
 class Standing(NamedTuple):

@@ -77,9 +77,9 @@ class PresentRows:
     def __init__(self, points: ContactPoints, at_edge: Array, sides: tuple[Side, ...], unpaired: int = 0) -> None:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
         self.at_edge, self.sides, self.unpaired = at_edge, sides, unpaired
-        self._slow: dict[Hashable, tuple[Array, Any]] = {}
+        self._slow: dict[Hashable, tuple[Array, Any, Array]] = {}
 
-    def slowly(self, what: Hashable, stance: Array, by: float, make: Callable[[], T]) -> T:
+    def slowly(self, what: Hashable, stance: Array, by: float, make: Callable[[], T], index: Array = NOTHING) -> T:
         """Value that changes slowly with the places of the sides. It is kept while these change by at most `by`.
 
         Parameters
@@ -91,14 +91,16 @@ class PresentRows:
         by : float
         make : callable
             Finds the value at the present places.
+        index : int array, optional
+            Rows that the value is about.
         """
         known = self._slow.get(what)
-        if known is None or not largest_change(stance, known[0]) <= by:
-            known = self._slow[what] = stance, make()
+        if known is None or not largest_change(stance, known[0]) <= by or not np.array_equal(index, known[2]):
+            known = self._slow[what] = stance, make(), index
         value: T = known[1]
         return value
 
-    def known(self, what: Hashable) -> tuple[Array, Any] | None:
+    def known(self, what: Hashable) -> tuple[Array, Any, Array] | None:
         """Last value of `slowly`, with the places for which it was found; None if there is none."""
         return self._slow.get(what)
 

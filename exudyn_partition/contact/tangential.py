@@ -12,7 +12,7 @@ import copy
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import congruence, dense, joined
+from ..algebra.products import dense, joined
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
@@ -25,7 +25,6 @@ from .gaps import Gaps
 from .side import LoadedNodes, Standing
 
 _SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
-_SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility
 _STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
 
 
@@ -55,19 +54,14 @@ class TangentialRows:
                 )
         self.gaps = gaps
         self._axis = int(abs(gaps.approach).argmin())
-        self._tangents_of: Array | None = None
-        self._flexible_at: Standing | None = None
-        self._flexible_index = np.empty(0, dtype=np.int64)
-        self._parts: dict[int, tuple[LoadedNodes, Array, Array]] = {}  # of each side, with rows and flexibility
         self._places: list[Array] | None = None
         self._places_of: object = None
-        self._rows_held: object = None
         self.release()
 
     def fresh(self, gaps: Gaps) -> TangentialRows:
         """Return the tangents of these rows for another run; `gaps` are the same in their start state."""
         result = copy.copy(self)
-        result.gaps, result._tangents_of, result._parts = gaps, None, {}
+        result.gaps = gaps
         result.release()
         return result
 
@@ -94,27 +88,30 @@ class TangentialRows:
     @property
     def axes(self) -> Array:
         """Axes of the body whose motion the tangents follow, as columns, (3, 3): the master's, or else the slave's."""
-        self._turn()
-        return self._axes
+        gaps = self.gaps
+        return gaps.stage.once("axes", lambda: gaps.sides[-1].kinematics.frame(gaps.coordinates[-1])[1])
 
     @property
     def tangents(self) -> Array:
         """Two tangents of each row, (nr, 2, 3)."""
-        self._turn()
-        return self._tangents
+        self._axis, tangents = self.gaps.stage.once("tangents", self._turned)
+        return tangents
 
-    def _turn(self) -> None:
-        """Take the axes and tangents that belong to the present normals."""
-        normals = self.gaps.normal
-        if self._tangents_of is normals:
-            return
-        self._axes = self.gaps.sides[-1].kinematics.frame(self.gaps.coordinates[-1])[1]
-        self._tangents, cosines = loops.tangents_of(normals, self._axes[:, self._axis])
+    @property
+    def axis(self) -> int:
+        """Which of the axes the tangents are made from."""
+        self._axis, _ = self.gaps.stage.once("tangents", self._turned)
+        return self._axis
+
+    def _turned(self) -> tuple[int, Array]:
+        """Axis that tangents are made from, the last one as long as it serves, and tangents to the present normals."""
+        normals, axes = self.gaps.normal, self.axes
+        tangents, cosines = loops.tangents_of(normals, axes[:, self._axis])
         if cosines.max(initial=0.0) > _STEEP:
-            others = [loops.tangents_of(normals, axis) for axis in self._axes.T]
-            self._axis = int(np.argmin([cosines.max() for _, cosines in others]))
-            self._tangents = others[self._axis][0]
-        self._tangents_of = normals
+            others = [loops.tangents_of(normals, axis) for axis in axes.T]
+            axis = int(np.argmin([cosines.max() for _, cosines in others]))
+            return axis, others[axis][0]
+        return self._axis, tangents
 
     def in_space(self, along: Array) -> Array:
         """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""
@@ -176,10 +173,8 @@ class TangentialRows:
 
     def _all_rows(self) -> Rows:
         """Jacobian of all rows while pairs are frozen, (3 nr, n)."""
-        if self._rows_held is not self.gaps.held:
-            self._rows = self._rows_on_coordinates(np.arange(len(self.gaps.row_nodes)))
-            self._rows_held = self.gaps.held
-        return self._rows
+        everything = np.arange(len(self.gaps.row_nodes))
+        return self.gaps.stage.once("directed rows", lambda: self._rows_on_coordinates(everything))
 
     def _rows_on_coordinates(self, index: Array) -> Rows:
         gaps, parts = self.gaps, []
@@ -228,14 +223,13 @@ class TangentialRows:
         hardly changed keeps its part.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
-        standing = self.standing()
-        if not standing.nearly(self._flexible_at, _SAME) or not np.array_equal(self._flexible_index, index):
-            parts = [
-                self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None
-            ]
-            self._flexibility = sum(parts, self._across(index))
-            self._flexible_at, self._flexible_index = standing, index
-        return self._flexibility
+        gaps = self.gaps
+        what = "directed flexibility", self.axis
+        return gaps.stage.rows.slowly(what, gaps.stance(), _SAME, lambda: self._flexibility(index), index)
+
+    def _flexibility(self, index: Array) -> Array:
+        parts = [self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None]
+        return np.asarray(sum(parts, self._across(index)))
 
     def _across(self, index: Array) -> Array:
         """What forces on one side of a body that touches itself move on the other, (3 na, 3 na) [m/N]; else zero."""
@@ -248,16 +242,13 @@ class TangentialRows:
 
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis are other rows."""
-        self._turn()
         gaps = self.gaps
-        return Standing(gaps.stage.rows, gaps.stance(), self._axis)
+        return Standing(gaps.stage.rows, gaps.stance(), self.axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
-        (loaded, rows), known = self._some_side_rows(place, index), self._parts.get(place)
-        if known is None or known[0] is not loaded or not _nearly_equal(known[1], rows):
-            known = self._parts[place] = loaded, rows, congruence(rows, loaded.F, threes=True)
-        return known[2]
+        loaded, rows = self._some_side_rows(place, index)
+        return loaded.directed_flexibility(rows)
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows by the velocities of the body that carries the surface, (3 na, 6)."""
@@ -309,12 +300,6 @@ class TangentialRows:
             return np.asarray(self._all_rows().T @ lam.ravel())
         parts = zip(gaps.near_sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
-
-
-def _nearly_equal(rows: Array, others: Array) -> bool:
-    if rows.shape != others.shape:
-        return False
-    return bool(abs(rows - others).max(initial=0.0) <= _SAME_ROWS * abs(rows).max(initial=0.0))
 
 
 def directions(index: Array) -> Array:
