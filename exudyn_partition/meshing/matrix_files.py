@@ -95,15 +95,18 @@ class FileMatrices:
             )
         return self.mass[row][:, row], self.stiffness[row][:, row]
 
-    def fe_model(self, mesh: str | Path, material: Material | Mapping[str, Material], *, scale: float = 1.0) -> FEModel:
+    def fe_model(
+        self, mesh: str | Path, material: Material | Mapping[str, Material] | None = None, *, scale: float = 1.0
+    ) -> FEModel:
         """FE model of the elements of an input deck, with these matrices instead of ours.
 
         Parameters
         ----------
         mesh : str or Path
             Deck of Abaqus, CalculiX or Nastran that the matrices were made of; its nodes have numbers.
-        material : Material or dict of str to Material
-            The one that the matrices were made with, or those of the deck's regions.
+        material : Material or dict of str to Material, optional
+            The one that the matrices were made with, or those of the deck's regions. Default: what the deck says, see
+            `ep.fe_model`.
         scale : float
             Of the deck's lengths to metres; see `ep.fe_model`.
 
@@ -163,7 +166,8 @@ class FileMatrices:
                 raise InputError(
                     f"matrices: direction {directions[worst]} of node {nodes[worst]} has {name}, but no place in the "
                     "model: expected dofs 1 to 3 of the nodes of solid elements alone. Shells, beams, masses and "
-                    "springs belong into the Exudyn model"
+                    "springs belong into the Exudyn model; elements with modes of their own, as CalculiX' C3D8I, have "
+                    "such nodes, take C3D20R"
                 )
         _LOG.info("left out %d dofs without mass and stiffness", len(rows))
 

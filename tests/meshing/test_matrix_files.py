@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
+from oracles import hexahedra, quadratic, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, MeshError
@@ -251,6 +252,45 @@ def test_files_of_calculix(tmp_path, own, labels):
     fem = ep.read_matrices(tmp_path / "job.dof").fe_model(deck, ep.STEEL)
     assert abs(fem.stiffness - own.stiffness).max() < 1e-12 * abs(own.stiffness).max()
     assert spectrum(fem)[0][0] == pytest.approx(spectrum(own)[0][0], rel=0.01)
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX")
+@pytest.mark.parametrize(
+    ("kind", "difference"), [("C3D8", 1e-12), ("C3D20", 1e-12), ("C3D20R", 0.01), ("C3D6", 0.1), ("C3D15", 0.01)]
+)
+def test_elements_of_calculix(tmp_path, kind, difference):
+    """Fully integrated hexahedra are ours; reduced integration and wedges differ by less than the mesh's own error."""
+    points, cells = hexahedra(2, 3, 4)
+    inner = ((points > points.min(axis=0) + 1e-9) & (points < points.max(axis=0) - 1e-9)).all(axis=1)
+    points[inner] += np.random.default_rng(0).normal(size=(inner.sum(), 3)) * 4e-4
+    points, blocks = split(points, cells, ["wedge" if kind in ("C3D6", "C3D15") else "hexahedron"] * len(cells))
+    if kind not in ("C3D6", "C3D8"):
+        points, blocks = quadratic(points, blocks)
+    deck = write_deck(tmp_path / "job.inp", np.round(points, 8), *blocks, more=MODAL)
+    deck.write_text(deck.read_text().replace("TYPE=C3D20,", f"TYPE={kind},"))
+    subprocess.run(["ccx", "job"], cwd=tmp_path, check=True, capture_output=True)
+    own, theirs = ep.fe_model(deck), ep.read_matrices(tmp_path / "job.sti").fe_model(deck)
+    bare = ep.FEModel.from_matrices(
+        theirs.mass, theirs.stiffness, own.points, own.facets, material=own.material, boundaries=own.boundaries
+    )
+    found = [
+        ep.reduce(fem, ep.Partition.interface(fem, "top", plane=TOP), f_cut=70e3).basis.omega[6:9]
+        for fem in (own, theirs, bare)
+    ]
+    np.testing.assert_allclose(found[1], found[0], rtol=difference)
+    np.testing.assert_allclose(found[2], found[1], rtol=1e-10)
+
+
+MODAL = """*MATERIAL, NAME=S
+*ELASTIC
+210e9, 0.3
+*DENSITY
+7800.
+*SOLID SECTION, ELSET=body, MATERIAL=S
+*STEP
+*FREQUENCY, SOLVER=MATRIXSTORAGE
+10
+*END STEP""".splitlines()
 
 
 def edited(path, change):
