@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import sys
+import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.contact.side import Side
+from exudyn_partition.errors import YieldWarning
 from exudyn_partition.fe.elements import BY_NAME
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
@@ -173,6 +175,20 @@ def moved(side, translation, rotation=(0.0, 0.0, 0.0)):
     if isinstance(side.kinematics, FloatingKinematics):
         return np.r_[translation, rotation, np.zeros(side.n - 6)]
     return side.kinematics.body.rigid @ np.r_[translation, rotation]
+
+
+def energy_by_start(items, contact, result):
+    """Sum of all energies, and of what plastic flow and friction have taken, by that of the start."""
+    total = sum(each.energy(result) for each in (*items, contact)) + contact.dissipated_energy(result)
+    return total / total[0]
+
+
+@contextlib.contextmanager
+def small_zone():
+    """Runs in which a little flow reaches the border of the zone that may yield, which is small as meshes are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", YieldWarning)
+        yield
 
 
 def closed(round_body, flat_body):
