@@ -67,7 +67,9 @@ class FrictionResults:
             If the result is none, or of another model.
         """
         validate_result(result)
-        return self._samples(result)[:, 5] if self else np.zeros(len(result.t))
+        if not self:
+            return np.zeros(len(result.sensor_of(self._contact, self._contact["sForce"])))
+        return self._samples(result)[:, 5]
 
     def states(self, result: RunSamples) -> Array:
         """Whether the row of each of the slave's patch nodes is open, 0, sticks, 1, or slips, 2, (n, np) int8.

@@ -50,7 +50,9 @@ class PlasticResults:
             If the result is none, or of another model.
         """
         validate_result(result)
-        return self._samples(result)[:, 1] if self else np.zeros(len(result.t))
+        if not self:
+            return np.zeros(len(result.sensor_of(self._contact, self._contact["sForce"])))
+        return self._samples(result)[:, 1]
 
     def strain(self, result: RunSamples) -> Array:
         """Largest equivalent plastic strain of all zones, (n,).

@@ -312,6 +312,7 @@ class FEModel:
             If sizes or the material are unlikely.
         """
         validate_type("material", material, Material, "ep.Material()")
+        validate_flag("hexahedra", hexahedra)
         if (facets is None) == (cells is None):
             raise InputError(f"facets, cells: expected one of them, got {'none' if facets is None else 'both'}")
         points = validate_array("points", points, (None, 3))
@@ -322,7 +323,7 @@ class FEModel:
             elements, surface = validate_whole("cells", cells, "integers, (ne, k)"), None
             check_indices("cells", elements, (None, None), len(points))
             known = len(elements) and elements.shape[1] in ORDERS
-            as_hexahedra = validate_flag("hexahedra", hexahedra) or elements.shape[1] == 8
+            as_hexahedra = hexahedra or elements.shape[1] == 8
             cell_mass = np.ones(len(elements))
             if known and not (as_hexahedra and elements.shape[1] not in HEXAHEDRA):
                 cell_mass = material.rho * integrals(points, elements, as_hexahedra)[0]

@@ -134,7 +134,8 @@ def _measured(
     tangential = velocity @ beside
     spin = _spin(items[0], ends) @ np.cross(normal, beside)
     impulse = np.trapezoid(force, result.t)
-    along = 0.0 if contact.friction is None else np.trapezoid(contact.tangential_force(result) @ beside, result.t)
+    friction = contact.friction
+    along = np.trapezoid(friction.tangential_force(result) @ beside, result.t) if friction else 0.0
     sign = 1.0 if contact.slave is items[0] else -1.0
     found = {
         "restitution": -(velocity[1] @ normal) / (velocity[0] @ normal),
@@ -182,7 +183,7 @@ def _shares(items: list[PartitionBody], contact: PartitionContact, result: Resul
     energy = [item.energy(ends) for item in items]
     start, vibration = sum(e[0] for e in energy), [_vibration(item, ends)[1] for item in items]
     rigid = sum(e[1] for e in energy) - sum(vibration)
-    plastic = contact.plastic_work(result)[-1] if contact.yielding is not None else 0.0
+    plastic = contact.plastic.work(result)[-1] if contact.plastic else 0.0
     friction = contact.dissipated_energy(result)[-1] - plastic if contact.friction is not None else 0.0
     stored = contact.energy(ends)[1]  # by residual stress, if it yields
     return {

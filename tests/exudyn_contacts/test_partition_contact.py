@@ -65,6 +65,22 @@ def test_views_are_false_where_there_is_nothing(contact):
         contact.plastic.strain(None)
 
 
+def test_energies_of_another_model_are_refused(marble):
+    """Also where the contact has neither friction nor plastic zones, and the answer would be zero."""
+    runs = []
+    for _ in range(2):
+        mbs = exu.SystemContainer().AddSystem()
+        item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, 5e-3])
+        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south")
+        mbs.Assemble()
+        runs.append((contact, ep.solve_dynamic(mbs, end_time=2e-7, step=1e-7)))
+    (contact, result), (_, other) = runs
+    for taken in (contact.friction.work, contact.plastic.work, contact.dissipated_energy):
+        assert not taken(result).any()
+        with pytest.raises(InputError, match=r"result: expected one of the model that .* belongs to"):
+            taken(other)
+
+
 def test_copies_have_views_of_their_own(contact):
     again = copy.copy(contact)
     assert again == contact

@@ -316,3 +316,9 @@ def test_what_needs_elements_is_refused_by_name(quadratic, what):
 def test_elements_must_be_there_one_way_or_the_other(quadratic):
     with pytest.raises(MeshError, match="without them give facets"):
         replace(quadratic, cells=quadratic.cells[:0], cell_mass=quadratic.cell_mass[:0])
+
+
+@pytest.mark.parametrize("hexahedra", [None, "yes", 2])
+def test_a_flag_is_one_beside_facets_too(quadratic, hexahedra):
+    with pytest.raises(InputError, match="hexahedra: expected"):
+        by_surface(quadratic, hexahedra=hexahedra)

@@ -723,7 +723,7 @@ CALLS = {
         workers=v.count,
         file=v.path_out.or_none,
     ),
-    "RestitutionMap.load": dict(path=v.path_in(file("map.npz"))),
+    "RestitutionMap.load": dict(path=v.path_in(Made(Scene.map_file))),
     "RestitutionMap.save": dict(path=file("saved_map.npz")),
     "RestitutionMap.plot": dict(quantity=v.choice("restitution"), over=v.choice.or_none),
     "progress": dict(after=v.number.but(negative=-1.0)(0.0)),

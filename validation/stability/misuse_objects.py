@@ -89,8 +89,6 @@ class Scene:
         self.body.save(self.folder / "body.npz")
         self.result.save(self.folder / "run.npz")
         self.history.save(self.folder / "history.npz")
-        self.map = ep.restitution_map((self.body, ep.RigidPlane()), speed=1.0, duration=1e-4)
-        self.map.save(self.folder / "map.npz")
         self.shape.WriteStep(str(self.folder / "block.step"))
         (self.folder / "text.npz").write_text("no archive")
         (self.folder / "empty.npz").write_bytes(b"")
@@ -119,6 +117,16 @@ class Scene:
         """Body and contact of another model."""
         _, item, _, contact = self.model()
         return Pair(item, contact)
+
+    @cached_property
+    def map(self):
+        """Map of restitution of the upper block on a floor."""
+        return ep.restitution_map((self.body, ep.RigidPlane()), speed=1.0, duration=1e-4)
+
+    def map_file(self):
+        """File of the map."""
+        self.map.save(self.folder / "map.npz")
+        return self.folder / "map.npz"
 
     @cached_property
     def sticking(self):
