@@ -247,7 +247,16 @@ def pareto(d):
     return rows
 
 
-EXPERIMENTS = ("tilted_bar", "zener", "ball_on_beam", "kharaz")  # scripts of experiments/
+EXPERIMENTS = (
+    "tilted_bar",
+    "zener",
+    "ball_on_beam",
+    "kharaz",
+    "chung_ooi",
+    "granular_chain",
+    "sdnl111",
+    "cgs4",
+)  # scripts of experiments/
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),

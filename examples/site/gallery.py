@@ -25,7 +25,7 @@ GROUPS = {
     "Friction": ("oblique_impact",),
     "Yield": ("restitution",),
     "Mechanisms": ("existing_model", "crank_slider", "cam_follower", "gear_pair", "ball_bearing"),
-    "Accuracy and studies": ("choose_accuracy", "parameter_study"),
+    "Accuracy and studies": ("choose_accuracy", "parameter_study", "restitution_map"),
 }
 SCENES = "moving"  # folder of the pages with moving bodies, in the site
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import math
@@ -108,7 +109,7 @@ def restitution_map(
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     if callable(bodies):
         source: Pair | Callable[[float], Pair] = bodies
-        about = f"{getattr(bodies, '__module__', '')}.{getattr(bodies, '__qualname__', type(bodies).__name__)}"
+        about = _named(bodies)
     else:
         if place is not None:
             raise InputError("place: expected none beside given bodies; give a function of place that returns them")
@@ -136,6 +137,14 @@ def restitution_map(
         name: np.array([known[point][name] for point in points], dtype=float).reshape(shape) for name in QUANTITIES
     }
     return RestitutionMap(**axes, values=values, info=settings | {"new": len(missing)})
+
+
+def _named(function: Callable[..., Any]) -> str:
+    """Name of a function of bodies, with the arguments that `functools.partial` has given it."""
+    if isinstance(function, functools.partial):
+        given = [repr(x) for x in function.args] + [f"{name}={x!r}" for name, x in function.keywords.items()]
+        return f"{_named(function.func)}({', '.join(given)})"
+    return f"{getattr(function, '__module__', '')}.{getattr(function, '__qualname__', type(function).__name__)}"
 
 
 def _grid(speed: Any, angle: Any, friction: Any, place: Any) -> dict[str, Array]:

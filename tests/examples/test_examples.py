@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
+from validation.experiments import tilted_bar
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -193,3 +194,16 @@ def test_restitution(tmp_path, capsys):
     for one in (slow, fast):
         assert one["rebound_share"] + one["vibration_share"] + one["plastic_share"] == pytest.approx(1, abs=1e-3)
         assert one["vibration_share"] > 0
+
+
+def test_restitution_map(tmp_path, capsys):
+    """Against beam theory, and the rigid model with the law against the flexible bar between the map's points."""
+    result = run_quick("restitution_map", tmp_path, capsys)
+    (found,) = result["impacts"]
+    for tilt, e, contacts in zip(found["tilt"], found["restitution"], found["contacts"], strict=True):
+        theory = tilted_bar.by_beam_theory(found["length_m"], np.radians(tilt), end=0.4e-3, step=5e-8, elements=40)
+        assert e == pytest.approx(tilted_bar.restitution(theory.impulse, 0.0, 0.1, np.radians(tilt)), abs=0.02)
+        assert contacts == len(theory.contacts())
+    assert abs(np.array(found["balance"])).max() < 1e-3
+    assert result["spin_rigid_rad_s"] == pytest.approx(result["spin_flexible_rad_s"], rel=0.02)
+    assert result["new"] == 9

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from validation.experiments import ball_on_beam, beam_theory, common, tilted_bar, zener, zener_theory
+import exudyn_partition as ep
+from validation import trust
+from validation.experiments import ball_on_beam, beam_theory, common, half_spaces, tilted_bar, zener, zener_theory
 
 FILES = sorted(common.DATA.glob("*.json"))
 
@@ -57,3 +59,25 @@ def test_zeners_theory_is_that_of_the_table():
         found = zener_theory.impact(zener.BALL, zener.PLATE, zener.RADIUS, row["thickness_m"], row["speed_m_s"])
         assert found.e == pytest.approx(row["e"], abs=1e-4)
         assert found.force == pytest.approx(row["peak_N"], rel=1e-3)
+
+
+def test_the_table_of_trust_is_that_of_the_stored_results():
+    assert trust.table() in trust.PAGE.read_text()
+
+
+def test_surfaces_of_equal_bodies_do_not_slip_by_the_normal_force():
+    """Sideways motions by normal forces are the same on both, so that coupling changes nothing."""
+    steel = ep.Material(E=210e9, nu=0.3, rho=7800.0)
+    both = [
+        half_spaces.impact(0.01, 0.03, (steel, steel), (0.1, 0.2), 0.3, coupled=coupled)["patch"]
+        for coupled in (True, False)
+    ]
+    assert both[0] == pytest.approx(both[1], abs=1e-9)
+
+
+def test_half_spaces_slide_by_coulomb():
+    """Steep impacts of a ball: e_t = 1 - 2 mu / tan(a)."""
+    steel = ep.Material(E=210e9, nu=0.3, rho=7800.0)
+    found = half_spaces.impact(0.01, 0.03, (steel, steel), (1.0, 0.3), 0.1, coupled=False)
+    assert found["centre"] == pytest.approx(1.0 - 2 * 0.1 * 0.3, rel=2e-3)
+    assert found["normal"] == pytest.approx(0.3, rel=1e-3)
