@@ -26,7 +26,8 @@ from .meshing.feminterface import from_feminterface
 from .meshing.matrix_files import FileMatrices, read_matrices
 from .meshing.mesh_size import Refine
 from .meshing.netgen_mesh import generate_mesh
-from .meshing.ngsolve_fem import fe_model
+from .meshing.ngsolve_fem import fe_model, fe_models
+from .meshing.step_assembly import StepAssembly, read_step
 from .plasticity.flow import PlasticState
 from .prediction import hertz
 from .prediction.spectrum import amplitude_spectrum, truncation_frequency
@@ -84,6 +85,7 @@ __all__ = [
     "RigidPlane",
     "RigidProfile",
     "RigidSphere",
+    "StepAssembly",
     "StrainGauge",
     "WorkSensor",
     "amplitude_spectrum",
@@ -92,6 +94,7 @@ __all__ = [
     "design_impact",
     "errors",
     "fe_model",
+    "fe_models",
     "from_feminterface",
     "generate_mesh",
     "hertz",
@@ -102,6 +105,7 @@ __all__ = [
     "progress",
     "pyvista_view",
     "read_matrices",
+    "read_step",
     "recovery",
     "reduce",
     "reduce_pair",

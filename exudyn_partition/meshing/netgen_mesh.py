@@ -179,7 +179,7 @@ def regions_of(refine: object) -> list[Refine]:
     return found
 
 
-def read_step(path: Path, name: str = "source") -> Shape:
+def step_shape(path: Path, name: str = "source") -> Shape:
     """OCC shape of a STEP file, of all its root products.
 
     Raises
@@ -189,6 +189,31 @@ def read_step(path: Path, name: str = "source") -> Shape:
     MeshError
         If it reads fewer solids than the file defines.
     """
+    shape, products = _read_step(path, name)
+    # Netgen's shape is that of the first root alone.
+    alone = sum(len(part.solids) for _, part in products) <= len(shape.solids)
+    return shape if alone else require("netgen.occ").Compound([part for _, part in products])
+
+
+def products_of(path: Path, name: str = "source") -> list[tuple[str, Shape]]:
+    """Names and shapes, in place, of the products of a STEP file that have solids; raises as `step_shape`.
+
+    Raises
+    ------
+    MeshError
+        If there is no solid.
+    """
+    shape, products = _read_step(path, name)
+    found = [(product, part) for product, part in products if len(part.solids)]
+    if sum(len(part.solids) for _, part in found) < len(shape.solids):
+        found = [("", shape)]
+    if not found:
+        solids_alone(shape, name)  # raises
+    return found
+
+
+def _read_step(path: Path, name: str) -> tuple[Shape, list[tuple[str, Shape]]]:
+    """Netgen's shape of a STEP file, and the names and shapes of its products."""
     occ = require("netgen.occ")
     validate_file(name, path)
     with tempfile.TemporaryDirectory() as folder:
@@ -196,25 +221,33 @@ def read_step(path: Path, name: str = "source") -> Shape:
             path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
         check_step(path, name)
         geometry, said = occ.OCCGeometry(str(path)), solids_said(path)
-    # Netgen's shape is that of the first root alone.
     shape, products = geometry.shape, list(_products(geometry.GetAssemblyTree()))
-    if sum(len(product.solids) for product in products) > len(shape.solids):
-        shape = occ.Compound(products)
-    if len(shape.solids) < said:
+    found = max(len(shape.solids), sum(len(part.solids) for _, part in products))
+    if found < said:
         raise MeshError(
-            f"{name}: {path} defines {said} solids, of which Netgen reads {len(shape.solids)}. Are the others damaged, "
+            f"{name}: {path} defines {said} solids, of which Netgen reads {found}. Are the others damaged, "
             "or of no product? Export the body that you need as a file of its own"
         )
-    return shape
+    return shape, products
 
 
-def _products(node: ShapeAssembly | None) -> Iterator[Shape]:
-    """Shapes of all parts of an assembly, in place."""
+def _products(node: ShapeAssembly | None) -> Iterator[tuple[str, Shape]]:
+    """Names and shapes of all parts of an assembly, in place."""
     if node is not None and node.is_assembly:
         for child in node.children:
             yield from _products(child)
     elif node is not None:
-        yield node.shape
+        yield node.name.strip(), node.shape
+
+
+def is_shape(value: object) -> bool:
+    """Whether something is an OCC shape."""
+    return isinstance(value, require("netgen.occ").TopoDS_Shape)
+
+
+def center_of(shape: Shape) -> Array:
+    """Centre of volume, (3,) [m]."""
+    return np.array([*shape.center])
 
 
 def solids_alone(shape: Shape, name: str = "shape") -> Shape:
@@ -255,7 +288,7 @@ def check_one_part(shape: Shape) -> None:
     parts, part = connected_components(of @ of.T, directed=False)
     if parts > 1:
         first = [
-            f"{i}{f' {solid.name!r}' if solid.name else ''} around {show(np.array([*solid.center]))}"
+            f"{i}{f' {solid.name!r}' if solid.name else ''} around {show(center_of(solid))}"
             for i, solid in enumerate(solids)
             if part[i] not in part[:i]
         ]
@@ -294,7 +327,7 @@ def shape_of(source: Shape | str | Path, scale: float, name: str = "source") -> 
         path = validate_path(name, source)
         if path.suffix.lower() not in ENDINGS:
             raise InputError(f"{name}: expected a STEP file ({', '.join(ENDINGS)}), got {path}")
-        source = read_step(path, name)
+        source = step_shape(path, name)
     return scaled(solids_alone(source, name), scale)
 
 

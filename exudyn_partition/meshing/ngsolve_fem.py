@@ -19,9 +19,17 @@ from ..fe.facets import check_conforming
 from ..fe.material import Material, Regions
 from ..fe.mesh_quality import check_mesh
 from ..fe.model import FEModel
+from ..fe.patch_facets import show
 from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
-from ..support.checks import validate_flag, validate_integer, validate_number, validate_path, validate_positive
+from ..support.checks import (
+    validate_flag,
+    validate_integer,
+    validate_number,
+    validate_path,
+    validate_positive,
+    validate_type,
+)
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import others_busy
 from ..support.optional import require
@@ -36,13 +44,15 @@ from .netgen_mesh import (
     GRADING,
     ONE_AT_A_TIME,
     check_one_part,
+    distances,
     meshed,
-    read_step,
     regions_of,
     scaled,
     solids_alone,
+    step_shape,
 )
 from .nodal_basis import NodalBasis
+from .step_assembly import StepAssembly, read_step
 from .step_files import ENDINGS
 from .surplus import Surplus
 
@@ -54,7 +64,7 @@ _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its
 
 
 def fe_model(
-    source: Shape | NGSolveMesh | str | Path,
+    source: Shape | NGSolveMesh | StepAssembly | str | Path,
     material: Material | Mapping[str, Material] | None = None,
     *,
     modulus: Modulus | None = None,
@@ -64,12 +74,13 @@ def fe_model(
     grading: float = GRADING,
     scale: float = 1.0,
     only_solids: bool = False,
+    solid: str | None = None,
 ) -> FEModel:
     """Assemble the FE model of a free body.
 
     Parameters
     ----------
-    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, str or pathlib.Path
+    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, StepAssembly, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
         A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra, hexahedra, wedges
@@ -97,6 +108,8 @@ def fe_model(
     only_solids : bool
         Whether shells, beams, springs, masses and others beside the solid elements of an input deck are left out; the
         log names them. Default: such a deck is refused.
+    solid : str, optional
+        Which solid of a STEP file or of `ep.read_step` is meshed, by its name. It stays where it is in the assembly.
 
     Returns
     -------
@@ -138,12 +151,14 @@ def fe_model(
     is_deck = path is not None and path.suffix.lower() in DECKS
     if given is None and not is_deck:
         raise InputError("material: expected an ep.Material, such as ep.STEEL, got None; only decks have their own")
+    if solid is not None and not (isinstance(source, StepAssembly) or (path and is_shape)):
+        raise InputError("solid: has no effect here, it is for STEP files and what ep.read_step returns")
     if only_solids and not is_deck:
         raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
     try:
         with ONE_AT_A_TIME:
             if is_shape:
-                shape = scaled(solids_alone(read_step(path) if path else source), scale)
+                shape = scaled(solids_alone(_chosen(source, path, solid)), scale)
                 if maxh is None:
                     raise InputError("maxh: a shape needs a largest element size [m]")
                 check_one_part(shape)
@@ -187,6 +202,80 @@ def fe_model(
     return fem
 
 
+def fe_models(
+    assembly: StepAssembly,
+    materials: Mapping[str, Material],
+    *,
+    maxh: float | Mapping[str, float],
+    refine: Iterable[Refine] = (),
+    order: int | None = None,
+    grading: float = GRADING,
+) -> dict[str, FEModel]:
+    """Assemble FE models of several solids of an assembly, each where it stands there.
+
+    Parameters
+    ----------
+    assembly : StepAssembly
+        Of `ep.read_step`.
+    materials : dict of str to Material
+        By the names of the solids that are wanted; others are left out, and the log says so.
+    maxh : float or dict of str to float
+        Largest element size [m], the same for all or one for each name.
+    refine : iterable of Refine
+        Balls with smaller elements, in the assembly's coordinates; each counts for the solids that it meets.
+    order, grading :
+        See `fe_model`.
+
+    Returns
+    -------
+    dict of str to FEModel
+
+    Raises
+    ------
+    InputError
+        If a name is not in the assembly or has no size, or a ball meets no solid.
+    MeshError, MemoryLimitError, MissingPackageError
+        See `fe_model`.
+
+    Warns
+    -----
+    UnitsWarning, MeshQualityWarning
+        See `fe_model`.
+    """
+    validate_type("assembly", assembly, StepAssembly, "ep.read_step()")
+    if not isinstance(materials, Mapping) or not materials:
+        raise InputError(f"materials: expected a dict {{name: Material}}, got {materials!r}")
+    shapes = {name: assembly.find(name) for name in materials}
+    sizes = maxh if isinstance(maxh, Mapping) else dict.fromkeys(shapes, maxh)
+    if set(sizes) != set(shapes):
+        raise InputError(f"maxh: expected one for each of {', '.join(map(repr, shapes))}, got {sizes!r}")
+    balls: dict[str, list[Refine]] = {name: [] for name in shapes}
+    for ball in regions_of(refine):
+        met = [name for name, shape in shapes.items() if distances(shape, ball.center[None])[0] <= ball.radius]
+        if not met:
+            raise InputError(
+                f"refine: the ball around {show(ball.center)} m meets none of {', '.join(map(repr, shapes))}"
+            )
+        for name in met:
+            balls[name].append(ball)
+    beside = [name for name in assembly.names if name not in shapes]
+    if beside:
+        _LOG.info("%s: left out the solids %s", assembly.path, ", ".join(beside))
+    return {
+        name: fe_model(shape, materials[name], order=order, maxh=sizes[name], refine=balls[name], grading=grading)
+        for name, shape in shapes.items()
+    }
+
+
+def _chosen(source: Shape | StepAssembly, path: Path | None, solid: str | None) -> Shape:
+    """Shape to mesh."""
+    if isinstance(source, StepAssembly):
+        return source.find(solid)
+    if path is None:
+        return source
+    return step_shape(path) if solid is None else read_step(path).find(solid)
+
+
 def _of_deck(path: Path, file: VolumeMesh, scale: float) -> Material | dict[str, Material]:
     names = [file.regions.names[i] or "" for i in np.unique(file.regions.number)]
     return material_of_deck(path, file.materials, names, scale)
@@ -194,12 +283,13 @@ def _of_deck(path: Path, file: VolumeMesh, scale: float) -> Material | dict[str,
 
 def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
     """Whether `source` is a mesh or a shape; if not, it is a path."""
-    if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape):
+    if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape | StepAssembly):
         return True
     if isinstance(source, str | Path):
         return False
     raise InputError(
-        "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, or the path of a STEP or mesh file, got "
+        "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, an assembly of ep.read_step, or the path of a "
+        "STEP or mesh file, got "
         f"{type(source).__name__}"
     )
 

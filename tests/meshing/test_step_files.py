@@ -51,7 +51,7 @@ def join_roots(path, *shapes):
 def test_all_roots_of_a_file_are_read(tmp_path):
     boxes = [occ.Box((30 * i, 0, 0), (30 * i + 10, 10, 10 * (i + 1))) for i in range(3)]
     path = join_roots(tmp_path / "roots.step", boxes[0], occ.Compound(boxes[1:]))
-    shape = netgen_mesh.read_step(path)
+    shape = netgen_mesh.step_shape(path)
     assert sorted(solid.mass for solid in shape.solids) == pytest.approx([1000, 2000, 3000])
     assert sorted(solid.center.x for solid in shape.solids) == pytest.approx([5, 35, 65])
     with pytest.raises(MeshError, match=r"got 3 parts that share no face, of 3 solids: solid 0 around \(0\.005"):
@@ -116,3 +116,64 @@ def test_parts_and_materials_are_known_before_meshing(monkeypatch):
         ep.fe_model(occ.Glue(boxes), ep.STEEL, maxh=1.0)
     with pytest.raises(InputError, match="each region of shape, 'rod', 'pin', got 'rod', 'bolt'"):
         ep.fe_model(occ.Glue(boxes), {"rod": ep.STEEL, "bolt": ep.STEEL}, maxh=1.0)
+
+
+def named_solids(path):
+    """A machine of three named solids, two of them alike, beside a sketch; in millimetres."""
+    base = occ.Box((0, 0, 0), (40, 20, 5))
+    rod = occ.Cylinder(occ.Pnt(10, 10, 5), occ.Z, r=4, h=20)
+    base.name, rod.name = "base", "rod"
+    next(face for face in rod.faces if face.center.z > 24).name = "tip"
+    other = rod.Move(occ.Vec(20, 0, 0))
+    other.name = "rod"
+    occ.Compound([base, rod, other]).WriteStep(str(path))
+    return path
+
+
+def test_solids_of_an_assembly_by_name_and_place(tmp_path):
+    assembly = ep.read_step(named_solids(tmp_path / "machine.step"), scale=1e-3)
+    assert assembly.names == ("base", "rod", "rod.2")
+    assert "base: 4e-06 m3 around (0.02, 0.01, 0.0025) m" in str(assembly)
+    models = ep.fe_models(assembly, {"base": ep.ALUMINIUM, "rod.2": ep.STEEL}, maxh={"base": 0.01, "rod.2": 6e-3})
+    assert list(models) == ["base", "rod.2"]
+    np.testing.assert_allclose(models["base"].centre_of_mass, [0.02, 0.01, 0.0025], atol=1e-9)
+    np.testing.assert_allclose(models["rod.2"].centre_of_mass, [0.03, 0.01, 0.015], atol=1e-6)
+    assert models["base"].material == ep.ALUMINIUM
+    tip = ep.Partition.surface(models["rod.2"], "tip")
+    assert tip.patches[0].direction == pytest.approx([0, 0, 1])
+    alone = ep.fe_model(tmp_path / "machine.step", ep.STEEL, solid="rod.2", scale=1e-3, maxh=6e-3)
+    assert alone.total_mass == pytest.approx(models["rod.2"].total_mass, rel=1e-9)
+    same = ep.fe_model(assembly, ep.STEEL, solid="rod", maxh=6e-3)
+    np.testing.assert_allclose(same.centre_of_mass, [0.01, 0.01, 0.015], atol=1e-6)
+
+
+def test_balls_refine_the_solids_that_they_meet(tmp_path):
+    assembly = ep.read_step(named_solids(tmp_path / "machine.step"), scale=1e-3)
+    wanted = {"base": ep.STEEL, "rod": ep.STEEL, "rod.2": ep.STEEL}
+    plain = ep.fe_models(assembly, wanted, maxh=8e-3)
+    fine = ep.fe_models(assembly, wanted, maxh=8e-3, refine=[ep.Refine((0.01, 0.01, 0.005), 2e-3, 1e-3)])
+    more = {name: fine[name].n_nodes > 1.2 * plain[name].n_nodes for name in wanted}
+    assert more == {"base": True, "rod": True, "rod.2": False}
+    with pytest.raises(InputError, match=r"refine: the ball around .* meets none of 'base', 'rod', 'rod.2'"):
+        ep.fe_models(assembly, wanted, maxh=8e-3, refine=[ep.Refine((0.5, 0, 0), 2e-3, 1e-3)])
+
+
+def test_roots_without_names_and_what_is_wrong(tmp_path):
+    boxes = [occ.Box((30 * i, 0, 0), (30 * i + 10, 10, 10)) for i in range(3)]
+    sheet = occ.Rectangle(5, 5).Face().Move(occ.Vec(0, 0, 30))
+    path = join_roots(tmp_path / "roots.step", boxes[0], sheet, occ.Compound(boxes[1:]))
+    assembly = ep.read_step(path)
+    assert len(assembly.names) == 3
+    assert sorted(shape.center.x for shape in assembly.solids.values()) == pytest.approx([5, 35, 65])
+    with pytest.raises(InputError, match=r"solid: expected one of .* in .*roots.step, or ep.fe_models for several"):
+        ep.fe_model(assembly, ep.STEEL, maxh=5)
+    with pytest.raises(InputError, match=r"solid: expected one of 'solid', .* got 'rod'"):
+        ep.fe_models(assembly, {"rod": ep.STEEL}, maxh=5)
+    with pytest.raises(InputError, match="maxh: expected one for each of 'solid', got"):
+        ep.fe_models(assembly, {"solid": ep.STEEL}, maxh={"rod": 5})
+    with pytest.raises(InputError, match="path: expected a STEP file"):
+        ep.read_step(tmp_path / "mesh.vtu")
+    with pytest.raises(InputError, match="solid: has no effect here"):
+        ep.fe_model(boxes[0], ep.STEEL, solid="rod", maxh=5)
+    with pytest.raises(MeshError, match="expected a solid, got none"):
+        ep.read_step(join_roots(tmp_path / "sheet.step", sheet))

@@ -181,9 +181,11 @@ ARGUMENTS = {
         (32, 24),
     ),
 }
+ASSEMBLY = Made(lambda s: ep.read_step(s.folder / "block.step", scale=1.0))
 OBJECTS = {
     "FEModel": the.fem,
     "FileMatrices": Made(lambda s: ep.read_matrices(s.matrix_files())),
+    "StepAssembly": ASSEMBLY,
     "Partition": the.part,
     "ReducedBody": the.body,
     "PartitionBody": the.item,
@@ -219,6 +221,26 @@ CALLS = {
         order=v.count.or_none.but(four=4),
         scale=v.positive,
         only_solids=v.flag.but(**{"of a shape": True}),
+        solid=Kind({"of a shape": "block", "number": 1}),
+    ),
+    "read_step": dict(path=v.path_in(file("block.step")), scale=v.positive),
+    "StepAssembly": dict(
+        path=Kind({"number": 1, "list": []}, file("block.step")),
+        solids=Kind(
+            {**v.NOTHING, "number": 1, "text": "x", "a shape": the.shape, "text in it": {"rod": "x"}},
+            Made(lambda s: {"rod": s.shape}),
+        ),
+    ),
+    "StepAssembly.find": dict(name=Kind({"unknown": "rod", "number": 1, "list": ["solid"]})),
+    "fe_models": dict(
+        assembly=Kind({**v.NOTHING, "a shape": the.shape, "a path": file("block.step"), "a list": []}, ASSEMBLY),
+        materials=Kind(
+            {**v.NOTHING, "a material": ep.STEEL, "unknown": {"rod": ep.STEEL}, "text in it": {"solid": "steel"}},
+            {"solid": ep.STEEL},
+        ),
+        maxh=v.positive.but(**{"of another": {"rod": 1e-2}})(1e-2),
+        refine=Kind({"number": 1, "text": "x", "far away": [ep.Refine((9, 9, 9), 1e-3, 1e-3)]}, ()),
+        order=v.count.or_none.but(four=4),
     ),
     "FEModel": dict(
         **OF_A_MODEL,
