@@ -14,6 +14,7 @@ from ..fe.model import FEModel, node_dofs
 from ..fe.patches import Patch
 from ..fe.shapes import FACET_NODES
 from ..prediction.modal_impact import Impact
+from ..prediction.pair_impact import ImpactSide, impact_between
 from ..reduction.body import ReducedBody
 from ..reduction.loads import patch_slice
 from ..support.arrays import Array
@@ -35,8 +36,6 @@ class Side:
     on_patch : (nr, 3 np) csr matrix
         Rows of the contact on the displacements of the patch's nodes.
     patch : Patch
-    residual : (nr, nr) array
-        Residual flexibility at the rows [m/N].
     corners, local, normals : (p, 3) int array, (p, 2) array, (p, 3) array
         Facets' corner nodes, places in the facets, and directions of the contact points.
     mean : (nr, p) csr matrix
@@ -51,18 +50,12 @@ class Side:
     body: ReducedBody
     on_patch: sp.csr_matrix
     patch: Patch
-    residual: Array
     corners: Array
     local: Array
     normals: Array
     mean: sp.csr_matrix
     coarse: Array
     spacing: float
-
-    @property
-    def gaps(self) -> Array:
-        """(nr, ns) array: gaps of the rows by the coordinates."""
-        return np.asarray(self.on_patch @ self.body.basis.shapes[node_dofs(self.patch.nodes)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,29 +108,19 @@ def impact_of(
     ]
     rows = _between(*surfaces) if rigid is None else _to_rigid(surfaces[0], rigid)
     coarser = _coarser(surfaces[0], rows.points)
-    sides = []
+    sides, moving = [], []
     for (fem, body), i, on_patch, weight, (nodes, local, normals) in zip(
         pairs, numbers, rows.directed, rows.plain, rows.places, strict=True
     ):
         patch, own = body.partition.patches[i], patch_slice(body.partition, i)
-        to_rows = on_patch if patch.axes == "xyz" else weight
         assert body.basis.flexibility is not None
-        residual = to_rows @ body.basis.flexibility[own, own] @ to_rows.T
+        flexibility, shapes = body.basis.flexibility[own, own], body.basis.shapes[node_dofs(patch.nodes)]
+        moving.append(ImpactSide(on_patch, weight, shapes, flexibility, body.basis.omega))
         corners = patch.nodes[nodes[:, :3]]
         mean = rows.points.mean
-        sides.append(Side(fem, body, on_patch, patch, residual, corners, local, normals, mean, *coarser))
-    first = pairs[0][1]
-    velocity = np.zeros(sum(body.n_dofs for _, body in pairs))
-    velocity[: first.n_dofs] = first.rigid @ np.r_[speed * rows.approach, np.zeros(3)]
-    impact = Impact(
-        gap=rows.gap - rows.gap.min(),
-        H=np.hstack([side.gaps for side in sides]),
-        F=np.sum([side.residual for side in sides], axis=0),
-        omega=np.concatenate([body.basis.omega for _, body in pairs]),
-        velocity=velocity,
-        size=surfaces[0].facet_size,
-    )
-    return sides, impact
+        sides.append(Side(fem, body, on_patch, patch, corners, local, normals, mean, *coarser))
+    velocity = pairs[0][1].rigid @ np.r_[speed * rows.approach, np.zeros(3)]
+    return sides, impact_between(moving, rows.gap, rows.approach, velocity, surfaces[0].facet_size)
 
 
 def _coarser(slave: Surface, points: ContactPoints) -> tuple[Array, float]:

@@ -26,7 +26,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -36,7 +36,8 @@ from ..errors import InputError, ToleranceWarning
 from ..fe.material import Material
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
-from ..prediction.modal_impact import Impact, ObliqueImpact
+from ..prediction.modal_impact import Impact
+from ..prediction.pair_impact import ImpactSide, impact_between, tangents
 from ..support.arrays import Array
 from ..support.checks import validate_number, validate_positive, validate_text
 from ..support.progress import Progress
@@ -157,60 +158,45 @@ def impacts_of(
     (16 E* a^5 / (15 m v^2))^(1/2) for a patch of radius a (eq. 30 and `hertz.impact`). If the rigid partner is known,
     `rigid` gives the gaps to it, (k,) [m], at points, (k, 3) [m].
     """
-    pairs = [space.pairs(f_top) for space in spaces]
     surfaces = [
         Surface.of(space.fem.points, space.partition.patches[i], np.zeros(3))
         for space, i in zip(spaces, patches, strict=True)
     ]
     if len(spaces) == 1:
         (surface,) = surfaces
-        line = surface.direction
+        line, n = surface.direction, len(surface.points)
         known = rigid and {PARTNER: rigid(surface.points)}
         fem, patch = spaces[0].fem, spaces[0].partition.patches[patches[0]]
         gaps = known or _gaps_to_rigid(surface, fem, patch.material or fem.material, speed)
-        n = len(surface.points)
-        rows = [-sp.kron(sp.identity(n), line[None], format="csr")]
-        weights = [sp.identity(n, format="csr")]
+        directed: Sequence[sp.csr_matrix] = [-sp.kron(sp.identity(n), line[None], format="csr")]
+        plain: Sequence[sp.csr_matrix] = [sp.identity(n, format="csr")]
     else:
         slave, master = surfaces
         contact = pair_surfaces(slave, master, placed_by="the points of its mesh, which are taken as they are")
-        sizes = [len(surface.points) for surface in surfaces]
-        gaps, line, n = {"the other body": contact.gap}, contact.approach, len(contact.gap)
-        rows = list(contact.matrices(*sizes))
-        weights = list(contact.interpolation(*sizes))
-    H, H_t, omega, tangents = [], [], [], np.linalg.svd(line[None])[2][1:]
-    F, F_all = np.zeros((n, n)), np.zeros((3 * n, 3 * n) if sliding else (0, 0))
-    for sign, space, pair, i, G, w in zip((1, -1), spaces, pairs, patches, rows, weights, strict=False):
-        patch, own = space.partition.patches[i], patch_slice(space.partition, i)
-        shapes = np.hstack([space.rigid, pair.vectors])
-        at_patch = space.model.expand[node_dofs(patch.nodes)] @ shapes
-        H.append(G @ at_patch)
-        at_nodes = G if patch.axes == "xyz" else w
-        residual = residual_flexibility(space, pair, space.static)[own, own]
-        F += at_nodes @ residual @ at_nodes.T
-        omega.append(np.r_[np.zeros(6), pair.omega])
-        if sliding:
-            along = sp.kron(sign * w, tangents, format="csr")
-            H_t.append(along @ at_patch)
-            every = sp.vstack([G, along], format="csr")[_interleaved(n)]
-            F_all += every @ residual @ every.T
-    first = spaces[0]
-    velocity = np.zeros(sum(map(len, omega)))
-    aside = sliding.speed * tangents[0] if sliding else 0.0
-    translation = first.model.rigid_modes[:, :3] @ (speed * line + aside)
-    velocity[:6] = first.rigid.T @ (first.model.mass @ translation)
-    same = np.hstack(H), F, np.concatenate(omega), velocity, surfaces[0].facet_size
-    if sliding:
-        gap = next(iter(gaps.values()))
-        oblique = ObliqueImpact(gap - gap.min(), *same, np.hstack(H_t), F_all, sliding.friction)
-        return dict.fromkeys(gaps, oblique)
-    return {other: Impact(gap - gap.min(), *same) for other, gap in gaps.items()}
+        sizes = len(slave.points), len(master.points)
+        gaps, line = {"the other body": contact.gap}, contact.approach
+        directed, plain = contact.matrices(*sizes), contact.interpolation(*sizes)
+    sides = [_side(space, f_top, i, *rows) for space, i, *rows in zip(spaces, patches, directed, plain, strict=True)]
+    aside = sliding.speed * tangents(line)[0] if sliding else 0.0
+    model = spaces[0].model
+    velocity = spaces[0].rigid.T @ (model.mass @ (model.rigid_modes[:, :3] @ (speed * line + aside)))
+    friction = None if sliding is None else sliding.friction
+    first = next(iter(gaps.values()))
+    impact = impact_between(sides, first, line, velocity, surfaces[0].facet_size, friction)
+    return {other: replace(impact, gap=gap - gap.min()) for other, gap in gaps.items()}
 
 
-def _interleaved(n: int) -> Array:
-    """Where normal and tangents of each of n rows are among n normals and n pairs of tangents, (3 n,)."""
-    value: Array = np.column_stack([np.arange(n), n + 2 * np.arange(n), n + 2 * np.arange(n) + 1]).ravel()
-    return value
+def _side(space: AdaptedSpace, f_top: float, number: int, directed: sp.csr_matrix, plain: sp.csr_matrix) -> ImpactSide:
+    """A body with its Ritz pairs up to 1.5 `f_top`, at these rows of a patch."""
+    pairs, own = space.pairs(f_top), patch_slice(space.partition, number)
+    at_nodes = space.model.expand[node_dofs(space.partition.patches[number].nodes)]
+    return ImpactSide(
+        directed,
+        plain,
+        at_nodes @ np.hstack([space.rigid, pairs.vectors]),
+        residual_flexibility(space, pairs, space.static)[own, own],
+        np.r_[np.zeros(6), pairs.omega],
+    )
 
 
 def _gaps_to_rigid(surface: Surface, fem: FEModel, material: Material, speed: float) -> dict[str, Array]:
