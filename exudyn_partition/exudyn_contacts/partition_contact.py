@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..contact.formulations.formulation import Formulation, Law, Together
-from ..contact.rigid import RigidSurface
+from ..contact.formulations.formulation import Together
 from ..errors import InputError, RenamedError
-from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import coordinate_slices, registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.material import Material
@@ -25,6 +23,7 @@ from ..support.checks import validate_number, validate_positive, validate_result
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 from ..surfaces.rows import PENETRATION_TOLERANCE
+from .contact_plan import ContactPlan
 from .contact_replay import nodal_forces, stored_energy
 from .contact_samples import RunSamples, mean_forces
 from .friction_results import FrictionResults
@@ -88,27 +87,17 @@ class PartitionContact(dict[str, Any]):
         Point of the moment sensor [m].
     """
 
-    law: Law
-    sides: tuple[tuple[PartitionBody, int], ...]
     group: list[Any]
     together: Together | None
     linked: list[Any]
     moment_about: Array | None
 
-    def __init__(
-        self,
-        name: str,
-        sides: Sequence[tuple[PartitionBody, int]],
-        rigid: RigidSurface | None,
-        formulation: Formulation,
-        law: Law,
-        carrier: Carrier | None,
-    ) -> None:
+    def __init__(self, plan: ContactPlan) -> None:
         super().__init__()
-        self.name, self.sides = name, tuple(sides)
-        self.slave = sides[0][0]
-        self.master = rigid if rigid is not None else sides[1][0]
-        self.formulation, self.law, self.carrier = formulation, law, carrier
+        self.name, self.sides = plan.name, plan.sides
+        self.slave = plan.sides[0][0]
+        self.master = plan.sides[1][0] if plan.rigid is None else plan.rigid
+        self.formulation, self.law, self.carrier = plan.formulation, plan.law, plan.carrier
         self.group, self.together, self.linked = [self], None, []
         self.moment_about = None
 

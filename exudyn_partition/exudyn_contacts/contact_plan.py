@@ -1,0 +1,271 @@
+"""The plan of a contact: its sides, gaps and law, checked before anything is added to the Exudyn model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..algebra.coulomb import Coulomb, friction_of
+from ..contact.formulations.choices import Compliance, FormulationName, formulation_of
+from ..contact.formulations.formulation import Formulation, Law
+from ..contact.gaps import Gaps
+from ..contact.patch_gaps import PatchGaps
+from ..contact.profile import RigidProfile
+from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
+from ..contact.rigid_mesh import RigidMesh
+from ..contact.side import Side
+from ..contact.wandering import WanderingGaps, WanderingRigidGaps
+from ..errors import EmptyRegionError, InputError, PenetrationError
+from ..exudyn_bodies.carriers import Carrier, motion, pose, validate_carrier
+from ..exudyn_bodies.model import registered, validate_new_name
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..fe.partition import number_of_patch
+from ..support.checks import validate_choice, validate_items, validate_positive
+from ..support.foreign import MainSystem, ObjectIndex
+from ..surfaces.near import near_patches, opposite_parts
+from ..surfaces.points import ROWS, RowKind
+
+Passes = Literal["finer", "given"]
+PASSES: tuple[Passes, ...] = get_args(Passes)
+BodyPatch = tuple[PartitionBody, int]  # a body and the number of one of its patches
+
+_RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
+_DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
+_FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPlan:
+    """A contact that can be added to a model.
+
+    Parameters
+    ----------
+    name : str
+    sides : tuple of (PartitionBody, int)
+        Slave, and master if that is a partition body too, each with the number of its patch.
+    rigid : RigidSurface or None
+        The master, if it is a rigid surface.
+    formulation : Formulation
+        With friction, if the contact has any.
+    law : Law
+        At the start, with the gaps between the sides.
+    carrier : Carrier or None
+        The body of another kind that carries the rigid surface.
+    carried_by : exudyn.ObjectIndex or None
+        Its number.
+    """
+
+    name: str
+    sides: tuple[BodyPatch, ...]
+    rigid: RigidSurface | None
+    formulation: Formulation
+    law: Law
+    carrier: Carrier | None
+    carried_by: ObjectIndex | None
+
+
+def plan_contact(
+    mbs: MainSystem,
+    slave: object,
+    master: object,
+    *,
+    formulation: FormulationName | Formulation = "compliance",
+    rows: RowKind | None = None,
+    passes: Passes = "finer",
+    slavePatch: int | str | None = None,
+    masterPatch: int | str | None = None,
+    masterBody: ObjectIndex | None = None,
+    stiffness: float | None = None,
+    friction: float | Coulomb | None = None,
+    name: str = "",
+) -> ContactPlan:
+    """Check the options of a contact, see `CreatePartitionContact`, and return its plan; the model stays as it is.
+
+    Raises
+    ------
+    EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
+    """
+    bodies = [*registered(mbs).bodies.values()]
+    first, other, rigid = _partners(bodies, slave, master)
+    validate_new_name(mbs, name, ("Object", "Sensor"))
+    chosen = formulation_of(formulation, stiffness)
+    kind = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
+    _check_passes(passes)
+    if (coulomb := friction_of(friction)) is not None:
+        chosen = _with_friction(chosen, coulomb)
+    _check_master(mbs, rigid, masterPatch, masterBody)
+    given = [(first, number_of_patch(first.body.partition, slavePatch, "slavePatch"))]
+    if other is not None:
+        given.append((other, number_of_patch(other.body.partition, masterPatch, "masterPatch")))
+    if first is other:
+        _check_itself(first, [patch for _, patch in given], chosen)
+    sides, placed = _placed(given, passes)
+    chosen.check([item.body for item, _ in sides])
+    for side in placed:
+        _check_wandering(side)
+    if rigid is None:
+        gaps = _between(bodies, sides, placed, kind)
+    else:
+        gaps = _to_rigid(mbs, placed[0], rigid, kind, masterBody)
+    law = chosen.law(gaps)
+    if any(side.zone is not None for side in gaps.sides) and law.yielding is None:
+        raise InputError(
+            f"formulation: {type(law).__name__} knows no plastic zones, and the material of a body has hardening. Take "
+            "formulation='compliance', 'lagrange' with basis 'free', or a material without it"
+        )
+    carrier = None if masterBody is None else Carrier(mbs, masterBody)
+    return ContactPlan(name, tuple(sides), rigid, chosen, law, carrier, masterBody)
+
+
+def facing_pairs(
+    mbs: MainSystem, bodies: Sequence[PartitionBody], within: float | None
+) -> list[tuple[BodyPatch, BodyPatch]]:
+    """Bodies and patches that face each other within a distance [m], or nearby by default.
+
+    Raises
+    ------
+    InputError
+        If the bodies are not at least two, each of them once.
+    EmptyRegionError
+        If there are none.
+    """
+    bodies = validate_items("slave", bodies, PartitionBody, "CreatePartitionBody returns")
+    if len(bodies) < 2 or len(set(map(id, bodies))) < len(bodies):
+        raise InputError(f"slave: expected at least two bodies, each of them once, got {len(bodies)}")
+    if within is not None:
+        within = validate_positive("within", within, "m")
+    sides = [(item, patch) for item in bodies for patch in range(len(item.body.partition.patches))]
+    surfaces = [Side.of(item.kinematics, patch).surface for item, patch in sides]
+    owners = [place for place, item in enumerate(bodies) for _ in item.body.partition.patches]
+    pairs = near_patches(surfaces, owners, within)
+    if not pairs:
+        raise EmptyRegionError(
+            f"slave: no two patches of these {len(bodies)} bodies face each other nearby. Give a larger distance by "
+            "within=, or name the pairs in a call each"
+        )
+    return [(sides[i], sides[j]) for i, j in pairs]
+
+
+def _partners(
+    bodies: Sequence[PartitionBody], slave: object, master: object
+) -> tuple[PartitionBody, PartitionBody | None, RigidSurface | None]:
+    """The slave, and the master as a body or as a rigid surface."""
+    other = master if isinstance(master, PartitionBody) else None
+    rigid = master if isinstance(master, _RIGID) else None
+    if other is None and rigid is None:
+        raise InputError(
+            "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere, RigidCylinder, "
+            f"RigidProfile or RigidMesh, got {type(master).__name__}"
+        )
+    if not isinstance(slave, PartitionBody):
+        raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")
+    for role, item in (("slave", slave), ("master", other)):
+        if item is not None and not any(item is body for body in bodies):
+            raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
+    return slave, other, rigid
+
+
+def _check_passes(passes: object) -> None:
+    """The slave is one body; an earlier version had half of the contact with each body as slave, "two"."""
+    if isinstance(passes, str) and passes == "two":
+        raise InputError(
+            "passes: expected one of 'finer', 'given', got 'two'. Contact in two passes is no more; leave passes out, "
+            "with rows='integrated' where pressures of meshes that do not match should be even"
+        )
+    validate_choice("passes", passes, PASSES)
+
+
+def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
+    """Return the formulation with friction; one of a user need not know of it."""
+    if not hasattr(formulation, "with_friction"):
+        return Formulation.with_friction(formulation, friction)  # which refuses
+    return formulation.with_friction(friction)
+
+
+def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, body: ObjectIndex | None) -> None:
+    """A rigid surface may be carried by a body, and has no patches."""
+    if body is not None:
+        if rigid is None:
+            raise InputError("masterBody: only a rigid surface is carried by a body")
+        validate_carrier("masterBody", mbs, body)
+    if patch is not None and rigid is not None:
+        raise InputError(f"masterPatch: a {type(rigid).__name__} has no patches, leave it out")
+
+
+def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Formulation) -> None:
+    """Two patches of one body may touch each other; the residual flexibility between them belongs to the contact."""
+    patches_of = item.body.partition.patches
+    if patches[0] == patches[1] and not patches_of[patches[0]].wanders:
+        raise InputError(
+            "slave, master: expected two bodies, or two patches of one by slavePatch= and masterPatch=, got patch "
+            f"{patches[0]} of one body twice. A patch that folds may touch itself: choose it by Partition.surface"
+        )
+    if type(formulation) is not Compliance:
+        raise InputError("formulation: a body touches itself by formulation='compliance' alone")
+    if any(patches_of[patch].plastic for patch in patches):
+        raise InputError(
+            "slave, master: patches of one body that touch each other must be of a material without hardening"
+        )
+
+
+def _placed(given: Sequence[BodyPatch], passes: Passes) -> tuple[Sequence[BodyPatch], list[Side]]:
+    """Slave and master, and where their patches lie in space."""
+    placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in given]
+    if len(given) > 1 and given[0][0] is given[1][0] and given[0][1] == given[1][1]:
+        parts = opposite_parts(placed[0].surface)
+        placed = [replace(side, surface=part) for side, part in zip(placed, parts, strict=True)]
+    for side in placed:
+        _check_digits(side)
+    sizes = [side.surface.facet_size for side in placed]
+    if passes == "finer" and len(sizes) > 1 and sizes[1] < _FINER * sizes[0]:
+        return given[::-1], placed[::-1]
+    return given, placed
+
+
+def _check_digits(side: Side) -> None:
+    """Gaps are differences of places: far from the origin they have no digits left."""
+    reach, size = float(abs(side.surface.points).max()), side.surface.facet_size
+    if np.finfo(float).eps * reach > _DIGITS * size:
+        raise InputError(
+            f"referencePosition: the patch is {reach:.3g} m from the origin, where numbers stand "
+            f"{np.finfo(float).eps * reach:.2g} m apart, expected at most {_DIGITS:g} of its facets' size, {size:.3g} "
+            "m. Move the origin near to the contact"
+        )
+
+
+def _check_wandering(side: Side) -> None:
+    """Contact that wanders needs the residual flexibility of its patch."""
+    if side.surface.wanders and side.flexibility is None:
+        raise InputError(
+            "formulation: contact that wanders over a patch of Partition.surface goes through its residual "
+            f"flexibility, which basis {side.kinematics.body.basis.name!r} does not have. Take "
+            "basis='contact-adapted' or 'residual'"
+        )
+
+
+def _between(
+    bodies: Sequence[PartitionBody], sides: Sequence[BodyPatch], placed: Sequence[Side], rows: RowKind
+) -> Gaps:
+    """Gaps between two patches."""
+    (slave, patch), (master, other_patch) = sides
+    between = slave.body.flexibility(patch, other_patch) if slave is master else None
+    kind = WanderingGaps if any(side.surface.wanders for side in placed) else PatchGaps
+    try:
+        return kind(placed[0], placed[1], rows, between)
+    except PenetrationError as error:
+        first, second = (
+            repr(item.name) if item.name else next(str(i) for i, body in enumerate(bodies) if body is item)
+            for item in (slave, master)
+        )
+        raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}") from error
+
+
+def _to_rigid(mbs: MainSystem, slave: Side, rigid: RigidSurface, rows: RowKind, carried_by: ObjectIndex | None) -> Gaps:
+    """Gaps between a patch and a rigid surface."""
+    kind = WanderingRigidGaps if slave.surface.wanders else RigidGaps
+    if carried_by is None:
+        return kind(slave, rigid, rows)
+    return kind(slave, rigid, rows, pose(mbs, carried_by), motion(mbs, carried_by))
