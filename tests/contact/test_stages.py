@@ -1,0 +1,118 @@
+"""Stages of a contact's rows: what each one keeps, when the next one comes, and what runs share."""
+
+import numpy as np
+import pytest
+from oracles import floating, inertial, moved, relative
+
+from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.rigid import RigidGaps, RigidPlane, RigidSphere
+from exudyn_partition.contact.stages import PresentRows
+from exudyn_partition.support.twins import twin
+
+
+def at(slave, master, x, z=-4e-6):
+    """Coordinates where the slave has moved along x and z [m]; the master's are zero."""
+    return np.r_[moved(slave, [x, 0, z]), np.zeros(master.n)]
+
+
+def test_a_frozen_stage_stays_until_its_pairs_slide_and_another_comes_when_they_stand_still(round_body, flat_body):
+    slave, master = inertial(round_body), inertial(flat_body)
+    gaps, away = PatchGaps(slave, master), at(slave, master, 0.1e-3)
+    start = gaps.stage
+    for depth in (-1e-6, -6e-6, 3e-6):
+        gaps.at(at(slave, master, 0.0, depth))
+        assert gaps.stage == start
+    gaps.at(away)
+    assert gaps.moving
+    for _ in range(1000):
+        found = gaps.at(away)
+    assert not gaps.moving
+    assert gaps.stage != start
+    again = gaps.stage
+    assert found.min() < 0
+    gaps.reset()
+    assert gaps.stage == start != again
+
+
+def test_what_follows_from_a_stage_is_found_once_and_goes_with_it(round_body, flat_body):
+    slave, master = inertial(round_body), inertial(flat_body)
+    gaps, found = PatchGaps(slave, master), []
+    for x in (0.0, 0.0, 0.1e-3):
+        gaps.at(at(slave, master, x))
+        found.append(gaps.stage.once("place", lambda x=x: x))
+    assert found == [0.0, 0.0, 0.1e-3]
+
+
+def test_slow_values_are_kept_while_places_rows_and_numbers_are_nearly_the_same(round_body, flat_body):
+    rows, made = PatchGaps(inertial(round_body), inertial(flat_body)).stage.rows, iter(range(9))
+
+    def value(place, *index):
+        return rows.slowly("value", np.full(2, place), 0.1, lambda: next(made), *index)
+
+    assert [value(0.0), value(0.09), value(-0.09), value(0.11), value(0.02)] == [0, 0, 0, 1, 1]
+    assert [value(0.02, np.arange(3)), value(0.02, np.arange(3)), value(0.02, np.arange(4))] == [2, 2, 3]
+    again = rows.again()
+    assert isinstance(again, PresentRows)
+    assert [again.slowly("value", np.full(2, 0.5), 0.1, lambda: 7), value(0.02, np.arange(4))] == [7, 3]
+
+
+@pytest.mark.parametrize("frame", [inertial, floating])
+def test_a_second_run_is_the_first_whatever_came_before(round_body, frame):
+    """Rows to a rigid surface keep their flexibility while they turn little; the next run must not begin with it."""
+    law = ComplianceContact(RigidGaps(frame(round_body, (0, 0, 1e-6)), RigidSphere((0, 0, -0.02), 0.02)))
+    ways = [moved(law.gaps.slave, [0.02e-3 * n, 0, -4e-6]) for n in range(1, 12)]
+    first, second = [], []
+    for run in (first, second):
+        own = law.fresh()
+        run += [own.force(q) for q in ways]
+    assert abs(np.array(first)).max() > 1
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("frame", [inertial, floating])
+def test_a_twin_goes_on_alone(round_body, flat_body, frame):
+    """Both follow the same pairs on; neither moves the closest points of the other."""
+    slave, master = frame(round_body), inertial(flat_body)
+    law = ComplianceContact(PatchGaps(slave, master))
+    for x in np.linspace(0, 0.1e-3, 9):
+        law.force(at(slave, master, x))
+    assert law.gaps.moving
+    other = twin(law, {})
+    for x in np.linspace(0.1e-3, 0.3e-3, 9):
+        other.force(at(slave, master, x))
+    on, alone = ComplianceContact(PatchGaps(slave, master)), []
+    for x in np.linspace(0, 0.1e-3, 9):
+        on.force(at(slave, master, x))
+    for each in (law, on):
+        alone.append([each.force(at(slave, master, x)) for x in np.linspace(0.1e-3, 0.12e-3, 5)])
+    assert relative(*np.array(alone)) < 1e-12
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_other_flexibilities_hold_in_each_stage_and_after_a_reset(round_body, flat_body, slides):
+    """Twice as soft: rows yield twice as far, frozen, followed, and at the start of the next run."""
+    slave, master = inertial(round_body), inertial(flat_body)
+    gaps, soft = (PatchGaps(slave, master) for _ in range(2))
+    q, some = at(slave, master, 0.1e-3 if slides else 0.0), np.arange(4)
+    for each in (gaps, soft):
+        each.at(q)
+    before = gaps.flexibility(some)
+    soft.take_flexibility([2 * side.flexibility for side in soft.sides])
+    assert soft.moving == slides
+    np.testing.assert_allclose(soft.flexibility(some), 2 * before, rtol=1e-12)
+    for each in (gaps, soft):
+        each.reset()
+    np.testing.assert_allclose(soft.flexibility(some), 2 * gaps.flexibility(some), rtol=1e-12)
+    for each in (gaps, soft):
+        each.at(q)
+    np.testing.assert_allclose(soft.flexibility(some), 2 * gaps.flexibility(some), rtol=1e-12)
+
+
+def test_rows_on_a_fixed_plane_are_one_stage_however_far_they_slide(round_body):
+    gaps = RigidGaps(inertial(round_body, (0, 0, 1e-6)), RigidPlane())
+    start = gaps.stage
+    there = gaps.at(moved(gaps.slave, [0.3, -0.2, -3e-6]))
+    assert gaps.stage == start
+    assert not gaps.moving
+    np.testing.assert_allclose(there, gaps.at(np.zeros(gaps.n)) - 3e-6, atol=1e-15)
