@@ -4,12 +4,16 @@ import re
 import runpy
 from pathlib import Path
 
+from docutils import nodes
+from latex2mathml.converter import convert
+
 import exudyn_partition
 
 project = "exudyn_partition"
 author = "The exudyn_partition developers"
 release = exudyn_partition.__version__
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "sphinx_design"]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx_design"]
+html_math_renderer = "mathml"  # which browsers show by themselves, without a script from elsewhere
 exclude_patterns = ["templates"]
 html_theme = "furo"
 html_title = f"exudyn_partition {release}"
@@ -32,6 +36,16 @@ def links_as_on_the_site(app, relative_path, parent_docname, content):
     content[0] = text.replace("](#limits)", "](limits.md)")
 
 
+def write_formula(translator, node):
+    """Write a formula of a page as MathML."""
+    if isinstance(node, nodes.math_block):  # furo scrolls it, upwards too where its font is high
+        formula = convert(node.astext(), display="block").replace("<math ", '<math style="overflow: visible" ', 1)
+        translator.body.append(f'<div class="math" style="overflow: auto hidden; padding-block: 0.5em">{formula}</div>')
+    else:
+        translator.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
 def run_the_notebook_or_not(app, config):
     """The tutorial runs where the examples do."""
     config.nb_execution_mode = "force" if config.run_examples else "off"
@@ -39,6 +53,7 @@ def run_the_notebook_or_not(app, config):
 
 def setup(app):
     """Connect what writes pages, and what changes them as they are read."""
+    app.add_html_math_renderer("mathml", (write_formula, None), (write_formula, None))
     app.add_config_value("run_examples", True, "env", [bool])
     app.connect("config-inited", run_the_notebook_or_not)
     app.connect("builder-inited", runpy.run_path(str(Path(__file__).with_name("gallery.py")))["write_pages"])

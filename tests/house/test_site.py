@@ -115,16 +115,24 @@ def test_links_between_pages_lead_to_a_heading():
 
 
 def test_the_site_builds_without_a_warning(tmp_path):
-    for package in ("sphinx", "myst_nb", "numpydoc", "furo", "sphinx_design"):
+    """Nothing in it comes from elsewhere when a page is shown; formulas are MathML."""
+    for package in ("sphinx", "myst_nb", "numpydoc", "furo", "sphinx_design", "latex2mathml"):
         pytest.importorskip(package)
     command = [sys.executable, "-m", "sphinx", "-W", "-q", "-D", "run_examples=0", str(SITE), str(tmp_path / "site")]
     subprocess.run(command, check=True)
     assert (tmp_path / "site" / "reference" / "exudyn_partition.reduce.html").is_file()
+    pages = {path.name: path.read_text() for path in (tmp_path / "site").rglob("*.html")}
+    assert pages["theory.html"].count("<math ") > 200
+    for name, text in pages.items():
+        assert not re.findall(
+            r"<(?:script|link|img)[^>]* (?:src|href)=\"(?:https?:)?//[^\"]*\.(?:js|css|png|svg)", text
+        ), name
 
 
 def test_a_broken_link_fails_the_build(tmp_path):
     """With the site's own settings: to a page, a heading here, one of another page, and a label."""
-    pytest.importorskip("sphinx")
+    for package in ("sphinx", "latex2mathml"):
+        pytest.importorskip(package)
     (tmp_path / "index.md").write_text("# Title\n\n[a](no.md) [b](#none) [c](index.md#none) {ref}`none` [d](#title)\n")
     options = ["-W", "--keep-going", "-q", "-c", str(SITE), "-D", "run_examples=0"]
     command = [sys.executable, "-m", "sphinx", *options, str(tmp_path), str(tmp_path / "site")]
