@@ -24,7 +24,7 @@ State = tuple[Array, Array, Array]  # coordinates, velocities and accelerations
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # last change of the joints' accelerations, relative
-_OPEN, _ROUND_OFF = 1e-2, 1e-12  # of a row's way in a step, and of places or rad: what joints may be open by
+_OPEN, _ROUND_OFF = 1e-2, 1e-12  # of a row's way in a step, and of places or rad: how far joints may be open
 _OVER = 1e-6  # of a step: a run that has less time left is at its end
 
 
@@ -40,7 +40,7 @@ class MultiplierStep:
 
     Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; what contact
     pushes them, and they the contact, is in it. After the step a second multiplier makes velocities and accelerations
-    obey the joints (RATTLE; Andersen 1983): nothing drifts. Reactions that joint sensors tell are the means over the
+    obey the joints (RATTLE; Andersen 1983): nothing drifts. Joint sensors read reactions that are means over the
     step before, so that their sum times the step is the impulse.
 
     Parameters
@@ -131,7 +131,7 @@ class MultiplierStep:
             _push(q_t, q_tt, dofs, increment, step)
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
-        """Make velocities and accelerations obey the joints, and tell Exudyn their reactions."""
+        """Make velocities and accelerations obey the joints, and give Exudyn their reactions."""
         if self.joints is None or t != self._stepped_to:  # also called before the first step
             return
         joints, data = self.joints, mbs.systemData

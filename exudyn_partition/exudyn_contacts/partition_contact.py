@@ -52,15 +52,18 @@ _RENAMED = {  # what contacts had before `friction` and `plastic` were views
 class PartitionContact(dict[str, Any]):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
-    Keys: `oContact`, the object that holds the forces and the stiffness of all contacts of the model, the same for all
-    of them; `sForce`, a sensor of the total normal force [N], the
-    number of closed rows, the force on the slave [N] and the smallest gap of the rows [m], without the contact's own
-    flexibility, so that it is negative in contact, or zero of multipliers; of multipliers also the impulses so far
-    in an explicit run, total and on the slave [N s]. `sFriction` with friction: the tangential force on the slave in
-    space [N], the number of rows that stick, of those that slip, the energy that friction has taken and what the
-    contact stores [J]. `sPlastic` with plastic zones: what the contact stores and the plastic work [J], the largest
-    equivalent plastic strain, and the number of points that flow. `sMoment` after `AddMomentSensor`: the moment on the
-    slave [N m]. `nGenericData`, of all contacts but the first: the node whose data `sForce` reads.
+    Its keys are items of the Exudyn model:
+
+    - `oContact`: the object that holds the forces and the stiffness of all contacts of the model, the same for all.
+    - `sForce`: sensor of the total normal force [N], the number of closed rows, the force on the slave [N] and the
+      smallest gap of the rows [m]. The gap is without the contact's own flexibility, so that it is negative in contact;
+      of multipliers it is zero. Explicit multipliers add their impulses so far, total and on the slave [N s].
+    - `sFriction`, with friction: the tangential force on the slave in space [N], the number of rows that stick, of
+      those that slip, the energy that friction has taken, and the energy that the contact stores [J].
+    - `sPlastic`, with plastic zones: the energy that the contact stores and the plastic work [J], the largest
+      equivalent plastic strain, and the number of points that flow.
+    - `sMoment`, after `AddMomentSensor`: the moment on the slave [N m].
+    - `nGenericData`, of all contacts but the first: the node whose data `sForce` reads.
 
     Results of friction and of plastic zones are in views: `contact.friction.work(result)`,
     `contact.plastic.dents(result)`. What changes in a run is in `contact_run.ContactRun`.
@@ -82,7 +85,7 @@ class PartitionContact(dict[str, Any]):
     together : Together or None
         What finds their forces, if there are several and forces are elastic; each run has its own.
     linked : list of PartitionContact
-        Earlier ones of these on bodies of this contact.
+        Those of the group that were made earlier, and share a body with this contact.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     """
@@ -109,7 +112,7 @@ class PartitionContact(dict[str, Any]):
     def AddMomentSensor(self, mbs: MainSystem, point: Vector = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
-        Extra, for it costs the places of the patch's nodes in every sample.
+        It is no part of each contact, because every sample computes the places of the patch's nodes.
 
         Raises
         ------
@@ -198,9 +201,9 @@ class PartitionContact(dict[str, Any]):
     def gap(self, result: RunSamples) -> Array:
         """Smallest gap of the surfaces, (n,) [m]; negative where they lie within each other.
 
-        It is that of the lowest point, as the coordinates move the surfaces, with dents, but without what the contact's
-        own flexibility or layer yields: in contact minus the depth to which they are pressed. Multipliers hold gaps at
-        zero; theirs is zero in contact up to the tolerance of meshes. Infinite where no point faces the master.
+        The gap is that of the lowest point. The coordinates and dents move the surfaces; the contact's own flexibility
+        or layer does not. So in contact the gap is minus the depth to which the surfaces are pressed. Multipliers hold
+        gaps at zero, up to the tolerance of meshes. The gap is infinite where no point faces the master.
 
         Where the surfaces are not known after the run, and where no point faces the master, it is the smallest gap of
         the rows, which the sensor `sForce` has: of a rigid surface that another body carries, and of results that were

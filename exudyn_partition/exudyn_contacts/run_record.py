@@ -27,7 +27,7 @@ _ROUND_OFF = 1e-9  # of a step, in comparisons of periods
 
 @dataclass(frozen=True)
 class Solver:
-    """What a solver of Exudyn tells of a run.
+    """What a solver of Exudyn records of a run.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ _PACKAGE = __name__.partition(".")[0]
 
 
 def warn_of_balance(mbs: MainSystem, result: Result) -> None:
-    """Warn of what a run lost or made, as far as its samples tell."""
+    """Warn of energy or momentum that a run lost or made, as far as its samples show it."""
     if result.method == "static" or result.status == "unstable" or len(result.t) < 3 or not result.bodies:
         return
     free = _free(result)

@@ -19,10 +19,10 @@ from .result import Result, called
 
 _LARGE = 0.1  # of the largest impulse: impacts below are not looked at
 _STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
-_SAMPLES_AN_IMPACT = 4  # fewer do not tell its force
+_SAMPLES_AN_IMPACT = 4  # with fewer, the force of the impact is not known
 _FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
 _ASIDE = np.radians(30)  # of a patch's line of contact
-_FAR, _NEARER = 20.0, 0.01  # distance by the bodies' size that may be a slip of units, and share of it travelled
+_FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a slip of units; share of it travelled
 _LISTED = 5  # most contacts that a warning lists
 _LOOKED_AT = 64  # most samples at which bodies' velocities, and places beside their patches, are looked at
 _BESIDE, _DEEP = 500, 1e-3  # nodes that are looked at beside a patch; depth of one, by the body's size
@@ -95,7 +95,7 @@ def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_samples(contacts: Sequence[PartitionContact], result: Result) -> None:
-    """Samples further apart than steps may miss an impact, or its peak; bodies still move as all steps say."""
+    """Samples further apart than steps may miss an impact, or its peak; the motion has all steps."""
     if result.method == "static" or len(result.t) < 2 or np.diff(result.t).min() < 1.5 * result.step:
         return
     spans = [(contact, *span) for contact in contacts for span in contact.closed_samples(result)]

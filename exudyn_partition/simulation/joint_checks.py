@@ -54,7 +54,7 @@ class OpenJoint:
     rows : (k,) int array
         Its equations among the model's.
     sensors : tuple of (str, int)
-        Names and numbers of the sensors that tell its reactions.
+        Names and numbers of the sensors of its reactions.
     """
 
     number: int
@@ -280,7 +280,7 @@ def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float
 
 
 def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:
-    """Names and numbers of the sensors that tell the reactions of an object."""
+    """Names and numbers of the sensors of an object's reactions."""
     kind = require("exudyn").OutputVariableType
     forces = (kind.Force, kind.ForceLocal, kind.Torque, kind.TorqueLocal)
     found = []

@@ -214,7 +214,7 @@ class Result:
     def save(self, path: str | Path) -> None:
         """Write the result to a file, to go on with it in another process; `load` reads it.
 
-        It holds what sensors and contacts told: forces of rows, states, pressures, areas, plastic strains too.
+        It holds what sensors and contacts recorded: forces of rows, states, pressures, areas, plastic strains too.
 
         Parameters
         ----------
@@ -273,7 +273,7 @@ class Result:
     def load(cls, path: str | Path, mbs: MainSystem | None = None) -> Result:
         """Read what `save` wrote, as a result of a model that was built as the one that was run; or without a model.
 
-        Without a model, `bodies` and `contacts` stand for its items. They have what was told of the run: times, forces,
+        Without a model, `bodies` and `contacts` stand for its items. They have what the run recorded: times, forces,
         rows, pressures, areas, friction, energies, momenta. What needs meshes or matrices, as velocities of points that
         no sensor had, raises an InputError.
 

@@ -43,7 +43,7 @@ def noted() -> Iterator[list[str]]:
 
 
 def reviewed(mbs: MainSystem, result: Result) -> Result:
-    """Cut a result where it stops to mean anything, and say what needs saying."""
+    """Cut a result where it stops to mean anything, and warn of what the user must know."""
     bodies, contacts = partition_items(mbs)
     valid, shares = np.ones(len(result.t), dtype=bool), []
     for item in bodies:

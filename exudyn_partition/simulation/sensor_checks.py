@@ -36,7 +36,7 @@ def check_sensors(mbs: MainSystem) -> None:
 
 
 def _of_bodies(bodies: list[PartitionBody]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
-    """What sensors of bodies belong to, their numbers, and what Exudyn must tell of them."""
+    """What sensors of bodies belong to, their numbers, and the parameters that Exudyn must have of them."""
     kinds = require("exudyn").OutputVariableType
     for place, item in enumerate(bodies):
         what = f"body {item.name!r}" if item.name else f"body {place}"

@@ -225,7 +225,7 @@ class StepControl:
         return max(touching, min(_CAUTION * time, time - _LANDING * touching))
 
     def _rigid(self, side: tuple[PartitionBody, int]) -> tuple[Array, Array, Array]:
-        """State of a body with the accelerations of its rigid motion alone: vibration turns before they tell."""
+        """State of a body with the accelerations of its rigid motion alone: those of vibration change sign too soon."""
         item = side[0]
         q, q_t, q_tt = self._state(item)
         if isinstance(item.kinematics, FloatingKinematics):

@@ -1,4 +1,4 @@
-"""Results of runs as files: what sensors and contacts told, and of which model, so that others can go on with them.
+"""Results of runs as files: what sensors and contacts recorded, and of which model, so that others can use them.
 
 Without the model that was run, `StoredContact` and `StoredBody` stand for its items.
 """
@@ -323,7 +323,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
     """What the items of a model are: names, frames, places, reduced bodies, laws, and numbers of sensors.
 
     A run knows nothing of the inside of bodies: one of bodies that were saved without it can be read with whole ones.
-    Nor does it know what they bear before they yield, how long their reduction took, or what they say of themselves.
+    Nor does it know what they bear before they yield, how long their reduction took, or their `left_out`.
     """
     marks = []
     for item in bodies:

@@ -35,7 +35,7 @@ class Work:
 
     @classmethod
     def of(cls, solver: Solver | None, run: ModelRun | None) -> Work:
-        """Work of a run, as far as Exudyn's solver and the contacts tell."""
+        """Work of a run, as far as Exudyn's solver and the contacts record it."""
         of_solver = (0, 0, 0) if solver is None else (solver.rejected_steps, solver.jacobians, solver.newton_iterations)
         of_contacts = (0, 0, 0.0) if run is None else (run.active_set_iterations, run.pair_searches, run.contact_s)
         return cls(*of_solver, *of_contacts)
