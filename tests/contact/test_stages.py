@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import floating, inertial, moved, relative
+from oracles import floating, inertial, moved
 
 from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -60,8 +60,8 @@ def test_slow_values_are_kept_while_places_rows_and_numbers_are_nearly_the_same(
 @pytest.mark.parametrize("frame", [inertial, floating])
 def test_a_second_run_is_the_first_whatever_came_before(round_body, frame):
     """Rows to a rigid surface keep their flexibility while they turn little; the next run must not begin with it."""
-    law = ComplianceContact(RigidGaps(frame(round_body, (0, 0, 1e-6)), RigidSphere((0, 0, -0.02), 0.02)))
-    ways = [moved(law.gaps.slave, [0.02e-3 * n, 0, -4e-6]) for n in range(1, 12)]
+    law = ComplianceContact(RigidGaps(frame(round_body, (0, 0, 1e-6)), RigidSphere((0, 0, -2e-3), 2e-3)))
+    ways = [moved(law.gaps.slave, [5e-6 * n, 0, -4e-6]) for n in (*range(1, 12), 1)]
     first, second = [], []
     for run in (first, second):
         own = law.fresh()
@@ -79,14 +79,14 @@ def test_a_twin_goes_on_alone(round_body, flat_body, frame):
         law.force(at(slave, master, x))
     assert law.gaps.moving
     other = twin(law, {})
-    for x in np.linspace(0.1e-3, 0.3e-3, 9):
+    for x in (0.101e-3, 0.102e-3, 0.105e-3, 0.107e-3, 0.3e-3):
         other.force(at(slave, master, x))
     on, alone = ComplianceContact(PatchGaps(slave, master)), []
     for x in np.linspace(0, 0.1e-3, 9):
         on.force(at(slave, master, x))
     for each in (law, on):
-        alone.append([each.force(at(slave, master, x)) for x in np.linspace(0.1e-3, 0.12e-3, 5)])
-    assert relative(*np.array(alone)) < 1e-12
+        alone.append([each.force(at(slave, master, x)) for x in (0.1e-3, 0.101e-3, 0.12e-3)])
+    np.testing.assert_array_equal(*alone)
 
 
 @pytest.mark.parametrize("slides", [False, True])
@@ -97,7 +97,7 @@ def test_other_flexibilities_hold_in_each_stage_and_after_a_reset(round_body, fl
     q, some = at(slave, master, 0.1e-3 if slides else 0.0), np.arange(4)
     for each in (gaps, soft):
         each.at(q)
-    before = gaps.flexibility(some)
+    before, _ = (each.flexibility(some) for each in (gaps, soft))
     soft.take_flexibility([2 * side.flexibility for side in soft.sides])
     assert soft.moving == slides
     np.testing.assert_allclose(soft.flexibility(some), 2 * before, rtol=1e-12)
