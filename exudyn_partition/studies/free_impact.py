@@ -39,6 +39,7 @@ QUANTITIES = {
     "vibration_second": "1",
     "plastic_share": "1",
     "friction_share": "1",
+    "contact_share": "1",
     "balance": "1",
     "over": "1",
 }
@@ -184,7 +185,7 @@ def _shares(items: list[PartitionBody], contact: PartitionContact, result: Resul
     start, vibration = sum(e[0] for e in energy), [_vibration(item, ends)[1] for item in items]
     rigid = sum(e[1] for e in energy) - sum(vibration)
     plastic = contact.plastic.work(result)[-1] if contact.plastic else 0.0
-    friction = contact.dissipated_energy(result)[-1] - plastic if contact.friction is not None else 0.0
+    friction = contact.friction.work(result)[-1] if contact.friction else 0.0
     stored = contact.energy(ends)[1]  # by residual stress, if it yields
     return {
         "rigid_share": rigid / start,
@@ -192,6 +193,7 @@ def _shares(items: list[PartitionBody], contact: PartitionContact, result: Resul
         "vibration_second": vibration[1] / start if len(items) == 2 else 0.0,
         "plastic_share": plastic / start,
         "friction_share": friction / start,
+        "contact_share": stored / start,
         "balance": (rigid + sum(vibration) + plastic + friction + stored) / start - 1,
     }
 

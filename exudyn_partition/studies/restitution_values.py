@@ -43,8 +43,8 @@ class RestitutionMap:
         - "contacts": number of contacts; "contact_time": their sum [s]; "span": from the first to the last [s];
         - "peak_force" [N], "impulse": of the normal force [N s];
         - shares of the energy of the start: "rigid_share" of rigid motion, "vibration_first" and "vibration_second" of
-          each body, "plastic_share" and "friction_share"; "balance": what they miss, with the energy that stays in the
-          contact;
+          each body, "plastic_share" and "friction_share", "contact_share" that residual stress keeps where a body has
+          yielded; "balance": what their sum is above 1;
         - "over": 1 if no contact can follow.
     info : dict
         What it was computed with; "new": impacts that were not in the file.

@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import netgen.occ as occ
@@ -78,6 +79,26 @@ def test_sliding_impacts_are_coulombs_and_turn_the_ball(ball, oblique):
     np.testing.assert_allclose(np.tan(rough["rebound_angle"]), v * rough["centre_tangential"] / away, rtol=5e-3)
     np.testing.assert_allclose(rough["balance"], 0, atol=1e-3)
     assert (rough["friction_share"] > 0.05).all()
+
+
+def test_energy_of_an_impact_that_yields_is_counted():
+    """A block of aluminium hits a rigid ball."""
+    soft = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=100e6, hardening=500e6)
+    shape, fine = occ.Box(occ.Pnt(-5e-3, -5e-3, 0), occ.Pnt(5e-3, 5e-3, 8e-3)), ep.Refine((0, 0, 0), 0.5e-3, 0.25e-3)
+    fem = ep.fe_model(shape, soft, maxh=4e-3, refine=[fine], grading=0.6)
+    part = ep.Partition.ball(fem, (0, 0, 0), 0.6e-3, direction=(0, 0, -1), plastic_radius=0.9e-3)
+    pair = ep.reduce(fem, part, f_cut=100e3), ep.RigidSphere((0, 0, -5e-3), 5e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PartitionWarning)  # of a coarse zone
+        found = ep.restitution_map(pair, speed=(0.1, 0.5))
+    slow, fast = found["restitution"].ravel()
+    assert fast < slow < 1
+    np.testing.assert_allclose(found["rigid_share"], found["restitution"] ** 2, rtol=2e-2)  # it hardly spins
+    assert (found["plastic_share"] > 0.05).all()
+    parts = ("rigid", "plastic", "contact", "friction")
+    total = sum(found[f"{part}_share"] for part in parts) + found["vibration_first"]
+    np.testing.assert_allclose(total, 1, atol=2e-3)
+    np.testing.assert_allclose(total - 1, found["balance"], atol=1e-9)
 
 
 def test_two_balls_exchange_their_speed(ball, other):

@@ -13,8 +13,8 @@ Limits: from 20 degrees on, 5 % of the measured tangential restitution and rebou
 Below 20 degrees the experiment has more tangential restitution: 0.79 at 1.8 degrees, where this library has 0.64 and
 half-spaces have 0.66. Alumina and glass are unlike: under the normal force they move sideways by different amounts and
 slip, and friction then has less left to hold the tangential motion. Half-spaces without that coupling (Maw's theory)
-have 0.78, as measured. So the real surfaces slip less under the normal force than a coefficient of 0.092 says that they
-do. The measured numbers do not agree with each other better: balance of angular momentum, w = 5 (1 - e_t) v sin(a) /
+have 0.78, near to what was measured. So the real surfaces seem to slip less under the normal force than a coefficient
+of 0.092 says. The measured numbers do not agree with each other better: balance of angular momentum, w = 5 (1 - e_t) v sin(a) /
 (2 R), makes 0.674 of the spin that was measured at 6.1 degrees; the measured restitutions make 0.71 there.
 
     python -m validation.experiments.kharaz [--quick] [--out JSON]
