@@ -14,8 +14,8 @@ Below 20 degrees the experiment has more tangential restitution: 0.79 at 1.8 deg
 half-spaces have 0.66. Alumina and glass are unlike: under the normal force they move sideways by different amounts and
 slip, and friction then has less left to hold the tangential motion. Half-spaces without that coupling (Maw's theory)
 have 0.78, near to what was measured. So the real surfaces seem to slip less under the normal force than a coefficient
-of 0.092 says. The measured numbers do not agree with each other better: balance of angular momentum, w = 5 (1 - e_t) v sin(a) /
-(2 R), makes 0.674 of the spin that was measured at 6.1 degrees; the measured restitutions make 0.71 there.
+of 0.092 says. Nor do the measured numbers agree with each other: balance of angular momentum, w = 5 (1 - e_t) v sin(a)
+/ (2 R), makes 0.674 of the spin that was measured at 6.1 degrees; the measured restitutions make 0.71 there.
 
     python -m validation.experiments.kharaz [--quick] [--out JSON]
 """
