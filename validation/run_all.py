@@ -343,6 +343,8 @@ CASES = {
     "pareto": Case("pareto.py", pareto, quick=(), figures=tuple(f"pareto_{scene}.png" for scene in SCENES)),
     "rod_on_plate": Case("rod_on_plate.py", rod_on_plate),
     "order": Case("mesh/order.py", limits(("unknowns",))),
+    "imports": Case("mesh/imports.py", limits(("volume", "mass", "between_dialects", "faces_wrong", "frequencies")),
+                    ("--quick", "--out", "{out}/imports_quick.json")),
     "row_spacing": Case("mesh/row_spacing.py", limits(("largest_rate", "off_independent")), quick=()),
     "effectivity": Case("mesh/effectivity.py", limits(("largest", "reference"))),
     "promise": Case("mesh/promise.py", limits(("failed", "largest_share"))),

@@ -119,6 +119,14 @@ def test_choose_accuracy(tmp_path, capsys):
     assert coarse["dofs"] < fine["dofs"]
 
 
+def test_assembly(tmp_path, capsys):
+    result = run_quick("assembly", tmp_path, capsys)
+    assert result["solids"] == ["crank", "link", "block"]
+    assert abs(result["error"]["speed"]) < 0.01
+    assert result["peak_force_N"] > 1000
+    assert result["dofs"] < 150 < result["fe_dofs"]
+
+
 def test_crank_slider(tmp_path, capsys):
     result = run_quick("crank_slider", tmp_path, capsys)
     check_impact(result)
