@@ -275,7 +275,7 @@ CASES = {
                                   figures=("calculix_rod_on_plate.png",)),
     "patch_test": Case("contact/patch_test.py", patch_test, quick=(), figures=("contact_patch_test.png",)),
     "contact_evaluation": Case("benchmarks/contact_evaluation.py", limits(("frozen", "moving")), quick=()),
-    "many_contacts": Case("benchmarks/many_contacts.py", limits(("growth", "share", "symmetry")), quick=()),
+    "many_contacts": Case("benchmarks/many_contacts.py", limits(("growth", "symmetry")), quick=()),
     "hertz": Case("contact/hertz.py", hertz, figures=("contact_hertz.png",)),
     "bars": Case("contact/bars.py", bars, figures=("contact_bars.png",)),
     "sliding": Case("contact/sliding.py", lambda d: [Row("ways beyond the ripple's limit", "smooth force", 0,

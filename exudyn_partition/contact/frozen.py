@@ -37,9 +37,9 @@ class FrozenContacts:
         Node of the slave's patch for each row of all.
     at_edge : (nr,) bool array
         Rows at the edge of their patch.
-    told : (n, 6) array
-        Of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N], and the
-        smallest gap of the rows, without the contact's own flexibility [m].
+    values : (n, 6) array
+        Of the sensor of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N],
+        and the smallest gap of the rows, without the contact's own flexibility [m].
     stored : (n,) array
         Energy that each contact stores [J].
     whole : bool
@@ -56,17 +56,17 @@ class FrozenContacts:
         self._stages = [each.stage for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
-        self.told, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
+        self.values, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
         self.at_edge = np.concatenate([each.at_edge for each in gaps])
 
     def evaluate(self, q: Array) -> bool:
-        """Find forces at the model's coordinates q, (nq,), and what the contacts tell.
+        """Find forces at the model's coordinates q, (nq,), and the values of sensors.
 
         Return False if pairs begin to slide, or forces do not settle soon; then each contact must be evaluated. While
         all contacts stay open, their lowest rows are enough; `evaluate_rows` finds the gaps of all.
         """
-        if not self.pushes and loops.fly_on(self._rows, self._lowest, q, self.h, self.told):
+        if not self.pushes and loops.fly_on(self._rows, self._lowest, q, self.h, self.values):
             self.whole = False
             return True
         return self.evaluate_rows(q)
@@ -78,8 +78,8 @@ class FrozenContacts:
             self.force = np.empty(len(q))
         if not loops.gaps_of_frozen(self._rows, q, self.h) or not self._blocks.solve(self.h):
             return False
-        loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.told, self.stored)
-        self.pushes = bool(self.told[:, 1].any())
+        loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.values, self.stored)
+        self.pushes = bool(self.values[:, 1].any())
         return True
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:

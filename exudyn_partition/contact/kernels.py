@@ -334,12 +334,12 @@ def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) 
 
 @compiled
 def forces_of_frozen(
-    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, told: Array, stored: Array
+    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
 ) -> None:
-    """Set generalised forces, and what the contacts tell, see `frozen.FrozenContacts`."""
-    force[:], told[:], stored[:] = 0.0, 0.0, 0.0
-    for j in range(len(told)):
-        dofs, start, tell = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], told[j]
+    """Set generalised forces, and values of sensors, see `frozen.FrozenContacts`."""
+    force[:], values[:], stored[:] = 0.0, 0.0, 0.0
+    for j in range(len(values)):
+        dofs, start, own_values = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], values[j]
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
         H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
         normals = rows.numbers[rows.normals[j] :][: 3 * nr].reshape(nr, 3)
@@ -349,12 +349,12 @@ def forces_of_frozen(
             if push != 0.0:
                 for k in range(n):
                     own[k] += push * H[k, i]
-                tell[0] += push
-                tell[1] += 1.0
+                own_values[0] += push
+                own_values[1] += 1.0
                 for k in range(3):
-                    tell[2 + k] += push * normals[i, k]
+                    own_values[2 + k] += push * normals[i, k]
                 stored[j] -= 0.5 * push * h[start + i]
-        tell[5] = least
-        if tell[1] > 0.0:
+        own_values[5] = least
+        if own_values[1] > 0.0:
             for k in range(n):
                 force[dofs[k]] += own[k]

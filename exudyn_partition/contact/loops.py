@@ -215,10 +215,10 @@ def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) 
 
 
 def forces_of_frozen(
-    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, told: Array, stored: Array
+    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
 ) -> None:
-    """Set `force`, `told` and `stored` by gaps and forces of all rows, see `frozen.FrozenContacts`."""
-    _compiled().forces_of_frozen(rows, h, lam, pushed, force, told, stored)
+    """Set `force`, `values` and `stored` by gaps and forces of all rows, see `frozen.FrozenContacts`."""
+    _compiled().forces_of_frozen(rows, h, lam, pushed, force, values, stored)
 
 
 def _compiled() -> ModuleType:

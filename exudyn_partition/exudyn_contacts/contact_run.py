@@ -414,7 +414,7 @@ class GroupRun:
     @property
     def values(self) -> Array | None:
         """Values of the sensors `sForce` of all members, (n, 6); None if their laws have evaluated them."""
-        return None if self._looped is None else self._looped.told
+        return None if self._looped is None else self._looped.values
 
     def publish(self, data: Array) -> None:
         """Write these values to where the sensors read them, among the model's data coordinates."""

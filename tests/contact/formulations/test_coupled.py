@@ -219,10 +219,10 @@ def test_compiled_loops_tell_what_the_laws_do(block_on_feet):
         assert frozen.evaluate(q)
         assert frozen.force.any()
         np.testing.assert_allclose(frozen.force, sum(forces), rtol=0, atol=1e-9 * abs(frozen.force).max())
-        for law, told, stored in zip(own, frozen.told, frozen.stored, strict=True):
+        for law, values, stored in zip(own, frozen.values, frozen.stored, strict=True):
             gap = law.least_gap
             expected = [law.lam.sum(), law.index.size, *law.resultant(), gap]
-            np.testing.assert_allclose(told, expected, rtol=1e-8, atol=1e-15)
+            np.testing.assert_allclose(values, expected, rtol=1e-8, atol=1e-15)
             assert stored == pytest.approx(law.stored(), rel=1e-8, abs=1e-20)
     assert not all(law.index.size for law in own)
     assert together.take(frozen, [q] * 3)
