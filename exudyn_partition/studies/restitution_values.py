@@ -33,7 +33,8 @@ class RestitutionMap:
         Axes of the grid, ascending: what the function of bodies was called with, [m/s], [rad], coefficient.
     values : dict of str to (n_place, n_speed, n_angle, n_friction) array
         - "restitution": Newton's coefficient, of the normal velocities of rigid bodies with the same momenta, at the
-          centre of the contact force;
+          centre of the contact force; along the normal of the start, which turns by slide over radius where two curved
+          surfaces slide along each other: then it is off by the order of that turn times the tangent of the angle;
         - "tangential_restitution": the same along the surface, -1 where nothing holds it; nan without angle;
         - "impulse_ratio": tangential over normal impulse, positive against the motion;
         - "centre_tangential": tangential velocity of the first body's centre of mass, against that of the second one,
