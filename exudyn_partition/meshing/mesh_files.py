@@ -336,7 +336,8 @@ def _mirrored(kind: Kind) -> Array:
 def inverted(points: Array, cells: Array, kind: Kind) -> Array:
     """Rows of elements of a kind, (ne, n), without positive volume at some integration point."""
     corners = points[cells]
-    determinant = np.linalg.det(np.einsum("qki,ekd->eqid", kind.gradients, corners))
+    jacobian = np.tensordot(corners, kind.gradients, (1, 1)).transpose(0, 2, 1, 3)  # einsum takes ten times as long
+    determinant = np.linalg.det(jacobian)
     extent = np.ptp(corners, axis=1).max(axis=1)
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
