@@ -15,6 +15,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
+from exudyn_partition.contact.formulations.choices import Compliance, Lagrange
+from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import YieldWarning
 from exudyn_partition.fe.elements import BY_NAME
@@ -37,6 +39,16 @@ KINDS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}  # meshio's names, by the n
 def relative(x, y):
     """||x - y|| / ||y||."""
     return np.linalg.norm(x - y) / np.linalg.norm(y)
+
+
+def compliant(gaps, friction=None):
+    """Contact through the residual flexibility, outside of a model."""
+    return PatchContact(gaps, Compliance(), friction)
+
+
+def multipliers(gaps, friction=None):
+    """Contact by multipliers, outside of a model."""
+    return PatchContact(gaps, Lagrange(), friction)
 
 
 # Shapes and meshes.

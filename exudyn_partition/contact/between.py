@@ -16,12 +16,12 @@ from .side import Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
 
-# Numbers of a law and its side, of another law and its side, and the body's flexibility between the patches [m/N].
+# Numbers of a contact and its side, of another and its side, and the body's flexibility between the patches [m/N].
 Link = tuple[int, int, int, int, Array]
 
 
 class HasRows(Protocol):
-    """A law, as far as it is needed here."""
+    """Rows of a contact, as far as they are needed here."""
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
@@ -37,12 +37,13 @@ class FlexibilityBetween:
 
     Parameters
     ----------
-    laws : sequence of HasRows
+    rows : sequence of HasRows
+        Of the contacts.
     links : sequence of Link
     """
 
-    def __init__(self, laws: Sequence[HasRows], links: Sequence[Link]) -> None:
-        self._laws = laws
+    def __init__(self, rows: Sequence[HasRows], links: Sequence[Link]) -> None:
+        self._contacts = rows
         self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
         for j, side, k, other, between in links:
             self._links.setdefault((j, k), []).append((side, other, between))
@@ -50,11 +51,11 @@ class FlexibilityBetween:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Numbers of the laws that move each other."""
+        """Numbers of the contacts that move each other."""
         return [*self._links]
 
     def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
-        """Gaps of some rows of law j by unit forces on some of law k, (na, nb) [m/N]."""
+        """Gaps of some rows of contact j by unit forces on some of contact k, (na, nb) [m/N]."""
         result = np.zeros((len(rows), len(others)))
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
@@ -62,7 +63,7 @@ class FlexibilityBetween:
         return result
 
     def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
-        """Gaps of all present rows of law j by forces on some rows of law k, (nr,) [m]."""
+        """Gaps of all present rows of contact j by forces on some rows of contact k, (nr,) [m]."""
         result: Array = np.zeros(1)
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
@@ -71,9 +72,9 @@ class FlexibilityBetween:
 
     def _rows(self, j: int, side: int) -> tuple[Array, Array]:
         """Present rows of a side on the coordinates that they need, (nr, m), and the numbers of these, (m,)."""
-        standing, kept = self._laws[j].standing(), self._kept.get((j, side))
+        standing, kept = self._contacts[j].standing(), self._kept.get((j, side))
         if kept is None or not standing.nearly(kept[0], SAME):
-            found = sp.csr_matrix(self._laws[j].side_rows(side))
+            found = sp.csr_matrix(self._contacts[j].side_rows(side))
             used = np.unique(found.indices)
             kept = self._kept[j, side] = standing, found[:, used].toarray(), used
         return kept[1:]
@@ -86,12 +87,12 @@ class Exchange:
     Parameters
     ----------
     fields : dict of int to list of (int, (d np, m) array)
-        Of each law, the number of a side and the fields of its patch. All sides of a law count together, so that the
-        columns of a side have zeros where those of the other side have their fields.
+        Of each contact, the number of a side and the fields of its patch. All sides of a contact count together:
+        the columns of a side have zeros where those of the other side have their fields.
     core : dict of (int, int) to (m, m) array
-        Amplitudes of the fields of one law by unit amplitudes of another [m/N].
+        Amplitudes of the fields of one contact by unit amplitudes of another [m/N].
     neighbours : dict of int to list of int
-        Laws that move the rows of each law.
+        Contacts that move the rows of each.
     """
 
     fields: dict[int, list[tuple[int, Array]]]

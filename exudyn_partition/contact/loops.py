@@ -5,15 +5,13 @@ This is the only module of `contact` that knows which. `kernels` beside it has t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..algebra.complementarity import ROUNDING, Complementarity
-from ..algebra.products import smallest
+from ..algebra.complementarity import ROUNDING
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
@@ -144,32 +142,6 @@ def rows_below(h: Array, limit: float, known: Array | None) -> Array:
         return known if compiled.same_rows(h, limit, known) else np.flatnonzero(h < limit)
     found = np.flatnonzero(h < limit)
     return known if known is not None and np.array_equal(found, known) else found
-
-
-def answer_again(h: Array, near: Array, problem: Complementarity, bulge: float) -> tuple[Array, float] | None:
-    """Forces on all rows, (nr,) [N], and the least gap [m], if the problem's active rows stay the same; else None.
-
-    Parameters
-    ----------
-    h : (nr,) array
-        Gaps of all rows [m].
-    near : (k,) int array
-        Rows that could close at the last answer: those of the problem. None is returned, too, if others can.
-    problem : Complementarity
-        With active rows.
-    bulge : float
-        Rows can close whose gap is less than that share of the deepest row's depth.
-    """
-    if compiled := kernels("contact"):
-        lam, least, settled = compiled.answer_again(h, near, *problem.compiled, bulge, ROUNDING)
-        return (lam, least) if settled else None
-    least = smallest(h)
-    if not (least < 0.0 and math.isfinite(least)) or rows_below(h, -bulge * least, near) is not near:
-        return None
-    some, _, count = problem.check(h[near])
-    lam = np.zeros(len(h))
-    lam[near] = some
-    return None if count else (lam, least)
 
 
 # Several steps in one call, only where loops do them `at_once`.

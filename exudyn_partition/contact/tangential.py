@@ -65,6 +65,25 @@ class TangentialRows:
         result.release()
         return result
 
+    d = 3
+
+    def directions(self, index: Array) -> Array:
+        """Numbers of the three directions of some rows, (3 na,)."""
+        return directions(index)
+
+    def tractions(self, forces: Array) -> Array:
+        """Tangential forces in space, (nr, 3) [N], of forces along the directions of rows, (nr, 3) [N]."""
+        return self.in_space(forces[:, 1:])
+
+    def resultant(self, forces: Array) -> Array:
+        """Force on the slave, (3,) [N], of forces along the directions of rows, (nr, 3) [N]."""
+        value: Array = self.gaps.resultant(forces[:, 0]) + self.tractions(forces).sum(axis=0)
+        return value
+
+    def moment(self, forces: Array, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m], of forces along the rows, (nr, 3) [N]."""
+        return self.gaps.moment_of(self.at_points(forces), point)
+
     def release(self) -> None:
         """Forget the places that `hold` took: nothing has slid."""
         self._from: Array | None = None  # coordinates

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
-from ..contact.formulations.formulation import Law
 from ..errors import InputError, RunError
 from ..support.arrays import Array
 from ..support.foreign import MainSystem, ObjectIndex
@@ -15,6 +15,13 @@ from ..support.optional import require
 
 Pose = Callable[[], tuple[Array, Array]]  # place, (3,) [m], and axes as columns, (3, 3)
 Motion = Callable[[], tuple[Array, Array]]  # velocity, (3,) [m/s], and angular velocity, (3,) [rad/s]
+
+
+class OnCarrier(Protocol):
+    """A contact with a rigid surface, as far as its carrier needs it."""
+
+    def on_carrier(self, point: Array) -> Array:
+        """Force on the body that carries the surface, and moment about a point in space, (6,) [N, N m]."""
 
 
 def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
@@ -121,20 +128,20 @@ class Carrier:
         return np.array(columns).T
 
 
-def load_carrier(mbs: MainSystem, law_now: Callable[[], Law], body: ObjectIndex) -> None:
+def load_carrier(mbs: MainSystem, contact_now: Callable[[], OnCarrier], body: ObjectIndex) -> None:
     """Add loads that apply the reaction of a contact to the body that carries the rigid surface.
 
-    `law_now` returns the contact's present law. Exudyn evaluates loads after objects, so the contact's forces belong to
-    the same coordinates.
+    `contact_now` returns the contact in the present run. Exudyn evaluates loads after objects, so that
+    its forces belong to the same coordinates.
     """
     items, pose_now = require("exudyn.itemInterface"), pose(mbs, body)
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
 
     def force(mbs: MainSystem, t: float, load: object) -> list[float]:
-        return [*map(float, law_now().on_carrier(pose_now()[0])[:3])]
+        return [*map(float, contact_now().on_carrier(pose_now()[0])[:3])]
 
     def torque(mbs: MainSystem, t: float, load: object) -> list[float]:
-        return [*map(float, law_now().on_carrier(pose_now()[0])[3:])]
+        return [*map(float, contact_now().on_carrier(pose_now()[0])[3:])]
 
     zero = [0.0, 0.0, 0.0]
     mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))

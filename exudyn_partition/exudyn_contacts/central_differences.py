@@ -6,12 +6,10 @@ Theory: examples/site/theory.md, "Joints in explicit steps".
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 
-from ..contact.formulations.forward_increment import ForwardIncrement, increment_of
-from ..contact.formulations.lagrange import LagrangeContact
+from ..contact.formulations.explicit_multipliers import ForwardIncrement, State
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
@@ -19,8 +17,6 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from ..support.twins import Known, copied
 from .contact_run import ContactRun
-
-State = tuple[Array, Array, Array]  # coordinates, velocities and accelerations
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # last change of the joints' accelerations, relative
@@ -58,7 +54,7 @@ class MultiplierStep:
         self._pushes: list[tuple[Array, Array]] = []  # coordinates and accelerations by contacts in the last step
         self._predicted: list[tuple[Array, Array]] = []  # those in present velocities that are to be taken back
         self._dofs = [contact.dofs for contact in contacts]
-        self._forward = increment_of([cast(LagrangeContact, contact.law) for contact in contacts], self._dofs)
+        self._forward = ForwardIncrement([contact.forward for contact in contacts if contact.forward], self._dofs)
         if joints is not None:
             self._carried, self._usual = np.zeros(joints.n), 0.0
             # Multipliers by which joints answer to those of contacts: in the last step, and in the one before.
@@ -168,15 +164,15 @@ class MultiplierStep:
         """
         step, near = self._step, False
         changed = joints.update()
-        if forward.laws:
+        if forward.rows:
             h = forward.predict(states, step)
             # Farther off, no joint closes a gap within a step, and moving rows are not worth their while.
-            near = not forward.nearest(h) * step**2 >= min(law.gaps.size for law in forward.laws)
+            near = not forward.nearest(h) >= min(rows.contact.gaps.size for rows in forward.rows)
         if near and (forward.take_rows() or changed or self._across is None):
             pushes = [G[:, own] @ joints.push[others] for G, (own, others) in zip(forward.G, self._shared, strict=True)]
             across = self._across = np.vstack(pushes)
             self._yields = -joints.solve(across.T)
-            self._by_joints = across @ self._yields
+            forward.yield_joints(across @ self._yields)
         acceleration, held, lam, last, by_joints = np.zeros(len(start)), np.zeros(joints.n), np.zeros(0), np.inf, mid
         self._answer = np.zeros(joints.n)
         for _ in range(_ITERATIONS):
@@ -184,8 +180,8 @@ class MultiplierStep:
             g = joints.residual(start, step * (mid + step * acceleration))
             reaction = joints.solve(held - g / step**2)
             if near:
-                lam = forward.solve(h + self._across @ reaction, self._by_joints)
-                self._answer = self._yields @ lam
+                lam = forward.solve(h + step**2 * (self._across @ reaction).reshape(h.shape))
+                self._answer = self._yields @ lam.ravel()
                 reaction = reaction + self._answer
             by_joints = joints.push @ reaction
             if joints.linear:

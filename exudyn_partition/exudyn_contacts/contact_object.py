@@ -123,13 +123,13 @@ def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float, by_q_t: float)
     if law.compliant and not law.index.size:
         if _touches(mbs, run) and (closed := law.closed_stiffness()) is not None:
             return by_q * closed
-        if law.yielding is None:
+        if law.zones is None:
             return None
     if run.group.together is None:
         return law.tangent_matrix(by_q, by_q_t)
     H = dense(law.row_jacobian())
     stiffness = H.T @ run.group.stiffness(run, run) @ H
-    return by_q * (stiffness if law.yielding is None else law.yielding.tangent(stiffness))
+    return by_q * (stiffness if law.zones is None else law.zones.tangent(stiffness))
 
 
 def _touches(mbs: MainSystem, run: ContactRun) -> bool:

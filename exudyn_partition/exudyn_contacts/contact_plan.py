@@ -10,8 +10,9 @@ import numpy as np
 
 from ..algebra.coulomb import Coulomb, friction_of
 from ..contact.formulations.choices import Compliance, FormulationName, formulation_of
-from ..contact.formulations.formulation import Formulation, Law
+from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
+from ..contact.patch_contact import PatchContact
 from ..contact.patch_gaps import PatchGaps
 from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
@@ -50,7 +51,7 @@ class ContactPlan:
         The master, if it is a rigid surface.
     formulation : Formulation
         With friction, if the contact has any.
-    law : Law
+    law : PatchContact
         At the start, with the gaps between the sides.
     carrier : Carrier or None
         The body of another kind that carries the rigid surface.
@@ -62,7 +63,7 @@ class ContactPlan:
     sides: tuple[BodyPatch, ...]
     rigid: RigidSurface | None
     formulation: Formulation
-    law: Law
+    law: PatchContact
     carrier: Carrier | None
     carried_by: ObjectIndex | None
 
@@ -110,13 +111,7 @@ def plan_contact(
         gaps = _between(bodies, sides, placed, kind)
     else:
         gaps = _to_rigid(mbs, placed[0], rigid, kind, masterBody)
-    law = chosen.law(gaps)
-    if any(side.zone is not None for side in gaps.sides) and law.yielding is None:
-        raise InputError(
-            f"formulation: {type(law).__name__} knows no plastic zones, and the material of a body has hardening. Take "
-            "formulation='compliance', 'lagrange' with basis 'free', or a material without it"
-        )
-    carrier = None if masterBody is None else Carrier(mbs, masterBody)
+    law = PatchContact(gaps, chosen, coulomb)
     return ContactPlan(name, tuple(sides), rigid, chosen, law, carrier, masterBody)
 
 
@@ -176,13 +171,6 @@ def _check_passes(passes: object) -> None:
             "with rows='integrated' where pressures of meshes that do not match should be even"
         )
     validate_choice("passes", passes, PASSES)
-
-
-def _with_friction(formulation: Formulation, friction: Coulomb) -> Formulation:
-    """Return the formulation with friction; one of a user need not know of it."""
-    if not hasattr(formulation, "with_friction"):
-        return Formulation.with_friction(formulation, friction)  # which refuses
-    return formulation.with_friction(friction)
 
 
 def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, body: ObjectIndex | None) -> None:

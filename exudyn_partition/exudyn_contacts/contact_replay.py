@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..contact.formulations.formulation import Law
+from ..contact.patch_contact import PatchContact
 from ..errors import InputError
 from ..support.arrays import Array
 from ..support.checks import validate_result
@@ -22,7 +22,7 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     law = contact.law
     if law.gaps.carried:
         return _kept_of_carried(contact, result)
-    if law.friction is not None or law.yielding is not None:
+    if law.friction is not None or law.zones is not None:
         return _kept_on_nodes(contact, result)
     if not law.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
@@ -70,7 +70,7 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     return forces
 
 
-def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[Law]]:
+def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[PatchContact]]:
     """Laws of the contacts that are solved together, at each time of `result`."""
     laws = [member.law.for_run("explicit") for member in _solved_together(contact)]
     together = None if contact.together is None else contact.together.for_run(laws)

@@ -11,9 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
-from ..contact.formulations.formulation import Law, Method, Together
-from ..contact.formulations.frictional import FrictionalContact
+from ..contact.formulations.explicit_multipliers import ForwardRows
+from ..contact.formulations.formulation import Method, Together
+from ..contact.formulations.implicit_multipliers import StepImpulses
 from ..contact.frozen import FrozenContacts
+from ..contact.patch_contact import PatchContact
 from ..errors import RunError
 from ..exudyn_bodies.model import SolverMotion, start_of_step
 from ..plasticity.flow import PlasticState
@@ -21,6 +23,7 @@ from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array, consecutive, joined_slices
 from ..support.foreign import MainSystem
+from ..support.twins import Known, twin
 
 N_VALUES, N_VALUES_AHEAD = 6, 10  # of `sForce`; multipliers have impulses too
 
@@ -32,7 +35,7 @@ class ContactRun:
     ----------
     name : str
         The contact's.
-    law : Law
+    law : PatchContact
         At the start of the run.
     slices : list of slice
         Where the coordinates of slave and master are among the model's.
@@ -59,6 +62,10 @@ class ContactRun:
         Area of the row of each of the slave's patch nodes [m2].
     edge : (float, (3,) array) or None
         When and where the contact reached the edge of its patch first [s, m].
+    forward : ForwardRows or None
+        What acts ahead of the steps of an explicit run.
+    impulses : StepImpulses or None
+        The same of an implicit run, whose forces are means within steps.
     joined : bool
         Whether the multipliers are found together with those of joints.
     goes_on : bool
@@ -68,9 +75,11 @@ class ContactRun:
     """
 
     def __init__(
-        self, name: str, law: Law, slices: Sequence[slice], t: float, method: Method, place: int | None = None
+        self, name: str, law: PatchContact, slices: Sequence[slice], t: float, method: Method, place: int | None = None
     ) -> None:
         self.name, self._law, self.place = name, law, place
+        self.forward = ForwardRows(law) if law.ahead and method == "explicit" else None
+        self.impulses = StepImpulses(law) if law.ahead and method == "implicit" else None
         self._explicit = method == "explicit"  # then the last evaluation is the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # the fewer, the quicker
@@ -84,7 +93,7 @@ class ContactRun:
         self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.on_nodes: dict[float, list[Array]] = {}
-        self.plastic_strains = {} if law.yielding is None else {i: StrainHistory(z.zone) for i, z in law.yielding.zones}
+        self.plastic_strains = {} if law.zones is None else {i: StrainHistory(z.zone) for i, z in law.zones.zones}
         self.edge: tuple[float, Array] | None = None
         # Impulses of normal forces, sum and vector, and vector of tangential ones: so far, of the last step, to come.
         self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
@@ -95,7 +104,7 @@ class ContactRun:
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
 
     @property
-    def law(self) -> Law:
+    def law(self) -> PatchContact:
         """The contact's, in its present state."""
         if self._group is not None:
             self._group.update_laws()
@@ -110,12 +119,12 @@ class ContactRun:
     @property
     def acts_within(self) -> bool:
         """Whether there are forces within a step; multipliers ahead of it are none."""
-        return not self._law.ahead or self._law.yielding is not None
+        return self.forward is None or self._law.zones is not None
 
     @property
     def remembers(self) -> bool:
         """Whether forces depend on earlier steps."""
-        return self._law.remembers
+        return self.impulses is not None or self._law.remembers
 
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
@@ -132,7 +141,7 @@ class ContactRun:
     @property
     def law_name(self) -> str:
         """Name of the law's class."""
-        return type(self._law).__name__
+        return type(self._law.law).__name__
 
     @property
     def slip_path(self) -> Array:
@@ -142,8 +151,8 @@ class ContactRun:
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
         """Present state of each plastic zone, by the number of its side."""
-        yielding = self.law.yielding
-        return {} if yielding is None else {side: zone.present for side, zone in yielding.zones}
+        zones = self.law.zones
+        return {} if zones is None else {side: zone.present for side, zone in zones.zones}
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
         """`plastic_strains`; of a run from a file, in these zones."""
@@ -157,8 +166,10 @@ class ContactRun:
         """Leave the forces to the group, in which this contact has a place."""
         self._group, self._place = group, place
 
-    def go_on(self, earlier: ContactRun, t: float) -> None:
-        """Go on from the end of an earlier run at time t [s]; this one's law is the twin of that one's."""
+    def go_on(self, earlier: ContactRun, t: float, known: Known) -> None:
+        """Go on from the end of an earlier run at time t [s]; `known` has the twin of its law, which is this one's."""
+        self.forward = None if earlier.forward is None else twin(earlier.forward, known)
+        self.impulses = None if earlier.impulses is None else twin(earlier.impulses, known)
         for name in ("_start", "_at", "force", "_impulse", "_last", "_rest", "_stepped_to"):
             setattr(self, name, copy.copy(getattr(earlier, name)))
         self.goes_on_at = t
@@ -166,15 +177,19 @@ class ContactRun:
     def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
         law = self._law
+        if self.impulses is not None:
+            self.follow(start_of_step(mbs), t)
+            self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
+            return
         if law.remembers:
             if self._explicit and law.flies_on(self._at):
                 self._start, self._at = self._at, t
             else:
                 self.follow(start_of_step(mbs), t)
-        if law.elastic or isinstance(law, FrictionalContact):
-            self.force = law.force(self.of(q))
-        else:
+        if law.needs_motion:
             self.force = law.evaluate(SolverMotion(mbs, self.of))
+        else:
+            self.force = law.force(self.of(q))
 
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
@@ -185,9 +200,9 @@ class ContactRun:
     def follow(self, start: float, t: float) -> None:
         """Let a law that depends on the path begin the step from `start` to t [s], or begin it again."""
         if start != self._start:
-            self.law.commit(start)
-        elif t != self._at:
-            self.law.rollback()
+            (self.impulses or self.law).commit(start)
+        elif t != self._at and self.impulses is not None:
+            self.impulses.rollback()
         self._start, self._at = start, t
 
     def count_impulse(self, t: float, step: float, *, half: bool = False) -> None:
@@ -211,7 +226,9 @@ class ContactRun:
 
     def _impulses(self) -> Array | None:
         """Impulses so far of multipliers, which jump between steps, (7,) [N s]; None of forces that do not."""
-        return self._impulse if self._law.ahead else self._law.impulse
+        if self.impulses is not None:
+            return self.impulses.impulse
+        return None if self.forward is None else self._impulse
 
     def force_values(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
@@ -236,13 +253,13 @@ class ContactRun:
         """Keep what results need of the state at t; `q` returns the model's coordinates there."""
         law = self._law
         closed = law.index
-        if law.yielding is not None:
-            law.yielding.check()
-            for side, zone in law.yielding.zones:
+        if law.zones is not None:
+            law.zones.check()
+            for side, zone in law.zones.zones:
                 self.plastic_strains[side].keep(t, zone.present.strain)
-        if law.ahead and t != self.goes_on_at:  # which was checked there, and looking moves pairs
+        if self.forward is not None and t != self.goes_on_at:  # which was checked there, and looking moves pairs
             self._check_step(t)
-            law.check(self.of(q()))
+            self.forward.check(self.of(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, law.row_nodes[closed]
@@ -270,18 +287,31 @@ class ContactRun:
             return self._open_values
         if law.index.size:
             stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
-            values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, law.dissipated(), law.stored()]
+            values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), law.stored()]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, law.dissipated(), law.stored()]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), law.stored()]
             if self._impulses() is None:
                 self._open_index, self._open_values = law.index, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
+    def _dissipated(self) -> float:
+        """Energy that friction has taken since the start of the run [J]."""
+        return self.law.dissipated() if self.impulses is None else self.impulses.dissipated()
+
+    def on_carrier(self, point: Array) -> Array:
+        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
+        return self.law.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of the set of closed rows so far; those of explicit multipliers are counted ahead of steps."""
+        return self.law.iterations if self.impulses is None else self.impulses.iterations
+
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
-        yielding = self.law.yielding
-        assert yielding is not None
-        return [self.law.stored(), yielding.work(), yielding.largest_strain(), float(yielding.flowing())]
+        zones = self.law.zones
+        assert zones is not None
+        return [self.law.stored(), zones.work(), zones.largest_strain(), float(zones.flowing())]
 
     def _check_step(self, t: float) -> None:
         """Refuse a run in which multipliers were not applied."""

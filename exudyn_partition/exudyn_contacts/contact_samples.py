@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..algebra.friction import SLIP
-from ..contact.formulations.formulation import Law, Together
+from ..contact.formulations.formulation import Together
+from ..contact.patch_contact import PatchContact
 from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import at_times
@@ -39,7 +40,7 @@ class ModelContact(Protocol):
     Attributes
     ----------
     name : str
-    law : Law
+    law : PatchContact
         At the start; each run has its own.
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
@@ -52,7 +53,7 @@ class ModelContact(Protocol):
     """
 
     name: str
-    law: Law
+    law: PatchContact
     sides: tuple[tuple[PartitionBody, int], ...]
     group: list[Any]
     together: Together | None

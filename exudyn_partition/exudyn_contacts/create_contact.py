@@ -92,8 +92,8 @@ def CreatePartitionContact(
         Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
-        paper's and Craig-Bampton's, in VelocityVerlet (`contact.lagrange`) and generalized-alpha
-        (`contact.stabilised`); "penalty" for any basis, an elastic layer on the slave's patch; or one of your own, see
+        paper's and Craig-Bampton's, in VelocityVerlet (`explicit_multipliers`) and generalized-alpha
+        (`implicit_multipliers`); "penalty" for any basis, an elastic layer on the slave's patch; or one of your own, see
         `contact.formulations.formulation`.
     rows : {"integrated", "node-to-segment"}, optional
         What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
@@ -111,7 +111,7 @@ def CreatePartitionContact(
         does; where patches have mass, what adds a tenth to their highest squared frequency at most.
     friction : float or Coulomb, optional
         Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Residual flexibilities must be those of patches
-        with axes="xyz". How rows stick: `frictional_compliance`, `penalty`, `lagrange` and `stabilised` in
+        with axes="xyz". How rows stick: `compliance`, `penalty`, `explicit_multipliers` and `implicit_multipliers` in
         `contact.formulations`. Default: frictionless.
     within : float, optional
         Of a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
@@ -164,18 +164,18 @@ def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
     _, contacts = partition_items(mbs)
     contact, law = PartitionContact(plan), plan.law
     solve_together(contact, contacts)
-    kind = type(law).__name__
+    kind = type(law.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
     if law.ahead:
         _chain_steps(mbs, runs)
     contact["oContact"] = add_to_object(mbs, contact, contacts, runs)
     if plan.carried_by is not None:
-        load_carrier(mbs, lambda: runs.at_work(contact).law, plan.carried_by)
+        load_carrier(mbs, lambda: runs.at_work(contact), plan.carried_by)
     _add_force_sensor(mbs, runs, contact, first=not contacts)
     if law.friction is not None:
         contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
-    if law.yielding is not None:
+    if law.zones is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
     registry(mbs).contacts[int(contact["sForce"])] = contact
     return contact

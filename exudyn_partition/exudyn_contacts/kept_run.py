@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..contact.formulations.formulation import Law
+from ..contact.patch_contact import PatchContact
 from ..errors import InputError
 from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
@@ -153,7 +153,7 @@ class KeptRun:
         )
 
     @property
-    def law(self) -> Law:
+    def law(self) -> PatchContact:
         """Of a run only."""
         raise InputError("result: the laws of contacts at the end of a run are not in files; repeat this run")
 

@@ -86,7 +86,7 @@ class ModelRun:
             place = _place_of_values(mbs, contact)
             self._runs[id(contact)] = run = ContactRun(contact.name, law, contact.slices(mbs), t, method, place)
             if last is not None:
-                run.go_on(last, t)
+                run.go_on(last, t, known)
         self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
         self._steppers: list[MultiplierStep] = []
@@ -99,12 +99,12 @@ class ModelRun:
                 laws = [member.law for member in members]
                 together = group[0].together.for_run(laws) if before is None else twin(before, known)
             self._groups.append(GroupRun(members, together))
-            if joints is None and members[0].law.ahead:
+            if joints is None and members[0].forward is not None:
                 self._steppers.append(MultiplierStep(members))
         self._within = [group for group in self._groups if group.acts_within]
         self.acts_within = bool(self._within)
         if joints is not None:
-            ahead = [run for run in self._runs.values() if run.law.ahead]
+            ahead = [run for run in self._runs.values() if run.forward is not None]
             for run in ahead:
                 run.joined = True
             self._steppers.append(MultiplierStep(ahead, joints))
@@ -150,7 +150,7 @@ class ModelRun:
     @property
     def active_set_iterations(self) -> int:
         """Iterations of all contacts' active sets so far."""
-        by_laws = sum(run.law.iterations for run in self._runs.values())
+        by_laws = sum(run.iterations for run in self._runs.values())
         return by_laws + sum(stepper.iterations for stepper in self._steppers) - self._counted[0]
 
     @property

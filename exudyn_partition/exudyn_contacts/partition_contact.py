@@ -76,7 +76,7 @@ class PartitionContact(dict[str, Any]):
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     formulation : Formulation
-    law : Law
+    law : PatchContact
         At the start; each run has its own.
     carrier : Carrier or None
         The body of another kind that carries the rigid surface.

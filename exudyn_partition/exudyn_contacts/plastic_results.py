@@ -33,13 +33,13 @@ class PlasticResults:
 
     def __bool__(self) -> bool:
         """Whether the contact has plastic zones; laws of users may know none."""
-        return getattr(self._contact.law, "yielding", None) is not None
+        return self._contact.law.zones is not None
 
     @property
     def zones(self) -> Sequence[tuple[int, Zone]]:
         """Number of the side, and its plastic zone at the start of runs, of each side that can yield."""
-        yielding = self._contact.law.yielding if self else None
-        return () if yielding is None else yielding.zones
+        zones = self._contact.law.zones
+        return () if zones is None else zones.zones
 
     def work(self, result: RunSamples) -> Array:
         """Plastic work since the start of the run, (n,) [J]; zero without plastic zones.

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..algebra.blas_threads import one_blas_thread
-from ..contact.formulations.formulation import INTEGRATORS, Integrator, Law
+from ..contact.formulations.formulation import INTEGRATORS, Integrator
 from ..errors import (
     InputError,
     ModelLimitWarning,
@@ -22,6 +22,7 @@ from ..errors import (
 )
 from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
@@ -403,14 +404,14 @@ def _step_control(
 
     runs = runs_of(mbs)
 
-    def law_of(contact: PartitionContact) -> Law:
-        return runs.at_work(contact).law
+    def run_of(contact: PartitionContact) -> ContactRun:
+        return runs.at_work(contact)
 
     return StepControl(
         contacts,
         bodies,
         state,
-        law_of,
+        run_of,
         step=step,
         longest=longest,
         gap_tolerance=gap_tolerance,

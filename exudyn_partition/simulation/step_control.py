@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..algebra.products import dense
-from ..contact.formulations.formulation import Law
+from ..contact.patch_contact import PatchContact
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.floating import FloatingKinematics
 from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
@@ -79,7 +80,7 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     return _first_touch(law, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
 
 
-def _first_touch(law: Law, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
+def _first_touch(law: PatchContact, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
     """Time to contact [s] and speed of approach then [m/s]."""
     if law.index.size:
         return 0.0, 0.0
@@ -147,8 +148,8 @@ class StepControl:
     bodies : sequence of PartitionBody
     state : callable
         Body -> its coordinates now, their velocities and accelerations, (n_dofs,) each.
-    law_of : callable
-        Contact -> its law in the run at work.
+    run_of : callable
+        Contact -> its state in the run at work.
     step : float
         In contact [s].
     longest : float
@@ -164,14 +165,14 @@ class StepControl:
         contacts: Sequence[PartitionContact],
         bodies: Sequence[PartitionBody],
         state: State,
-        law_of: Callable[[PartitionContact], Law],
+        run_of: Callable[[PartitionContact], ContactRun],
         *,
         step: float,
         longest: float,
         gap_tolerance: float | None = None,
         unresolved: float = UNRESOLVED,
     ) -> None:
-        self.contacts, self.bodies, self._state, self._law_of = contacts, bodies, state, law_of
+        self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved = unresolved
         self._was_open = [False] * len(contacts)
@@ -195,7 +196,7 @@ class StepControl:
     def _allowed_step(self, last: float) -> float:
         limit = self.longest
         for i, contact in enumerate(self.contacts):
-            self._was_open[i] = not self._law_of(contact).index.size
+            self._was_open[i] = not self._run_of(contact).law.index.size
             limit = min(limit, self._until_contact(contact) if self._was_open[i] else self.step)
         if limit > self.step:
             limit = max(self.step, min(limit, self._resolving_step()))
@@ -209,8 +210,9 @@ class StepControl:
         Explicit multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
         """
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
-            law = self._law_of(contact)
-            if was_open and law.index.size and not law.ahead:
+            run = self._run_of(contact)
+            law = run.law
+            if was_open and law.index.size and run.forward is None:
                 depth, tolerance = -law.least_gap, self.gap_tolerance
                 if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
                     return 0.5 * taken
@@ -218,7 +220,7 @@ class StepControl:
 
     def _until_contact(self, contact: PartitionContact) -> float:
         q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
-        time, speed = _first_touch(self._law_of(contact), q, q_t, q_tt)
+        time, speed = _first_touch(self._run_of(contact).law, q, q_t, q_tt)
         touching = self.step
         if self.gap_tolerance is not None and speed > 0:
             touching = min(touching, self.gap_tolerance / speed)

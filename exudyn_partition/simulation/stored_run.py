@@ -200,7 +200,7 @@ class StoredLaw:
 
     def __init__(self, run: StoredContactRun) -> None:
         self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
-        self.yielding = _StoredZones(run.name) if run.yields else None
+        self.zones = _StoredZones(run.name) if run.yields else None
         self._name, self._kept = run.name, run.kept
 
     @property
@@ -341,7 +341,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
         marks.append(ItemMark.of(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
     for contact in contacts:
         of = [(item.name, patch) for item, patch in contact.sides]
-        said = f"contact {contact.name!r} of {of}, {type(contact.law).__name__}, sensor {int(contact['sForce'])}"
+        said = f"contact {contact.name!r} of {of}, {type(contact.law.law).__name__}, sensor {int(contact['sForce'])}"
         law = {"friction": contact.friction.coulomb, "areas": np.array(contact.law.node_areas)}
         marks.append(ItemMark.of(said, law))
     return tuple(marks)

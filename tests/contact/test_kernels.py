@@ -4,12 +4,10 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from oracles import each_way, floating, inertial, moved, relative, without_numba
+from oracles import compliant, each_way, floating, inertial, moved, relative, without_numba
 
 from exudyn_partition.algebra.coulomb import Coulomb
 from exudyn_partition.contact import gaps
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
-from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.support.compiled import compiles
 from exudyn_partition.surfaces.points import ROWS
@@ -29,7 +27,7 @@ def test_forces_are_the_same(round_body, flat_body, kind, frame):
     sides = frame(round_body), inertial(flat_body)
 
     def forces():
-        law = ComplianceContact(PatchGaps(*sides, kind))
+        law = compliant(PatchGaps(*sides, kind))
         found = [law.force(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
         assert law.gaps.moving
         return np.array(found)
@@ -68,7 +66,7 @@ def test_one_call_finds_what_two_do(round_body, flat_body, kind):
             together.append(super().pressed_at(*asked))
             return together[-1]
 
-    alone, apart = (ComplianceContact(gaps(*sides, kind)) for gaps in (Counting, PatchGaps))
+    alone, apart = (compliant(gaps(*sides, kind)) for gaps in (Counting, PatchGaps))
     for u in np.linspace(0, 1, 200):
         q = np.r_[moved(sides[0], [0.05e-3 * u, 0.02e-3 * u, -5e-6], [1e-4 * u, 0.0, 0.0]), np.zeros(flat_body.n_dofs)]
         force = alone.force(q)
@@ -85,7 +83,7 @@ def test_following_only_the_nodes_that_rows_need_changes_no_force(round_body, fl
     for many in (0, 10**9):
         monkeypatch.setattr(gaps, "MANY", many)
         with nullcontext() if compiled else without_numba():
-            law = FrictionalCompliance(PatchGaps(*sides), Coulomb(0.3))
+            law = compliant(PatchGaps(*sides), Coulomb(0.3))
             forces = [law.force(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
             followed = [side.n_followed for side in law.gaps.near_sides]
         assert (followed < [side.n_followed for side in law.gaps.sides]) is (many == 0)
@@ -99,7 +97,7 @@ def test_forces_with_friction_are_the_same(round_body, flat_body):
     sides = inertial(round_body), inertial(flat_body)
 
     def forces():
-        law, found, states = FrictionalCompliance(PatchGaps(*sides), Coulomb(0.3)), [], set()
+        law, found, states = compliant(PatchGaps(*sides), Coulomb(0.3)), [], set()
         for step, q in enumerate(ways(sides[0], flat_body.n_dofs)):
             law.commit(float(step))
             found.append(law.force(q).copy())

@@ -5,10 +5,9 @@ import pickle
 import weakref
 
 import numpy as np
-from oracles import floating, inertial
+from oracles import compliant, floating, inertial
 
 from exudyn_partition.contact import pairings
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 
 
@@ -21,7 +20,7 @@ def test_a_second_contact_in_the_same_places_pairs_nothing_and_is_the_same(round
     slave = copy_of(round_body)
     laws = []
     for _ in range(2):
-        laws.append(ComplianceContact(PatchGaps(inertial(slave), inertial(flat_body))))
+        laws.append(compliant(PatchGaps(inertial(slave), inertial(flat_body))))
         monkeypatch.setattr(pairings, "pair_surfaces", None)
     fresh, kept = (law.gaps for law in laws)
     np.testing.assert_array_equal(kept.flexibility(np.arange(9)), fresh.flexibility(np.arange(9)))
@@ -49,14 +48,14 @@ def test_pairs_elsewhere_in_space_are_the_same(round_body, flat_body, monkeypatc
     for place in np.array([[0, 0, 0], [0.1, 0.3, -0.7], [2.0, -1.1, 0.9]]):
         gaps = PatchGaps(inertial(slave, place), inertial(flat_body, place))
         monkeypatch.setattr(pairings, "pair_surfaces", None)
-        law = ComplianceContact(gaps)
+        law = compliant(gaps)
         law.force(np.r_[-4e-6 * slave.rigid[:, 2], np.zeros(flat_body.n_dofs)])
         force.append(law.lam.sum())
         laws.append(law)
     np.testing.assert_allclose(force, force[0], rtol=1e-9)
-    assert len({id(law.problem.F) for law in laws}) == len({id(law.gaps.linear.H) for law in laws}) == 1
-    laws[0].problem.solve(np.ones(len(laws[0].lam)))
-    assert laws[1].problem.index.size  # active rows are each contact's own
+    assert len({id(law.law.problem.F) for law in laws}) == len({id(law.gaps.linear.H) for law in laws}) == 1
+    laws[0].law.problem.solve(np.ones(len(laws[0].lam)))
+    assert laws[1].law.problem.index.size  # active rows are each contact's own
 
 
 def test_sides_with_a_flexibility_of_their_own_neither_take_nor_change_what_is_kept(round_body, flat_body):

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from oracles import SPHERE_RADIUS, floating, inertial, moved, relative
+from oracles import SPHERE_RADIUS, compliant, floating, inertial, moved, relative
 
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.surfaces.points import ROWS
@@ -12,7 +11,7 @@ from exudyn_partition.surfaces.points import ROWS
 
 @pytest.mark.parametrize("kind", ROWS)
 def test_moving_pairs_are_the_frozen_ones_where_nothing_slides(round_body, flat_body, kind):
-    laws = [ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body), kind)) for _ in range(2)]
+    laws = [compliant(PatchGaps(inertial(round_body), inertial(flat_body), kind)) for _ in range(2)]
     laws[1].gaps.follow()
     q = np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
     frozen, moving = (law.force(q) for law in laws)
@@ -26,7 +25,7 @@ def test_moving_pairs_are_the_frozen_ones_where_nothing_slides(round_body, flat_
 @pytest.mark.parametrize("kind", ROWS)
 def test_sliding_over_facets(round_body, flat_body, kind):
     """The flat plate is as stiff here as there but for its mesh; the force has hardly a tangential part."""
-    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body), kind))
+    law = compliant(PatchGaps(inertial(round_body), inertial(flat_body), kind))
     force = []
     for x in np.linspace(0, 0.6e-3, 61):
         q = np.r_[moved(inertial(round_body), [x, 0.2 * x, -4e-6]), np.zeros(flat_body.n_dofs)]
@@ -66,7 +65,7 @@ def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
 def test_forces_of_followed_rows_belong_to_their_gaps(round_body, flat_body, kind, frame):
     """Generalised forces of rows that slide are the transpose of their gaps' derivative, as power asks for."""
     slave = frame(round_body)
-    law = ComplianceContact(PatchGaps(slave, inertial(flat_body), kind))
+    law = compliant(PatchGaps(slave, inertial(flat_body), kind))
     for x in np.linspace(0, 0.1e-3, 4):
         force = law.force(np.r_[moved(slave, [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
     H = law.gaps.jacobian(np.arange(len(law.lam)))
@@ -167,7 +166,7 @@ def test_forces_are_the_same_wherever_both_bodies_are(round_body, flat_body):
             floating(round_body, A @ [0.1e-3, 0, 2e-6] + [1, 2, 3], rotation),
             floating(flat_body, [1.0, 2, 3], rotation),
         )
-        law = ComplianceContact(PatchGaps(*sides))
+        law = compliant(PatchGaps(*sides))
         force = law.force(np.r_[moved(sides[0], A @ [0, 0, -5e-6]), np.zeros(flat_body.n_dofs)])
         answers.append((A.T @ law.resultant(), force[6 : round_body.n_dofs]))
     np.testing.assert_allclose(answers[1][0], answers[0][0], rtol=1e-6, atol=1e-6 * answers[0][0][2])
@@ -177,7 +176,7 @@ def test_forces_are_the_same_wherever_both_bodies_are(round_body, flat_body):
 def test_action_is_reaction_while_sliding(round_body, flat_body):
     """Linear and angular momentum: forces and moments on both bodies cancel."""
     slave, master = floating(round_body), floating(flat_body)
-    law = ComplianceContact(PatchGaps(slave, master))
+    law = compliant(PatchGaps(slave, master))
     q = np.r_[moved(slave, [0.3e-3, 0.1e-3, -4e-6], [1e-3, 2e-3, 0.2]), moved(master, [0, 0, 1e-7], [0, 1e-4, 0])]
     force = law.force(q)
     parts = force[: slave.n], force[slave.n :]
@@ -210,7 +209,7 @@ def test_patches_far_apart_have_no_rows_and_are_hardly_searched(round_body, flat
 
 
 def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):
-    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body)))
+    law = compliant(PatchGaps(inertial(round_body), inertial(flat_body)))
     q = np.r_[moved(inertial(round_body), [0.2e-3, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
     law.force(q)
     assert law.gaps.moving
@@ -222,7 +221,7 @@ def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):
 
 
 def test_points_past_the_master_s_edge_carry_nothing(round_body, flat_body):
-    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body)))
+    law = compliant(PatchGaps(inertial(round_body), inertial(flat_body)))
     for x in np.linspace(0, 6e-3, 61):
         law.force(np.r_[moved(inertial(round_body), [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
         if law.edge_reached() is not None:

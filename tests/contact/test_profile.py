@@ -3,10 +3,9 @@
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import floating, moved
+from oracles import compliant, floating, moved
 
 import exudyn_partition as ep
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.rigid import RigidGaps
 from exudyn_partition.contact.wandering import WanderingRigidGaps
 from exudyn_partition.errors import InputError
@@ -52,7 +51,7 @@ def test_a_carried_profile_presses_as_a_cylinder_and_a_surface_as_a_small_patch(
     force = []
     for surface, pose in surfaces:
         side = floating(round_body)
-        law = ComplianceContact(RigidGaps(side, surface, pose=pose))
+        law = compliant(RigidGaps(side, surface, pose=pose))
         law.force(moved(side, [0, 0, -4e-6]))
         force.append(law.resultant())
     assert force[1][2] > 50
@@ -63,7 +62,7 @@ def test_a_surface_that_starts_far_away_knows_its_nearest_rows():
     """The stiffness of the contact, which limits explicit steps, does not depend on the distance at the start."""
     fem = ep.fe_model(occ.Box((-5e-3, -5e-3, 0), (5e-3, 5e-3, 5e-3)), ep.STEEL, maxh=4e-3)
     body = ep.reduce(fem, ep.Partition.surface(fem, [(-1, -1, -1e-6), (1, 1, 1e-6)]), f_cut=50e3)
-    laws = [ComplianceContact(WanderingRigidGaps(floating(body), ep.RigidPlane((0, 0, -d)))) for d in (1e-6, 0.02)]
+    laws = [compliant(WanderingRigidGaps(floating(body), ep.RigidPlane((0, 0, -d)))) for d in (1e-6, 0.02)]
     near, far = (law.closed_stiffness() for law in laws)
     np.testing.assert_allclose(far, near, atol=1e-9 * abs(near).max())
     assert not laws[1].force(np.zeros(body.n_dofs)).any()
@@ -74,7 +73,7 @@ def test_rows_to_a_rigid_plane_come_and_go_with_the_place_of_contact():
     fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), BALL), ep.STEEL, maxh=2.5e-3)
     body = ep.reduce(fem, ep.Partition.surface(fem, np.arange(len(fem.facets))), f_cut=100e3)
     down, bottom = floating(body), fem.points.min(axis=0)[2] - 1e-6
-    law = ComplianceContact(WanderingRigidGaps(down, ep.RigidPlane((0, 0, bottom))))
+    law = compliant(WanderingRigidGaps(down, ep.RigidPlane((0, 0, bottom))))
     points = contact_points(down.surface, "integrated")
     for angle in (0.0, 0.3, 1.1, 2.0):
         q = down.kinematics.moved(np.zeros(body.n_dofs), np.r_[0, 0, 0, angle, 0, 0, np.zeros(body.n_dofs - 6)])

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from oracles import floating, inertial, moved
+from oracles import compliant, floating, inertial, moved
 from scipy.spatial.transform import Rotation
 
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.tangential import TangentialRows
 from exudyn_partition.errors import InputError, PenetrationError
@@ -37,9 +36,9 @@ def test_a_rigid_surface_that_is_carried(round_body):
     A = FloatingKinematics(round_body, np.zeros(3), np.array([0.4, 0.2, -0.3])).frame(np.zeros(round_body.n_dofs))[1]
     place = np.array([0.1, 0.2, 0.3])
     side = floating(round_body, place, (0.4, 0.2, -0.3))
-    law = ComplianceContact(RigidGaps(side, RigidPlane(), pose=lambda: (place, A)))
+    law = compliant(RigidGaps(side, RigidPlane(), pose=lambda: (place, A)))
     law.force(moved(side, A @ [0, 0, -4e-6]))
-    at_rest = ComplianceContact(RigidGaps(inertial(round_body), RigidPlane()))
+    at_rest = compliant(RigidGaps(inertial(round_body), RigidPlane()))
     at_rest.force(moved(inertial(round_body), [0, 0, -4e-6]))
     assert at_rest.lam.sum() > 100
     assert law.lam.sum() == pytest.approx(at_rest.lam.sum(), rel=1e-6)

@@ -4,10 +4,9 @@ import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import floating, moved
+from oracles import compliant, floating, moved
 
 import exudyn_partition as ep
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.rigid import RigidGaps
 from exudyn_partition.errors import InputError, MeshError, UnitsWarning
 
@@ -94,7 +93,7 @@ def test_a_ball_presses_on_it_as_on_a_plane(round_body):
     force = []
     for surface, pose in ((mesh, lambda: (np.array([0, 0, -HALF[2]]), A)), (ep.RigidPlane(), None)):
         side = floating(round_body)
-        law = ComplianceContact(RigidGaps(side, surface, pose=pose))
+        law = compliant(RigidGaps(side, surface, pose=pose))
         law.force(moved(side, [0, 0, -4e-6]))
         force.append(law.resultant())
     assert force[1][2] > 50

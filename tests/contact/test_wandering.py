@@ -5,13 +5,11 @@ from types import SimpleNamespace
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import box, floating, inertial, moved, relative
+from oracles import box, compliant, floating, inertial, moved, relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.coulomb import Coulomb
 from exudyn_partition.contact import wandering
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
-from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.contact.wandering import WanderingGaps, WanderingRigidGaps
@@ -57,7 +55,7 @@ def turned(body, angle, way):
 
 
 def forces(rim, face, places):
-    law = ComplianceContact(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
+    law = compliant(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
     found = []
     for angle, x in places:
         law.force(np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)])
@@ -77,8 +75,8 @@ def test_parts_have_the_force_of_the_whole_surfaces_wherever_contact_wanders(rim
 def test_a_surface_presses_as_a_small_patch_on_the_same_mesh(disc, plate, rim, face):
     tip = ep.reduce(disc, ep.Partition.ball(disc, (0, 0, 0), 2.5e-3, axes="xyz"), f_cut=20e3)
     spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)
-    small = ComplianceContact(PatchGaps(inertial(tip), inertial(spot)))
-    large = ComplianceContact(WanderingGaps(inertial(rim), inertial(face)))
+    small = compliant(PatchGaps(inertial(tip), inertial(spot)))
+    large = compliant(WanderingGaps(inertial(rim), inertial(face)))
     force = []
     for law, (slave, master) in ((small, (tip, spot)), (large, (rim, face))):
         law.force(np.r_[moved(inertial(slave), [0, -DEEP, 0]), np.zeros(master.n_dofs)])
@@ -96,7 +94,7 @@ def test_flexibility_along_local_normals(disc, rim):
 
 
 def test_force_is_the_gradient_of_its_potential(rim, face):
-    law = ComplianceContact(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
+    law = compliant(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
     at, step = [0.4e-3, -DEEP - 1e-6, 0], 1e-9
     force = -law.force(np.r_[turned(rim, 1.3, at), np.zeros(face.n_dofs)])[1]
     energy = [
@@ -111,7 +109,7 @@ def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
     spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)
     found = []
     for gaps, slave, master in ((PatchGaps, tip, spot), (WanderingGaps, rim, face)):
-        law = FrictionalCompliance(gaps(inertial(slave), inertial(master)), Coulomb(0.3)).for_run("implicit")
+        law = compliant(gaps(inertial(slave), inertial(master)), Coulomb(0.3)).for_run("implicit")
         law.gaps.follow()
         for step, x in enumerate((0.0, 0.2e-6, 0.4e-6)):
             q = np.r_[moved(inertial(slave), [x, -DEEP, 0]), np.zeros(master.n_dofs)]
@@ -133,7 +131,7 @@ def test_spots_appear_and_vanish(rim):
     heights = fem.points[inner.patches[0].nodes, 1]
     assert np.unique(heights.round(6)).tolist() == [0.0, round(wide, 6)]
     body = ep.reduce(fem, inner, f_cut=5e3)
-    law = ComplianceContact(WanderingGaps(inertial(rim, (-2e-3, 1e-6, 0)), inertial(body)))
+    law = compliant(WanderingGaps(inertial(rim, (-2e-3, 1e-6, 0)), inertial(body)))
     up = []
     for y in (-DEEP, 0.0, DEEP, 0.0, -DEEP):
         law.force(np.r_[moved(inertial(rim), [0, y, 0]), np.zeros(body.n_dofs)])
@@ -154,7 +152,7 @@ class Everywhere(RigidGaps):
 def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
     """A disc that falls, rolls and is lifted; rows that are left out are no nearer than `closing` says."""
     side, plane = floating(rim, (0, 1e-6, 0)), RigidPlane(normal=(0, 1, 0))
-    near, every = (ComplianceContact(kind(side, plane)) for kind in (WanderingRigidGaps, Everywhere))
+    near, every = (compliant(kind(side, plane)) for kind in (WanderingRigidGaps, Everywhere))
     pressed = []
     for angle, height in [(0, 8e-3), (0, 6.5e-3), (0, 2e-3), (0, -DEEP), (0.3, -DEEP), (0.6, 5e-4), (0.6, -DEEP)]:
         q = turned(rim, angle, [-R * angle, height, 0])
@@ -166,7 +164,7 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
         assert left_out.any()
         assert gap[-1] <= gaps[left_out].min()
         assert gap.min() <= gaps.min() + 1e-12
-        fresh = near.fresh()
+        fresh = near.for_run()
         np.testing.assert_allclose(fresh.force(q), expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
     assert 1 < sum(pressed) < len(pressed)
 

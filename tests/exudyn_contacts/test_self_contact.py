@@ -175,11 +175,11 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     # The mouth is closed a little later than the foot, which is pressed on the ball here.
     q = item.coordinates(result)[forces[0].argmax()]
     down = item.kinematics.from_basis @ body.rigid[:, 2]
-    q = item.kinematics.moved(q, -(3e-6 + other.law.fresh().gaps.at(q).min()) * down)
-    group = own.together.for_run([member.law.fresh() for member in own.group])
+    q = item.kinematics.moved(q, -(3e-6 + other.law.for_run().gaps.at(q).min()) * down)
+    group = own.together.for_run([member.law.for_run() for member in own.group])
     states = [np.concatenate([q] * len(member.sides)) for member in own.group]
     group.forces(states)
-    rows = [[dense(law.gaps.side_rows(side)) for side in range(len(law.gaps.sides))] for law in group.laws]
+    rows = [[dense(law.gaps.side_rows(side)) for side in range(len(law.gaps.sides))] for law in group.contacts]
     patches = [[patch for _, patch in member.sides] for member in own.group]
     blocks = [
         [
@@ -189,11 +189,11 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
         ]
         for a, ps in zip(rows, patches, strict=True)
     ]  # fmt: skip
-    gaps = [law.gaps.at(state) for law, state in zip(group.laws, states, strict=True)]
+    gaps = [law.gaps.at(state) for law, state in zip(group.contacts, states, strict=True)]
     expected = Complementarity(regularised(np.block(blocks))).solve(np.concatenate(gaps))
     pressed = np.split(expected, [len(gaps[0])])
     assert min(lam.sum() for lam in pressed) > 50.0
-    assert relative(np.concatenate([law.lam for law in group.laws]), expected) < 1e-6
+    assert relative(np.concatenate([law.lam for law in group.contacts]), expected) < 1e-6
 
 
 def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip):
@@ -205,10 +205,10 @@ def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip):
         body = ep.reduce(fem, tip | face, f_cut=f_cut)
         law = model(body, friction=0.3)[2].law
         every = np.arange(len(law.gaps.row_nodes))
-        H = law.tangential.jacobian(every)
+        H = law.rows.jacobian(every)
         H = H.reshape(len(H), 2, -1).sum(axis=1)
         modes = np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True)
-        found.append(H @ modes @ H.T + law.tangential.flexibility(every))
+        found.append(H @ modes @ H.T + law.rows.flexibility(every))
     assert relative(*found) < 1e-9
 
 

@@ -8,7 +8,7 @@ from oracles import MARBLE_RADIUS as R
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.errors import InputError
 
 APART = 1.7e-3  # between the places where marbles hit
@@ -48,7 +48,7 @@ def test_forces_are_those_of_the_whole_problem(plate_of, marble):
     for depths in ((2e-6, 1e-6), (1e-6, 0.6e-6), (0.6e-6, 3e-6)):
         q = [np.r_[-depth * marble.rigid[:, 2], np.zeros(n - m)] for depth in depths]
         forces = together.forces(q)
-        own, top = ([np.asarray(law.side_rows(side) @ np.eye(len(F))) for law in laws] for side, F in (
+        own, top = ([np.asarray(law.rows.side_rows(side) @ np.eye(len(F))) for law in laws] for side, F in (
             (0, F_marble), (1, F_plate),
         ))  # fmt: skip
         F = np.vstack(top) @ F_plate @ np.vstack(top).T
@@ -95,8 +95,8 @@ def test_implicit_steps_know_how_the_contacts_push_each_other(plate_of, marble):
 def test_rows_are_made_once_while_they_stay(plate_of, marble, monkeypatch):
     """All neighbours of a contact ask for its rows, in each sweep of each evaluation."""
     _, _, contacts = hit(plate_of(True), marble, ["top", "top"])
-    laws, made, rows_of = [contact.law for contact in contacts], [], ComplianceContact.side_rows
-    monkeypatch.setattr(ComplianceContact, "side_rows", lambda law, side: made.append(law) or rows_of(law, side))
+    laws, made, rows_of = [contact.law for contact in contacts], [], NormalRows.side_rows
+    monkeypatch.setattr(NormalRows, "side_rows", lambda rows, side: made.append(rows) or rows_of(rows, side))
     together = contacts[0].together.for_run(laws)
     still = np.zeros(laws[0].gaps.n - marble.n_dofs)
     forces = [

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import TOP
+from oracles import TOP, compliant, multipliers
 from samples import SAMPLES, assert_same, content, rewrite, sample
 
 import exudyn_partition as ep
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
-from exudyn_partition.contact.formulations.forward_increment import ForwardIncrement
-from exudyn_partition.contact.formulations.lagrange import LagrangeContact
+from exudyn_partition.contact.formulations.explicit_multipliers import ForwardIncrement, ForwardRows
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import InputError
@@ -59,9 +57,9 @@ def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
         q = np.r_[striker.rigid @ (2e-6 * down), np.zeros(target.n_dofs)]
         if striker.basis.name == "free":
             q_t = np.r_[striker.rigid @ down, np.zeros(target.n_dofs)]
-            law = LagrangeContact(gaps)
-            return ForwardIncrement([law], [np.arange(len(q))]).increment([(q, q_t, np.zeros(len(q)))], 1e-8)[0]
-        return ComplianceContact(gaps).force(q)
+            rows = ForwardRows(multipliers(gaps))
+            return ForwardIncrement([rows], [np.arange(len(q))]).increment([(q, q_t, np.zeros(len(q)))], 1e-8)[0]
+        return compliant(gaps).force(q)
 
     expected = answer(*pair)
     assert np.abs(expected).max() > 0

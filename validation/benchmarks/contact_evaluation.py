@@ -27,7 +27,8 @@ from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.blas_threads import one_blas_thread
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.formulations.choices import Compliance
+from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
@@ -92,7 +93,8 @@ def motions(bodies, gaps):
 def measure(bodies, kind):
     entry = {}
     for name in ("frozen", "moving", "sixty", "deep", "apart"):
-        law = ComplianceContact(PatchGaps(*[Side.of(InertialKinematics(b, np.zeros(3))) for b in bodies], kind))
+        gaps = PatchGaps(*[Side.of(InertialKinematics(b, np.zeros(3))) for b in bodies], kind)
+        law = PatchContact(gaps, Compliance())
         entry["rows"] = len(law.gaps.row_nodes)
         entry[f"{name}_us"] = median_us(law, motions(bodies, law.gaps)[name])
         if name in ("moving", "sixty", "deep"):

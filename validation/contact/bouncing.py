@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
+from exudyn_partition.contact.patch_contact import PatchContact
 
 RESULTS = Path(__file__).with_suffix(".json")
 RADIUS, GAP, SPEED = 5e-3, 2e-6, 0.5
@@ -53,14 +53,14 @@ def resident_MB():
 @contextlib.contextmanager
 def counted():
     """Count how often contacts close. The samples are too rare to show it."""
-    answer, count = ComplianceContact.answer, [0]
+    answer, count = PatchContact.answer, [0]
 
-    def counting(law, *gaps):
-        was_open = not law.index.size
-        answer(law, *gaps)
-        count[0] += was_open and law.index.size > 0
+    def counting(contact, *gaps, **motion):
+        was_open = not contact.index.size
+        answer(contact, *gaps, **motion)
+        count[0] += was_open and contact.index.size > 0
 
-    with mock.patch.object(ComplianceContact, "answer", counting):
+    with mock.patch.object(PatchContact, "answer", counting):
         yield count
 
 

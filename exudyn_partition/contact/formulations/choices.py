@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ...algebra.coulomb import Coulomb
 from ...errors import InputError
 from ...reduction.body import ReducedBody
 from ...support.checks import validate_choice, validate_positive
 from ..gaps import Gaps
-from .compliance import ComplianceContact, PlasticCompliance
-from .coupled import Compliant, CoupledContacts, SharedPatches
-from .formulation import Formulation, Law, Links, SharedBody
-from .frictional_compliance import FrictionalCompliance, PlasticFrictionalCompliance
-from .lagrange import FrictionalLagrange, LagrangeContact, PlasticFrictionalLagrange, PlasticLagrange
-from .penalty import FrictionalPenalty, PenaltyContact, bed_stiffness, inertial_stiffness
+from ..law import Law, RowDirections
+from ..patch_contact import PatchContact
+from .compliance import compliance
+from .coupled import CoupledContacts, SharedPatches
+from .explicit_multipliers import Multipliers
+from .formulation import Formulation, Links, SharedBody
+from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
 
 FormulationName = Literal["compliance", "lagrange", "penalty"]
 NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
-_OF_A_FORMULATION = ("check", "law", "couples", "together", "rows")
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; contacts are not coupled below it
 _MOVED = 1e-9  # the same for accelerations: those that multipliers of one contact give to rows of another
@@ -34,20 +33,10 @@ _STIFFEST = 1e6  # times the default penalty; explicit steps are then a thousand
 
 
 class Compliance(Formulation):
-    """Contact through the residual flexibility, see `compliance.ComplianceContact`.
+    """Contact through the residual flexibility, see `compliance.NormalCompliance` and `FrictionalCompliance`."""
 
-    Parameters
-    ----------
-    friction : Coulomb, optional
-        With it, see `frictional_compliance.FrictionalCompliance`.
-    """
-
-    def __init__(self, friction: Coulomb | None = None) -> None:
-        self.friction = friction
-
-    def with_friction(self, friction: Coulomb) -> Compliance:
-        """See `Formulation`."""
-        return Compliance(friction)
+    friction = True
+    plastic = True
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """See `Formulation`."""
@@ -57,55 +46,35 @@ class Compliance(Formulation):
                 "take formulation='lagrange', or basis='contact-adapted' or 'residual'"
             )
 
-    def law(self, gaps: Gaps) -> ComplianceContact | FrictionalCompliance:
+    def law(self, rows: RowDirections) -> Law:
         """See `Formulation`."""
-        zones = [side.zone for side in gaps.sides if side.zone is not None]
-        yields = bool(zones)
-        if any(zone.flexibility is None for zone in zones):
-            raise InputError(
-                "formulation: 'compliance' needs the residual flexibility of plastic zones, which basis 'free' does "
-                "not have. Take formulation='lagrange', or basis 'contact-adapted' or 'residual' for both bodies"
-            )
-        if self.friction is None:
-            return PlasticCompliance(gaps) if yields else ComplianceContact(gaps)
-        kind = PlasticFrictionalCompliance if yields else FrictionalCompliance
-        return kind(gaps, self.friction)
+        return compliance(rows)
 
-    def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
+    def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
         """See `Formulation`; frictionless elastic contacts may share a patch."""
-        if any(type(one) is not ComplianceContact for one in (law, other)):
-            super().couples(law, other, shared)
-        return _coupling(shared) > _COUPLED and isinstance(law, Compliant) and isinstance(other, Compliant)
+        alike = isinstance(other.formulation, Compliance)
+        if not (alike and contact.elastic and other.elastic):
+            super().couples(contact, other, shared)
+        return alike and _coupling(shared) > _COUPLED
 
-    def together(self, laws: Sequence[Any], links: Links) -> CoupledContacts:
+    def together(self, contacts: Sequence[PatchContact], links: Links) -> CoupledContacts:
         """See `Formulation`."""
         if not links.shared:
-            return CoupledContacts(laws, links)
-        if any(type(law) is not ComplianceContact for law in laws):
+            return CoupledContacts(contacts, links)
+        if not all(contact.elastic for contact in contacts):
             raise InputError(
                 "friction: contacts that share a patch, and all that are solved together with them, are frictionless "
                 "and elastic. Make a patch for each contact (Partition.ball(...) | Partition.ball(...))"
             )
-        return SharedPatches(laws, links)
+        return SharedPatches(contacts, links)
 
 
 class Lagrange(Formulation):
-    """Multipliers on patches with mass: `lagrange.LagrangeContact`, in implicit runs `stabilised.StabilisedContact`.
-
-    Parameters
-    ----------
-    friction : Coulomb, optional
-        With it, `lagrange.FrictionalLagrange` and `stabilised.FrictionalStabilised`.
-    """
+    """Multipliers on patches with mass: `explicit_multipliers`, and in implicit runs `implicit_multipliers`."""
 
     rows = "node-to-segment"
-
-    def __init__(self, friction: Coulomb | None = None) -> None:
-        self.friction = friction
-
-    def with_friction(self, friction: Coulomb) -> Lagrange:
-        """See `Formulation`."""
-        return Lagrange(friction)
+    friction = True
+    plastic = True
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """See `Formulation`."""
@@ -115,63 +84,49 @@ class Lagrange(Formulation):
                 f"{_names(bodies)} does not give them; take formulation='compliance', or basis='free'"
             )
 
-    def law(self, gaps: Gaps) -> LagrangeContact:
+    def law(self, rows: RowDirections) -> Law:
         """See `Formulation`."""
-        yields = any(side.zone is not None for side in gaps.sides)
-        if self.friction is None:
-            return PlasticLagrange(gaps) if yields else LagrangeContact(gaps)
-        kind = PlasticFrictionalLagrange if yields else FrictionalLagrange
-        return kind(gaps, self.friction)
+        return Multipliers()
 
-    def couples(self, law: Law, other: Law, shared: SharedBody) -> bool:
+    def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
         """See `Formulation`."""
-        if not isinstance(law, LagrangeContact) or not isinstance(other, LagrangeContact):
+        if not isinstance(other.formulation, Lagrange):
             return False
         if shared.patches[0] == shared.patches[1]:
-            if law.yielding is not None or other.yielding is not None:  # each would count the zone's forces
-                super().couples(law, other, shared)
+            if contact.zones is not None or other.zones is not None:  # each would count the zone's forces
+                super().couples(contact, other, shared)
             return True
         inverse_mass = sp.diags(1 / shared.mass)
-        G, others = (sp.csr_matrix(one.G[:, own]) for one, own in zip((law, other), shared.columns, strict=True))
+        both = zip((contact, other), shared.columns, strict=True)
+        G, others = (sp.csr_matrix(one.rows.jacobian(np.arange(len(one.row_nodes)))[:, own]) for one, own in both)
         return bool(abs(G @ inverse_mass @ others.T).max() > _MOVED * abs(G @ inverse_mass @ G.T).max())
 
 
 class Penalty(Formulation):
-    """An elastic layer on the slave's patch, see `penalty.PenaltyContact`.
+    """An elastic layer on the slave's patch, see `penalty.PenaltyLayer`.
 
     Parameters
     ----------
     stiffness : float, optional
         Stiffness of the layer [N/m3]. Default: the layer yields under uniform pressure as much as the residual
         flexibility does. Where patches have mass, it adds at most a tenth to their highest squared frequency.
-    friction : Coulomb, optional
-        With it, see `penalty.FrictionalPenalty`.
     """
 
-    def __init__(self, stiffness: float | None = None, friction: Coulomb | None = None) -> None:
+    friction = True
+
+    def __init__(self, stiffness: float | None = None) -> None:
         self.stiffness = None if stiffness is None else validate_positive("stiffness", stiffness, "N/m3")
-        self.friction = friction
 
-    def with_friction(self, friction: Coulomb) -> Penalty:
+    def law(self, rows: RowDirections) -> PenaltyLayer:
         """See `Formulation`."""
-        return Penalty(self.stiffness, friction)
-
-    def check(self, bodies: Sequence[ReducedBody]) -> None:
-        """See `Formulation`; any basis will do."""
-
-    def law(self, gaps: Gaps) -> PenaltyContact | FrictionalPenalty:
-        """See `Formulation`."""
-        usual = self.usual_stiffness(gaps)
+        usual = self.usual_stiffness(rows.gaps)
         if self.stiffness is not None and self.stiffness > _STIFFEST * usual:
             raise InputError(
                 f"stiffness: expected at most {_STIFFEST * usual:.3g} N/m3, a million times the default, "
                 f"got {self.stiffness:.3g}. So stiff a layer yields less than round-off, and its time steps are "
                 "far too small. Take formulation='compliance' or 'lagrange', which keep gaps closed without a layer"
             )
-        stiffness = usual if self.stiffness is None else self.stiffness
-        if self.friction is None:
-            return PenaltyContact(gaps, stiffness)
-        return FrictionalPenalty(gaps, self.friction, stiffness)
+        return PenaltyLayer(rows, usual if self.stiffness is None else self.stiffness)
 
     @staticmethod
     def usual_stiffness(gaps: Gaps) -> float:
@@ -194,7 +149,7 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
         raise InputError(f"stiffness: formulation {choice!r} has none; give it only with formulation='penalty'")
     if isinstance(choice, type):
         raise InputError(f"formulation: expected an object, got the class {choice.__name__}; call it")
-    if not isinstance(choice, str) and all(hasattr(choice, name) for name in _OF_A_FORMULATION):
+    if isinstance(choice, Formulation):
         return choice
     name = validate_choice("formulation", choice, NAMES)
     return Penalty(stiffness) if name == "penalty" else Compliance() if name == "compliance" else Lagrange()

@@ -1,30 +1,34 @@
-"""Contact through the residual flexibility: a force element without penalty parameter.
+"""Contact through the residual flexibility: forces without penalty parameter, with friction or without.
 
-Theory: examples/site/theory.md, "Contact without a penalty".
+Theory: examples/site/theory.md, "Contact without a penalty" and "Friction".
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
-from ...algebra.products import dense, smallest
-from ...errors import ComplementarityError
-from ...frames.kinematics import Rows
+from ...algebra.friction import FrictionProblem
+from ...algebra.products import dense
 from ...support.arrays import Array
 from .. import loops
 from ..followed import BULGE
 from ..gaps import Gaps
-from ..plasticity.yielding_patches import YieldingPatches
-from ..side import Standing
-from .formulation import Law, Method, Motion
-from .law import ElasticContact
+from ..law import Forces, Law, Places, RowDirections
+
+_MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps are taken, so that the problem seldom changes
+_SPARE = 10  # rows that are taken though they are far, before others are chosen
 
 
-class ComplianceContact(ElasticContact):
+def compliance(rows: RowDirections) -> Law:
+    """Law of a contact through the residual flexibility of its rows."""
+    if rows.d == 1:
+        return NormalCompliance(rows.gaps)
+    return FrictionalCompliance(rows)
+
+
+class NormalCompliance(Law):
     """Massless contact between two bodies whose rows have a residual flexibility.
 
     The modes and frames give the gaps h(q) of the rows. F is the flexibility of both bodies at the rows. The normal
@@ -53,28 +57,34 @@ class ComplianceContact(ElasticContact):
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
-    _closed_of: tuple[Array | None, ...] = (None, None, None)  # present rows, those near, and closed ones of these
+    _near_of: Array | None = None  # the present rows then
     _regularised_of: Array | None = None  # the flexibility that `_regularised` is made of
     _regularised: Array | None = None
     problem: Complementarity
 
-    @property
-    def iterations(self) -> int:
-        """See `Law`."""
-        return self._iterations + self.problem.iterations
-
-    def reset(self) -> None:
-        """Go back to the start."""
-        super().reset()
-        self._iterations = 0
+    def __init__(self, gaps: Gaps, *, known: NormalCompliance | None = None) -> None:
+        self.gaps, self._counted = gaps, 0
+        self._closed_nodes = np.zeros(len(gaps.slave.surface.points), dtype=bool)
+        if known is not None:
+            self._held, self.problem = known._held, known.problem
         self._take_held()
+
+    def fresh(self, rows: RowDirections) -> NormalCompliance:
+        """See `Law`; F is shared if the rows at the start are still the same."""
+        return NormalCompliance(rows.gaps, known=self)
+
+    @property
+    def iterations(self) -> int:  # type: ignore[override]
+        """See `Law`."""
+        return self._counted + self.problem.iterations
 
     def _take_held(self) -> None:
         """Set up the problem for the rows that are frozen now; reuse F if they are the same."""
+        self._everything = np.arange(len(self.gaps.row_nodes))
         if self._held is self.gaps.held is not None:
             self.problem = self.problem.fresh()  # with the same F
             return
-        self._held, self._everything = self.gaps.held, np.arange(len(self.gaps.row_nodes))
+        self._held = self.gaps.held
         self.problem = self.gaps.problem()
 
     def _flexibility(self, index: Array) -> Array:
@@ -84,52 +94,22 @@ class ComplianceContact(ElasticContact):
             self._regularised_of, self._regularised = F, regularised(F)
         return self._regularised
 
-    def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
-        """Find the forces on the present rows from their gaps, (nr,) [m].
+    def answer(self, at: Places) -> Forces:
+        """See `Law`."""
+        h = at.gap
+        least = float(h.min())
+        near = self.near(h, least)
+        return self._on_rows(h, near, self.problem.solve(h if len(near) == len(h) else h[near], least))
 
-        `pushed`, (nr,) [m], is what the forces of other contacts add to the gaps.
-        """
-        self.h = gap
-        h = gap if isinstance(pushed, float) else gap + pushed
-        if self.gaps.moving and self._answered_again(h):
-            return
-        self.least_gap = smallest(h)
-        if self.gaps.moving and self.least_gap >= 0.0:
-            self.open_rows()
-            return
-        near = self.near(h, self.least_gap)
-        self._take_forces(near, self.problem.solve(h if near is self._everything else h[near], self.least_gap))
-
-    def force(self, q: Array) -> Array:
-        """See `ElasticContact.force`; while the closed rows stay the same, gaps and forces are found in one call."""
-        F, near = self._regularised_of, self._near
-        if not self.gaps.moving or not self._same_rows or F is None or near is None:
-            return super().force(q)
-        self.h, found = self.gaps.pressed_at(q, F, (near, *self.problem.compiled))
-        if found is None:
-            self.answer(self.h)
-            return self.generalised()
-        self.lam, value, self.least_gap = found
+    def closed_problem(self) -> tuple[Array, tuple[Array, ...]] | None:
+        """See `Law`; while rows are followed and stay the same."""
+        F, near, rows = self._regularised_of, self._near, self._near_of
+        if not self.gaps.moving or F is None or near is None or rows is not self.gaps.row_nodes:
+            return None
+        if self.problem.F is not self._regularised:
+            return None
         self.problem.iterations += 1
-        return value
-
-    @property
-    def _same_rows(self) -> bool:
-        """Whether the problem is that of the last answer, which had closed rows, and the same rows are present."""
-        rows, near, closed = self._closed_of
-        same = near is self._near and closed is self.problem.index and self.problem.F is self._regularised
-        return same and rows is self.gaps.row_nodes and self.index.size > 0
-
-    def _answered_again(self, h: Array) -> bool:
-        """Find the forces, if the rows that can close and those that are closed stay the same."""
-        problem, near = self.problem, self._near
-        if near is None or not self._same_rows or problem.F is not self._flexibility(near):
-            return False
-        found = loops.answer_again(h, near, problem, BULGE)
-        if found is not None:
-            problem.iterations += 1
-            self.lam, self.least_gap = found
-        return found is not None
+        return F, (near, *self.problem.compiled)
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -139,9 +119,8 @@ class ComplianceContact(ElasticContact):
         if not self.gaps.moving:
             self.hold()
             return self._everything
-        if math.isnan(least):
-            raise ComplementarityError("the gaps are not finite: the run has become unstable")
         near = self._near = loops.rows_below(h, -BULGE * least, self._near)
+        self._near_of = self.gaps.row_nodes
         F = self._flexibility(near)
         if self.problem.F is not F:
             self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])
@@ -151,145 +130,132 @@ class ComplianceContact(ElasticContact):
     def hold(self) -> None:
         """Set up the problem of rows that have been frozen since the last answer."""
         if self._held is not self.gaps.held:
-            self._iterations += self.problem.iterations
+            self._counted += self.problem.iterations
             self._take_held()
 
-    def take(self, gap: Array, moved: Array, near: Array, lam: Array) -> None:
-        """Take forces lam on the rows `near`, (k,) [N], that were found together with those of other contacts.
-
-        `moved`, (nr,) [m], are the gaps where the forces of the others have moved them.
-        """
-        self.h, self.least_gap = gap, moved.min(initial=np.inf)
+    def found(self, h: Array, near: Array, lam: Array) -> Forces:
+        """Forces on all rows, for forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
         self.problem.take(lam > 0.0)
-        self._take_forces(near, lam)
+        return self._on_rows(h, near, lam)
 
-    def stay_open(self, gap: Array, moved: Array) -> None:
-        """Open all rows; their gaps are `moved`, (nr,) [m], where the forces of other contacts have moved them."""
-        self.h, self.least_gap = gap, moved.min(initial=np.inf)
-        self.open_rows()
+    def _on_rows(self, h: Array, near: Array, lam: Array) -> Forces:
+        if not self.gaps.moving:
+            return Forces(lam[:, None], self.problem.index)
+        forces, closed = np.zeros((len(h), 1)), near[self.problem.index]
+        forces[near, 0] = lam
+        self._closed_nodes[:] = False
+        self._closed_nodes[self.gaps.row_nodes[closed]] = True
+        return Forces(forces, closed)
 
-    def _take_forces(self, near: Array, lam: Array) -> None:
-        if near is self._everything:
-            self.lam, self.index = lam, self.problem.index
-            return
-        forces = np.zeros(len(self.h))
-        forces[near] = lam
-        self.close_rows(forces, near[self.problem.index])
-        self._closed_of = self.gaps.row_nodes, near, self.problem.index
-
-    @property
-    def forces(self) -> Array:
-        """`lam`; with friction, laws have forces in three directions here, see `FrictionalContact`."""
-        return self.lam
-
-    @property
-    def pushes(self) -> bool:
-        """Whether its forces move the rows of other contacts."""
-        return self.index.size > 0
-
-    @property
-    def since(self) -> float:
-        """Start of the step that forces depend on; no step matters here."""
-        return 0.0
-
-    def side_rows(self, side: int) -> Rows:
-        """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
-        return self.gaps.side_rows(side)
-
-    def standing(self) -> Standing:
-        """Where the rows stand."""
-        return self.gaps.standing()
-
-    def directions(self, index: Array) -> Array:
-        """Numbers of the directions of some rows: one for each row."""
-        return index
-
-    def tangent_of(self, H: Array) -> Array:
-        """Stiffness H' F_AA^-1 H, (m, m), of the closed rows on any coordinates, H (na, m)."""
-        return H.T @ self.problem.solve_active(H) if len(H) else np.zeros((H.shape[1],) * 2)
+    def stiffness(self) -> Array:
+        """See `Law`: the inverse of the flexibility of the closed rows."""
+        return self.problem.solve_active(np.eye(len(self.problem.index)))
 
     def active_flexibility(self) -> Array:
         """Flexibility of the closed rows, (na, na) [m/N]."""
-        index = self.problem.index if self.index.size else self.index
+        index = self.problem.index
         return self.problem.F[np.ix_(index, index)]
 
-    def closed_stiffness(self) -> Array:
-        """Contact stiffness with all rows closed, (n, n): the largest that the element can have."""
-        H = dense(self.gaps.jacobian(np.arange(len(self.gaps.row_nodes))))
+    def closed_stiffness(self, rows: RowDirections) -> Array:
+        """See `Law`."""
+        H = dense(rows.jacobian(np.arange(len(self.gaps.row_nodes))))
         half = scipy.linalg.solve_triangular(np.linalg.cholesky(self.gaps.problem().F), H, lower=True)
         value: Array = half.T @ half
         return value
 
 
-class PlasticCompliance(ComplianceContact):
-    """Frictionless contact of patches that yield, see `YieldingPatches`. It remembers, and has no potential.
+class FrictionalCompliance(Law):
+    """Massless contact with Coulomb friction between two bodies whose rows have a residual flexibility.
+
+    h(q) are the gaps of the kept shapes, s(q) the ways that rows have slid along their tangents since the last accepted
+    step. With F of normals and tangents, and lambda* the forces at the end of that step, the forces lambda solve::
+
+        w_n = h + (F lambda)_n,    0 <= lambda_n,    0 <= w_n,    lambda_n w_n = 0,
+        w_t = s + (F (lambda - lambda*))_t,    |lambda_t| <= mu lambda_n,    w_t = 0 where |lambda_t| < mu lambda_n,
+
+    and where |lambda_t| = mu lambda_n, the slip w_t is opposite to lambda_t. There is no potential. The answer is
+    unique for moderate coefficients only; beyond, it is the one found from that of the step before.
 
     Parameters
     ----------
-    gaps : Gaps
+    rows : RowDirections
+
+    References
+    ----------
+    P. Alart, A. Curnier, A mixed formulation for frictional contact problems prone to Newton like solution methods,
+    1991.
     """
 
-    elastic = False
-    remembers = True
-    yielding: YieldingPatches
+    problem: FrictionProblem | None = None
 
-    def __init__(self, gaps: Gaps) -> None:
-        super().__init__(gaps)
-        self.yielding = YieldingPatches(self)
+    def __init__(self, rows: RowDirections) -> None:
+        self.rows = rows
+        n = len(rows.gaps.slave.surface.points)
+        self._near, self._row_nodes = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        self._F, self._guess = np.empty((0, 0)), np.zeros(n, dtype=np.int8)
+        self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, by the slave's nodes
+        self._moved = np.empty((0, 3))
 
-    def for_run(self, method: Method) -> Law:
+    def fresh(self, rows: RowDirections) -> FrictionalCompliance:
         """See `Law`."""
-        result = self.fresh()
-        result.yielding = self.yielding.for_run(result, method)
-        return result
-
-    def reset(self) -> None:
-        """Go back to the start."""
-        super().reset()
-        self._start, self._answered = -math.inf, False
-
-    def answer(self, gap: Array, pushed: float | Array = 0.0) -> None:
-        """See `ComplianceContact`."""
-        self._answered = True
-        more = np.zeros(len(gap)) if isinstance(pushed, float) else pushed
-        self.yielding.solve(lambda moved: super(PlasticCompliance, self).answer(gap, moved), more)
-
-    def press(self, gap: Array) -> tuple[float, int]:
-        """See `Law`; while nothing yields."""
-        super().answer(gap)
-        return super().stored(), len(self.index)
-
-    def evaluate(self, motion: Motion) -> Array:
-        """See `Law`."""
-        return self.force(motion.q)
-
-    def generalised(self) -> Array:
-        """Generalised forces, (n,), of rows and zones."""
-        return self.yielding.generalised(super().generalised())
-
-    def tangent(self) -> Array:
-        """Contact stiffness -d force / d q of closed rows and zones, (n, n), with the pairs held."""
-        return self.yielding.tangent(super().tangent())
+        return FrictionalCompliance(rows)
 
     @property
-    def since(self) -> float:
-        """Start of the step that forces depend on [s]."""
-        return self._start
-
-    def stored(self) -> float:
+    def iterations(self) -> int:  # type: ignore[override]
         """See `Law`."""
-        lam = self.lam[self.index]
-        return 0.5 * float(lam @ (self.active_flexibility() @ lam)) + self.yielding.stored()
+        return 0 if self.problem is None else self.problem.iterations
 
-    def commit(self, start: float) -> None:
+    def answer(self, at: Places) -> Forces:
         """See `Law`."""
-        if self._answered and start > self._start:
-            self.yielding.commit()
-        self._start, self._answered = start, False
+        gap, last, nodes = at.gap, at.last, self.rows.gaps.row_nodes
+        problem, near = self._take(gap, last)
+        if not np.array_equal(before := self._last[nodes], last):  # of another step: guess that forces go on changing
+            self._last[:] = 0.0
+            self._last[nodes] = last
+            problem.extrapolate(before[near])
+        h = np.column_stack([gap, at.way])[near]
+        h[:, 1:] -= problem.moved_by(last[near])[:, 1:]
+        found = problem.solve(h, at.mu[near])
+        self._moved = problem.moved_by(found)
+        forces, state, slips = np.zeros((len(gap), 3)), np.zeros(len(gap), dtype=np.int8), np.zeros((len(gap), 2))
+        forces[near], state[near], slips[near] = found, problem.state, (h + self._moved)[:, 1:]
+        self._guess[:] = 0
+        self._guess[nodes[near]] = problem.state
+        return Forces(forces, near[problem.index], state, slips)
 
-    def resume(self, earlier: Law, q: Array) -> bool:
+    def _take(self, gap: Array, last: Array) -> tuple[FrictionProblem, Array]:
+        """Set up the problem of rows that may close, and of those that were closed; return it and their numbers."""
+        least, row_nodes = float(gap.min()), self.rows.gaps.row_nodes
+        needed = (gap < -BULGE * least) | (last[:, 0] > 0)
+        many, kept = needed.sum(), self._row_nodes is row_nodes
+        if kept and many == needed[self._near].sum() and len(self._near) < 2 * many + _SPARE:
+            near = self._near
+        else:
+            near = np.flatnonzero(needed | (gap < -_MARGIN * least))
+        F = self.rows.flexibility(near)
+        if self.problem is not None and F is self._F:
+            return self.problem, near
+        own = regularised(F)
+        if self.problem is None:
+            self.problem = FrictionProblem(own)
+        else:
+            self.problem.replace(own, self._guess[row_nodes[near]], last[near])
+        self._F, self._near, self._row_nodes = F, near, row_nodes
+        return self.problem, near
+
+    def stored(self, gap: Array, forces: Array) -> float:
+        """See `Law`: 1/2 lambda' F lambda."""
+        assert self.problem is not None
+        return 0.5 * float(np.sum(self.problem.lam * self._moved))
+
+    def stiffness(self) -> Array:
+        """See `Law`; unsymmetric where rows slip."""
+        assert self.problem is not None
+        return self.problem.derivative()
+
+    def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""
-        if not isinstance(earlier, PlasticCompliance) or not earlier.ended_at(q):
-            return False
-        self.yielding.resume(earlier.yielding)
-        return True
+        everything = np.arange(len(self.rows.gaps.row_nodes))
+        H = dense(rows.jacobian(everything))
+        value: Array = H.T @ np.linalg.solve(regularised(self.rows.flexibility(everything)), H)
+        return value

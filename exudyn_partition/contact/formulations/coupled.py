@@ -17,11 +17,9 @@ from ...support.arrays import Array, consecutive
 from .. import loops
 from ..between import SAME, Exchange, FlexibilityBetween, Link
 from ..frozen import FrozenContacts
+from ..patch_contact import PatchContact
 from ..side import Standing
-from .compliance import ComplianceContact
-from .frictional_compliance import FrictionalCompliance
-
-Compliant = ComplianceContact | FrictionalCompliance
+from .compliance import NormalCompliance
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # change of the forces in a sweep, relative
@@ -44,46 +42,47 @@ class CoupledContacts:
 
     Parameters
     ----------
-    laws : list of ComplianceContact or FrictionalCompliance
+    contacts : list of PatchContact
+        By formulation 'compliance'.
     links : callable
-        Returns numbers of a law and its side, of the other law and its side, and the body's flexibility between the
+        Returns numbers of a contact and its side, of another and its side, and the body's flexibility between the
         patches, (d np, d np) [m/N], for each two sides that move each other.
     """
 
-    def __init__(self, laws: Sequence[Compliant], links: Callable[[], Sequence[Link]]) -> None:
-        self.laws, self._links = [*laws], links
+    def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
+        self.contacts, self._links = [*contacts], links
         self._at: Array | None = None
         self._inverse: Array | None = None
         self._rows: dict[int, tuple[Standing, Array]] = {}
         self._some: dict[int, tuple[Array, Array, Array]] = {}
-        self._frictional = any(law.friction is not None for law in laws)
-        self._jointly = all(isinstance(law, ComplianceContact) and not law.remembers for law in laws)
+        self._frictional = any(contact.friction is not None for contact in contacts)
+        self._jointly = all(contact.elastic for contact in contacts)
 
     @cached_property
     def _exchange(self) -> Exchange:
         return Exchange.of(self._links())
 
     def _begin(self) -> None:
-        """Forget the forces of the last accepted step, which frictionless laws do not keep themselves."""
+        """Forget the forces of the last accepted step, which frictionless contacts do not keep themselves."""
         if self._jointly:
             self._begin_jointly()
-        self._remembering = [law for law in self.laws if law.remembers]
-        self._carried = [law for law in self.laws if law.gaps.carried]
+        self._remembering = [contact for contact in self.contacts if contact.remembers]
+        self._carried = [contact for contact in self.contacts if contact.gaps.carried]
         self._since: list[float] = []
-        self._last = [np.zeros(len(law.node_areas)) for law in self.laws]
+        self._last = [np.zeros(len(contact.node_areas)) for contact in self.contacts]
 
     def _prepare(self) -> None:
         """Find what all runs share."""
         self._exchange  # noqa: B018 - it is kept
 
     def _begin_jointly(self) -> None:
-        self._joint = BlockComplementarity(len(self.laws), self._exchange.core)
+        self._joint = BlockComplementarity(len(self.contacts), self._exchange.core)
 
-    def for_run(self, laws: Sequence[Compliant]) -> CoupledContacts:
-        """Return the same object for the laws of a run; what patches push each other by is shared."""
+    def for_run(self, contacts: Sequence[PatchContact]) -> CoupledContacts:
+        """Return the same object for the contacts of a run; what patches push each other by is shared."""
         self._prepare()
         result = copy.copy(self)
-        result.laws, result._at, result._inverse = [*laws], None, None
+        result.contacts, result._at, result._inverse = [*contacts], None, None
         result._rows, result._some = {}, {}
         result._begin()
         return result
@@ -105,13 +104,13 @@ class CoupledContacts:
         coordinates : callable
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
-        if self._frictional and self._since != (since := [law.since for law in self.laws]):
+        if self._frictional and self._since != (since := [contact.since for contact in self._remembering]):
             self._since = since
-            for law, last in zip(self.laws, self._last, strict=True):
+            for contact, last in zip(self.contacts, self._last, strict=True):
                 last[:] = 0.0
-                last[law.row_nodes] = law.lam
-        more = [np.atleast_1d(law.since) for law in self._remembering] + [
-            law.gaps.carrier_pose for law in self._carried
+                last[contact.row_nodes] = contact.lam
+        more = [np.atleast_1d(contact.since) for contact in self._remembering] + [
+            contact.gaps.carrier_pose for contact in self._carried
         ]
         at = np.concatenate([state, *more]) if more else state
         if self._at is None or not _equal(at, self._at):
@@ -128,106 +127,121 @@ class CoupledContacts:
         last : FrozenContacts or None
             What this returned before. It is used again if it has the same pairs.
         """
-        if not self._jointly or not loops.at_once() or any(law.gaps.linear is None for law in self.laws):
+        gaps = [contact.gaps for contact in self.contacts]
+        if not self._jointly or not loops.at_once() or any(each.linear is None for each in gaps):
             return None
-        laws = cast("list[ComplianceContact]", self.laws)
-        if last is None or not last.has_pairs_of([law.gaps for law in laws]):
-            for law in laws:
+        if last is None or not last.has_pairs_of(gaps):
+            for law in self._laws:
                 law.hold()
-            fields = [self._rows_by_fields(j) for j in range(len(laws))]
-            blocks = self._joint.flat([law.problem.F for law in laws], fields)
-            last = FrozenContacts([law.gaps for law in laws], dofs, blocks)
-        last.guess(np.concatenate([law.lam > 0.0 for law in laws]))
+            fields = [self._rows_by_fields(j) for j in range(len(gaps))]
+            blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
+            last = FrozenContacts(gaps, dofs, blocks)
+        last.guess(np.concatenate([contact.lam > 0.0 for contact in self.contacts]))
         return last
 
-    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
-        """Let the laws take the state of `frozen`, whose last evaluation was at these coordinates of each contact.
+    @property
+    def _laws(self) -> list[NormalCompliance]:
+        """Laws of contacts that are all elastic."""
+        return cast("list[NormalCompliance]", [contact.law for contact in self.contacts])
 
-        Return False if pairs have changed since, as somebody asked a law. Then the laws find the state themselves.
+    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
+        """Let the contacts take the state of `frozen`, whose last evaluation was at these coordinates of each.
+
+        Return False if pairs have changed since, as somebody asked for gaps. Then contacts find the state themselves.
         """
         self._at = self._inverse = None
-        if not frozen.has_pairs_of([law.gaps for law in self.laws]):
+        if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
             self.forces(coordinates)
             return False
-        laws, starts = cast("list[ComplianceContact]", self.laws), frozen.starts[1:-1]
+        starts = frozen.starts[1:-1]
         lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
-        for j, (law, iterations) in enumerate(zip(laws, frozen.take_iterations(), strict=True)):
-            gap = law.gaps.at(coordinates[j])
-            if lam[j].any():
-                law.take(gap, moved[j], law.near(moved[j], moved[j].min()), lam[j])
-            else:
-                law.stay_open(gap, moved[j])
+        for j, (law, iterations) in enumerate(zip(self._laws, frozen.take_iterations(), strict=True)):
+            near = law.near(moved[j], moved[j].min()) if lam[j].any() else None
+            self._take(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j])
             law.problem.iterations += int(iterations)
         return True
 
-    def stiffness(self, law: Compliant, other: Compliant) -> Array:
-        """Change of forces on closed rows of `law` by gaps of closed rows of `other`, (na, nb) [N/m].
+    def _take(self, j: int, gap: Array, moved: Array, near: Array | None, lam: Array) -> None:
+        """Let a contact have forces on the rows `near`, (k,) [N], that were found together with those of the others.
 
-        All other gaps are held. With friction, rows have three directions each, as in `Law.row_stiffness`.
+        Its gaps are `gap`, (nr,) [m], and `moved` where the forces of the others have moved them.
+        """
+        contact, law = self.contacts[j], self._laws[j]
+        contact.h, contact.least_gap = gap, moved.min(initial=np.inf)
+        if near is None:
+            contact.open_rows()
+        else:
+            contact.take(law.found(moved, near, lam))
+
+    def stiffness(self, contact: PatchContact, other: PatchContact) -> Array:
+        """Change of forces on closed rows of a contact by places of closed rows of another, (d na, d nb) [N/m].
+
+        All other places are held.
         """
         if self._inverse is None:
-            self._closed = consecutive([len(law.directions(law.index)) for law in self.laws])
+            self._closed = consecutive([each.rows.d * len(each.index) for each in self.contacts])
             self._inverse = self._frictional_stiffness() if self._frictional else np.linalg.inv(self._flexibility())
-        rows, columns = self._closed[self.laws.index(law)], self._closed[self.laws.index(other)]
+        rows, columns = (self._closed[self.contacts.index(each)] for each in (contact, other))
         return self._inverse[rows, columns]
 
     def _flexibility(self) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
         F = self._flexibility_between()
-        for law, own in zip(self.laws, self._closed, strict=True):
-            assert isinstance(law, ComplianceContact)
-            F[own, own] = law.active_flexibility()
+        for law, contact, own in zip(self._laws, self.contacts, self._closed, strict=True):
+            F[own, own] = law.active_flexibility() if contact.index.size else 0.0
         return F
 
     def _flexibility_between(self) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero blocks for each contact's own."""
         F = np.zeros((self._closed[-1].stop,) * 2)
-        fields = [self._rows_by_fields(j)[law.directions(law.index)] for j, law in enumerate(self.laws)]
+        fields = [self._rows_by_fields(j)[each.rows.directions(each.index)] for j, each in enumerate(self.contacts)]
         for (j, k), core in self._exchange.core.items():
             F[self._closed[j], self._closed[k]] = fields[j] @ core @ fields[k].T
         return F
 
     def _frictional_stiffness(self) -> Array:
         """Changes of all forces by gaps and tangential places: d lambda = -D (dh + F_between d lambda)."""
-        D = scipy.linalg.block_diag(*(law.row_stiffness() for law in self.laws))
+        D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
         value: Array = np.linalg.solve(np.eye(len(D)) + D @ self._flexibility_between(), D)
         return value
 
     def _find(self, coordinates: Sequence[Array]) -> list[Array]:
-        gaps = [law.gaps.at(q) for law, q in zip(self.laws, coordinates, strict=True)]
+        gaps = [contact.gaps.at(q) for contact, q in zip(self.contacts, coordinates, strict=True)]
         if self._jointly:
             self._answer_jointly(gaps)
         else:
-            for law, h in zip(self.laws, gaps, strict=True):
-                law.answer(h)
-            if any(law.pushes for law in self.laws):
+            for contact, h in zip(self.contacts, gaps, strict=True):
+                contact.answer(h)
+            if any(map(self._pushes, range(len(gaps)))):
                 self._settle(gaps)
-        return [law.generalised() for law in self.laws]
+        return [contact.generalised() for contact in self.contacts]
+
+    def _pushes(self, j: int) -> bool:
+        """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
+        contact = self.contacts[j]
+        return contact.index.size > 0 or bool(contact.memory.forces.any())
 
     def _answer_jointly(self, gaps: list[Array]) -> None:
         """Find the forces of all contacts. Those enter that press, or that the others press."""
-        laws = cast("list[ComplianceContact]", self.laws)
         pushed, near, lam = [*gaps], dict[int, Array](), dict[int, Array]()
         for _ in range(_SWEEPS):
             entering = [j for j, h in enumerate(pushed) if _presses(h, near.get(j))]
             if not entering:
                 break
             for j in entering:
-                near[j] = laws[j].near(pushed[j], pushed[j].min())
-            lam = self._solve(laws, near, gaps)
+                near[j] = self._laws[j].near(pushed[j], pushed[j].min())
+            lam = self._solve(near, gaps)
             pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
         else:
             raise ComplementarityError(
-                f"the rows that close in {len(laws)} contacts on common bodies did not settle in {_SWEEPS} passes"
+                f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_SWEEPS} passes"
             )
         for j, (gap, moved) in enumerate(zip(gaps, pushed, strict=True)):
-            if j in near:
-                laws[j].take(gap, moved, near[j], lam[j])
-            else:
-                laws[j].stay_open(gap, moved)
+            self._take(j, gap, moved, near.get(j), lam.get(j, np.empty(0)))
 
-    def _solve(self, laws: list[ComplianceContact], near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
-        """Forces on the rows that are near, of each law, (k,) [N]."""
+    def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
+        """Forces on the rows that are near, of each contact, (k,) [N]."""
+        laws = self._laws
         return self._joint.solve(
             {j: laws[j].problem for j in near},
             {j: _of(gaps[j], rows) for j, rows in near.items()},
@@ -249,22 +263,22 @@ class CoupledContacts:
         return np.asarray(gap + self._rows_by_fields(j) @ c) if c.any() else gap
 
     def _settle(self, gaps: list[Array]) -> None:
-        pushed_ever = [False] * len(self.laws)  # the other laws already have their answer
+        pushed_ever = [False] * len(self.contacts)  # the others already have their answer
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
-            for j, law in enumerate(self.laws):
-                pushing = [k for k in self._exchange.neighbours[j] if self.laws[k].pushes]
+            for j, contact in enumerate(self.contacts):
+                pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
                 if pushing or pushed_ever[j]:
-                    before, pushed_ever[j] = law.forces, True
-                    law.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
-                    change += abs(law.forces - before).sum()
-                size += law.lam.sum()
+                    before, pushed_ever[j] = contact.forces, True
+                    contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
+                    change += abs(contact.forces - before).sum()
+                size += contact.lam.sum()
             if change <= settled * size:
                 return
         if change > _UNSETTLED * size:
             raise ComplementarityError(
-                f"the forces of {len(self.laws)} contacts on common bodies did not settle in {_SWEEPS} sweeps; the "
+                f"the forces of {len(self.contacts)} contacts on common bodies did not settle in {_SWEEPS} sweeps; the "
                 f"last changed them by {change / size:.2g}. Patches that overlap or touch move each other too much: "
                 "keep the patches apart, or join them to one patch"
             )
@@ -274,10 +288,10 @@ class CoupledContacts:
 
         These are gaps, and with friction also tangential places since the last accepted step.
         """
-        law, other = self.laws[j], self.laws[k]
-        pushed = self._moved(j, k, other.forces).reshape(law.forces.shape)
-        if law.friction is not None:
-            last = other.last_forces() if isinstance(other, FrictionalCompliance) else self._last[k][other.row_nodes]
+        contact, other = self.contacts[j], self.contacts[k]
+        pushed = self._moved(j, k, other.forces).reshape(contact.forces.shape)
+        if contact.friction is not None:
+            last = other.last if other.friction is not None else self._last[k][other.row_nodes]
             pushed[:, 1:] -= self._moved(j, k, last).reshape(-1, 3)[:, 1:]
         return pushed
 
@@ -290,9 +304,10 @@ class CoupledContacts:
 
         It changes slowly, and is kept while the rows move little.
         """
-        standing, kept = self.laws[j].standing(), self._rows.get(j)
+        rows, kept = self.contacts[j].rows, self._rows.get(j)
+        standing = rows.standing()
         if kept is None or not standing.nearly(kept[0], SAME):
-            moved = [self.laws[j].side_rows(side) @ fields for side, fields in self._exchange.fields[j]]
+            moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields[j]]
             kept = standing, np.sum(moved, axis=0)
             self._rows[j] = kept
         return kept[1]
@@ -316,7 +331,7 @@ class SharedPatches(CoupledContacts):
         """See `CoupledContacts.frozen`; there are no loops for whole flexibilities."""
 
     def _begin_jointly(self) -> None:
-        self._between = FlexibilityBetween(self.laws, self._all_links)
+        self._between = FlexibilityBetween([contact.rows for contact in self.contacts], self._all_links)
         self._whole: Complementarity | None = None
         self._stood: dict[int, tuple[Standing, Array]] = {}
         self._blocks: dict[tuple[int, int], Array] = {}
@@ -325,14 +340,16 @@ class SharedPatches(CoupledContacts):
     def _flexibility_between(self) -> Array:
         F = np.zeros((self._closed[-1].stop,) * 2)
         for j, k in self._between.pairs:
-            F[self._closed[j], self._closed[k]] = self._between.of(j, self.laws[j].index, k, self.laws[k].index)
+            index, others = self.contacts[j].index, self.contacts[k].index
+            F[self._closed[j], self._closed[k]] = self._between.of(j, index, k, others)
         return F
 
-    def _solve(self, laws: list[ComplianceContact], near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
+    def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """See `CoupledContacts._solve`."""
+        laws = self._laws
         near = {j: near[j] for j in sorted(near)}  # they enter in any order
         own = dict(zip(near, consecutive([len(rows) for rows in near.values()]), strict=True))
-        if self._stale(laws, near):
+        if self._stale(near):
             F = np.zeros((sum(map(len, near.values())),) * 2)
             for j, part in own.items():
                 F[part, part] = laws[j].problem.F
@@ -349,11 +366,11 @@ class SharedPatches(CoupledContacts):
         self._pressing = {j: (near[j], forces) for j, forces in found.items() if forces.any()}
         return found
 
-    def _stale(self, laws: list[ComplianceContact], near: dict[int, Array]) -> bool:
+    def _stale(self, near: dict[int, Array]) -> bool:
         """Whether other rows are near, or they have moved; if so, find the blocks between them again."""
         moved = set()
         for j in near:
-            standing, own, known = laws[j].standing(), laws[j].problem.F, self._stood.get(j)
+            standing, own, known = self.contacts[j].rows.standing(), self._laws[j].problem.F, self._stood.get(j)
             if known and standing.nearly(known[0], SAME) and known[1] is own:  # of the same rows, then
                 continue
             moved.add(j)

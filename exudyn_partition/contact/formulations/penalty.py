@@ -5,70 +5,26 @@ Theory: examples/site/theory.md, "Penalty".
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import scipy.sparse as sp
 
-from ...algebra.coulomb import Coulomb
 from ...algebra.friction import OPEN, SLIP, STICK
-from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Gaps
-from .frictional import FrictionalContact
-from .law import ElasticContact
+from ..law import Forces, Law, Places, RowDirections
 
 _POISSON = 0.3  # Poisson's ratio of the layer
 _SHEAR = 2 * (1 - _POISSON) / (2 - _POISSON)  # its tangential stiffness relative to its normal one
 _SOFT = 0.1  # share of the bodies' highest squared frequency that the layer may add
 
 
-class PenaltyContact(ElasticContact):
+class PenaltyLayer(Law):
     """An elastic layer: the force on a row is its area times the layer's stiffness times its depth, -gap.
 
-    Parameters
-    ----------
-    gaps : Gaps
-    stiffness : float
-        Stiffness of the layer [N/m3].
-    """
-
-    def __init__(self, gaps: Gaps, stiffness: float) -> None:
-        self.stiffness = stiffness
-        super().__init__(gaps)
-
-    def answer(self, gap: Array) -> None:
-        """Find the forces on the present rows from their gaps, (nr,) [m]."""
-        self.h = gap
-        self.least_gap = gap.min(initial=np.inf)
-        if math.isnan(self.least_gap):
-            raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if self.least_gap >= 0.0:
-            self.open_rows()
-            return
-        lam = np.where(gap < 0.0, -self.stiffness * self.gaps.area * gap, 0.0)
-        self.close_rows(lam, np.flatnonzero(lam))
-
-    def tangent_of(self, H: Array) -> Array:
-        """Stiffness of the closed rows on some coordinates, (m, m); H, (na, m), are the derivatives of their gaps."""
-        return self._tangent(self.index, H)
-
-    def closed_stiffness(self) -> Array:
-        """Contact stiffness with all rows closed, (n, n)."""
-        everything = np.arange(len(self.gaps.row_nodes))
-        return self._tangent(everything, self.gaps.jacobian(everything))
-
-    def _tangent(self, index: Array, H: Rows) -> Array:
-        return _springs(self.stiffness * self.gaps.area[index], H)
-
-
-class FrictionalPenalty(FrictionalContact):
-    """An elastic layer with Coulomb friction: it also yields along the tangents, and its ends slip.
-
-    The tangential stiffness of the layer is 2 (1 - nu) / (2 - nu) times the normal one, Mindlin's ratio for equal
-    bodies, with nu = 0.3. With A the area of a row, s the way that it has slid since the last accepted step, and
-    lambda_t* the tangential force then::
+    With friction it also yields along the tangents, and its ends slip. Its tangential stiffness is
+    2 (1 - nu) / (2 - nu) times the normal one, Mindlin's ratio for equal bodies, with nu = 0.3. With A the area of a
+    row, s the way that it has slid since the last accepted step, and lambda_t* the tangential force then::
 
         lambda_n = k A max(0, -gap),    x = lambda_t* - k_t A s,    lambda_t = x min(1, mu lambda_n / |x|).
 
@@ -76,9 +32,8 @@ class FrictionalPenalty(FrictionalContact):
 
     Parameters
     ----------
-    gaps : Gaps
-    friction : Coulomb
-    stiffness : float
+    rows : RowDirections
+    layer : float
         Normal stiffness of the layer [N/m3].
 
     References
@@ -86,86 +41,72 @@ class FrictionalPenalty(FrictionalContact):
     R.D. Mindlin, Compliance of elastic bodies in contact, 1949.
     """
 
-    def __init__(self, gaps: Gaps, friction: Coulomb, stiffness: float) -> None:
-        self.stiffness = stiffness
-        super().__init__(gaps, friction)
+    def __init__(self, rows: RowDirections, layer: float) -> None:
+        self.rows, self.layer = rows, layer
 
-    def _find(self, gap: Array, pushed: Array) -> None:
-        lam = self._pressed(gap)
-        self._way = self.tangential.way()
-        self._trial = self.last_forces()[:, 1:] - self._shear[:, None] * self._way
-        self._length, self._bound = np.linalg.norm(self._trial, axis=1), self.coefficients() * lam
-        slips = self._length > self._bound
-        self._share = np.divide(self._bound, self._length, out=np.ones(len(lam)), where=slips)
-        self.forces = np.column_stack([lam, self._share[:, None] * self._trial])
-        self._state = np.where(lam > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
-        self.close_rows(lam, np.flatnonzero(lam))
-
-    def _pressed(self, gap: Array) -> Array:
-        """Normal forces of gaps, (nr,) [N]."""
-        lam: Array = np.where(gap < 0.0, -self.stiffness * self.gaps.area * gap, 0.0)
-        return lam
+    def fresh(self, rows: RowDirections) -> PenaltyLayer:
+        """See `Law`."""
+        return PenaltyLayer(rows, self.layer)
 
     @property
-    def _shear(self) -> Array:
-        """Tangential stiffness of the rows, (nr,) [N/m]."""
-        shear: Array = _SHEAR * self.stiffness * self.gaps.area
-        return shear
+    def _area(self) -> Array:
+        value: Array = self.rows.gaps.area
+        return value
 
-    def slips(self) -> Array:
-        """See `FrictionalContact`."""
-        if not self.index.size:
-            return np.zeros((len(self.forces), 2))
-        return self._way + self._yields(self.forces[:, 1:] - self.last_forces()[:, 1:])
+    def answer(self, at: Places) -> Forces:
+        """See `Law`."""
+        lam = np.where(at.gap < 0.0, -self.layer * self._area * at.gap, 0.0)
+        if self.rows.d == 1:
+            self._closed = np.flatnonzero(lam)
+            return Forces(lam[:, None], self._closed)
+        shear = _SHEAR * self.layer * self._area
+        trial = at.last[:, 1:] - shear[:, None] * at.way
+        length, bound = np.linalg.norm(trial, axis=1), at.mu * lam
+        slipping = length > bound
+        share = np.divide(bound, length, out=np.ones(len(lam)), where=slipping)
+        forces = np.column_stack([lam, share[:, None] * trial])
+        self._closed, self._slipping, self._mu = np.flatnonzero(lam), slipping, at.mu
+        self._share, self._along = share, trial / np.maximum(length, 1e-300)[:, None]
+        slips = at.way + _yields(forces[:, 1:] - at.last[:, 1:], shear)
+        state = np.where(lam > 0, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
+        return Forces(forces, self._closed, state, slips)
 
-    def _yields(self, along: Array) -> Array:
-        """Ways by which the layer yields to tangential forces, (nr, 2) [m]."""
-        shear = self._shear[:, None]
-        return np.divide(along, shear, out=np.zeros(along.shape), where=shear > 0)
-
-    def stored(self) -> float:
+    def stored(self, gap: Array, forces: Array) -> float:
         """See `Law`; in the layer, which yields along the normal and the tangents."""
-        if not self.index.size:
-            return 0.0
-        lam, along = self.lam[self.index], self.forces[:, 1:]
-        normal = lam @ (lam / (self.stiffness * self.gaps.area[self.index]))
-        return 0.5 * float(normal + np.sum(along * self._yields(along)))
+        normal = super().stored(gap, forces)
+        if self.rows.d == 1:
+            return normal
+        along, shear = forces[:, 1:], _SHEAR * self.layer * self._area
+        return normal + 0.5 * float(np.sum(along * _yields(along, shear)))
 
-    def _blocks(self) -> sp.bsr_matrix:
-        """Derivative of the forces on the closed rows by their places, (3 na, 3 na) [N/m], with the sign changed.
+    def _each(self, index: Array) -> Array:
+        """Stiffness of some rows, (na, d) [N/m]: along the normal, and along both tangents while they stick."""
+        value: Array = self.layer * self._area[index][:, None] * np.array([1.0, _SHEAR, _SHEAR])[: self.rows.d]
+        return value
 
-        A force that slips turns with its trial force, and grows with the normal force.
-        """
-        some, blocks = self.index, np.zeros((len(self.index), 3, 3))
-        normal, shear = self.stiffness * self.gaps.area[some], self._shear[some]
-        slips = self._state[some] == SLIP
-        along = self._trial[some] / np.maximum(self._length[some], 1e-300)[:, None]
+    def stiffness(self) -> sp.spmatrix:
+        """See `Law`; a force that slips turns with its trial force, and grows with the normal force."""
+        some = self._closed
+        each = self._each(some)
+        if self.rows.d == 1:
+            return sp.diags(each[:, 0])
+        blocks, slips, along = np.zeros((len(some), 3, 3)), self._slipping[some], self._along[some]
         turning = np.eye(2) - slips[:, None, None] * (along[:, :, None] * along[:, None, :])
-        blocks[:, 0, 0] = normal
-        blocks[:, 1:, 0] = (slips * normal * self.coefficients()[some])[:, None] * along
-        blocks[:, 1:, 1:] = (shear * self._share[some])[:, None, None] * turning
+        blocks[:, 0, 0] = each[:, 0]
+        blocks[:, 1:, 0] = (slips * each[:, 0] * self._mu[some])[:, None] * along
+        blocks[:, 1:, 1:] = (each[:, 1] * self._share[some])[:, None, None] * turning
         return sp.bsr_matrix((blocks, np.arange(len(some)), np.arange(len(some) + 1)), shape=(3 * len(some),) * 2)
 
-    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
-        """See `Law`; unsymmetric where rows slip."""
-        if not self.index.size:
-            return super().tangent_matrix(by_q, by_q_t)
-        H = self.row_jacobian()
-        return sp.csr_matrix(by_q * (H.T @ (self._blocks() @ H)))
+    def closed_stiffness(self, rows: RowDirections) -> Array:
+        """See `Law`."""
+        everything = np.arange(len(self._area))
+        return _springs(self._each(everything).ravel(), rows.jacobian(everything))
 
-    def row_stiffness(self) -> Array:
-        """See `Law`; in all three directions of the closed rows, (3 na, 3 na)."""
-        return self._blocks().toarray() if self.index.size else np.zeros((0, 0))
 
-    def closed_stiffness(self) -> Array:
-        """Contact stiffness with all rows closed and stuck, (n, n): the largest that the element can have."""
-        each = self.stiffness * self.gaps.area[:, None] * [1.0, _SHEAR, _SHEAR]
-        return _springs(each.ravel(), self.tangential.jacobian(np.arange(len(self.gaps.row_nodes))))
-
-    def press(self, gap: Array) -> tuple[float, int]:
-        """See `Law`; without friction."""
-        lam = self._pressed(gap)
-        return -0.5 * float(lam @ gap), int(np.count_nonzero(lam))
+def _yields(along: Array, shear: Array) -> Array:
+    """Ways by which a layer of stiffness `shear`, (nr,) [N/m], yields to tangential forces, (nr, 2) [N]: [m]."""
+    each = shear[:, None]
+    return np.divide(along, each, out=np.zeros(along.shape), where=each > 0)
 
 
 def _springs(k: Array, H: Rows) -> Array:

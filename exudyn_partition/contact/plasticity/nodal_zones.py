@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import RunError
 from ...support.arrays import Array
 from .yielding_patches import Zones
 from .zone_run import ZoneMotion
@@ -88,8 +89,19 @@ class NodalZones(Zones):
     def __init__(self, motions: Sequence[tuple[int, ZoneMotion]]) -> None:
         self.zones = [(side, NodalZone(motion)) for side, motion in motions]
 
-    def fresh(self) -> Self:
-        """Return the same zones in their start state, for another run."""
+    def for_run(self, contact: Any, method: str) -> Self:
+        """See `Zones`; only explicit runs have them.
+
+        Raises
+        ------
+        RunError
+            Of another method.
+        """
+        if method != "explicit":
+            raise RunError(
+                f"method: {method!r} knows no plastic zones of basis 'free'. Take method='explicit', or basis "
+                "'contact-adapted' or 'residual' with formulation='compliance'"
+            )
         result = copy.copy(self)
         result.zones = [(side, zone.fresh()) for side, zone in self.zones]
         return result

@@ -77,6 +77,22 @@ class Zones:
         """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows while nothing flows."""
         return of_rows
 
+    def for_run(self, contact: Any, method: str) -> Zones:
+        """Return the same zones in their start state, for the contact of another run with this method."""
+        raise NotImplementedError
+
+    def solve(self, respond: Callable[[Array], None], pushed: Array) -> None:
+        """Find the states together with the forces on the rows, see `YieldingPatches.solve`."""
+        respond(pushed)
+
+    def forces(self, parts: Sequence[Array]) -> Array:
+        """Generalised forces of the zones alone, (n,), at the coordinates of each side."""
+        return np.zeros(sum(map(len, parts)))
+
+    def generalised(self, contact: Array) -> Array:
+        """Generalised forces, (n,), of rows and zones; `contact`, (n,), are those of the rows."""
+        return contact
+
     def commit(self) -> None:
         """Accept the present states."""
         self.check()
@@ -125,7 +141,7 @@ class YieldingPatches(Zones):
 
     Parameters
     ----------
-    law : ComplianceContact or FrictionalCompliance
+    contact : PatchContact
 
     Attributes
     ----------
@@ -136,25 +152,25 @@ class YieldingPatches(Zones):
 
     zones: list[tuple[int, ZoneRun]]
 
-    def __init__(self, law: Any) -> None:
-        zones = [(number, side.zone) for number, side in enumerate(law.gaps.sides)]
+    def __init__(self, contact: Any) -> None:
+        zones = [(number, side.zone) for number, side in enumerate(contact.gaps.sides)]
         self.zones = [(number, ZoneRun(zone)) for number, zone in zones if zone is not None]
-        self._take(law)
+        self._take(contact)
 
-    def _take(self, law: Any, method: str = "explicit") -> None:
-        self.law, self.iterations = law, 0
+    def _take(self, contact: Any, method: str = "explicit") -> None:
+        self.contact, self.iterations = contact, 0
         self._settled = _SETTLED if method == "explicit" else _SETTLED_FOR_NEWTON
         self._broyden = None if method == "explicit" else Broyden()
         self._unsettled = 0.0
         self._rows: dict[int, tuple[object, Array]] = {}
 
-    def for_run(self, law: Any, method: str) -> YieldingPatches:
-        """Return the same zones in their start state, for the law of another run with this method."""
+    def for_run(self, contact: Any, method: str) -> YieldingPatches:
+        """See `Zones`."""
         result = copy.copy(self)
         # Forces known to 1e-4 need no more than single precision, half of the bytes that products read.
         kind = np.float32 if method == "explicit" else np.float64
         result.zones = [(number, zone.for_run(kind)) for number, zone in self.zones]
-        result._take(law, method)
+        result._take(contact, method)
         return result
 
     def solve(self, respond: Callable[[Array], None], pushed: Array) -> None:
@@ -169,7 +185,7 @@ class YieldingPatches(Zones):
             What other contacts add.
         """
         self._unsettled = 0.0
-        parts = self.law.gaps.coordinates
+        parts = self.contact.gaps.coordinates
         rows = {side: self._side_rows(side) for side, _ in self.zones}
         for _, zone in self.zones:
             zone.back()
@@ -225,46 +241,44 @@ class YieldingPatches(Zones):
             )
 
     def _moved(self, rows: dict[int, Array], p: Sequence[Array] | None = None) -> Array:
-        """What pseudo-forces add to the places of the rows, in the shape of the law's forces [m].
+        """What pseudo-forces add to the places of the rows, (nr, d) [m].
 
         Tangential places count from the end of the last accepted step.
         """
-        law, total = self.law, np.zeros(1)
+        d, total = self.contact.rows.d, np.zeros((1, 1))
         for i, (side, zone) in enumerate(self.zones):
             by_last = zone.moved_patch()
             moved = by_last if p is None else zone.moved_patch(p[i])
-            if law.friction is None:
-                total = total + rows[side] @ moved
-            else:
-                three = (rows[side] @ moved).reshape(-1, 3)
-                three[:, 1:] -= (rows[side] @ by_last).reshape(-1, 3)[:, 1:]
-                total = total + three
+            places = (rows[side] @ moved).reshape(-1, d)
+            if d > 1:
+                places[:, 1:] -= (rows[side] @ by_last).reshape(-1, d)[:, 1:]
+            total = total + places
         return total
 
     def _on_patches(self, rows: dict[int, Array]) -> list[Array]:
         """Forces on the flexibility coordinates of each zone's patch, (d np,) [N]."""
-        forces = self.law.forces.ravel()
+        forces = self.contact.forces.ravel()
         return [rows[side].T @ forces for side, _ in self.zones]
 
     def _side_rows(self, side: int) -> Array:
-        stays = self.law.gaps.constant_rows
+        stays = self.contact.gaps.constant_rows
         kept = self._rows.get(side)
         if kept is not None and stays is not None and kept[0] is stays:
             return kept[1]
-        rows = self.law.side_rows(side)
+        rows = self.contact.rows.side_rows(side)
         rows = rows if isinstance(rows, np.ndarray) else rows.toarray()
         self._rows[side] = stays, rows
         return rows
 
     def generalised(self, contact: Array) -> Array:
         """Generalised forces, (n,), of rows and zones; `contact`, (n,), are those of the rows."""
-        force, ends = contact, np.cumsum([side.n for side in self.law.gaps.sides])
+        force, ends = contact, np.cumsum([side.n for side in self.contact.gaps.sides])
         for number, zone in self.zones:
             if zone.generalised.any():
                 force = force.copy()
                 force[ends[number] - len(zone.generalised) : ends[number]] += zone.generalised
         if self._broyden is not None:
-            self._broyden.see(self.law.gaps.q, force)
+            self._broyden.see(self.contact.gaps.q, force)
         return force
 
     def tangent(self, of_rows: Array) -> Array:

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from oracles import SPHERE_RADIUS, TOP, floating, inertial, moved, relative
+from oracles import SPHERE_RADIUS, TOP, compliant, floating, inertial, moved, relative
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
-from exudyn_partition.contact.formulations.frictional_compliance import FrictionalCompliance
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.frames.inertial import InertialKinematics
@@ -16,7 +14,7 @@ from exudyn_partition.frames.inertial import InertialKinematics
 
 @pytest.fixture(scope="module")
 def law(bodies):
-    return ComplianceContact(PatchGaps(*sides(bodies)))
+    return compliant(PatchGaps(*sides(bodies)))
 
 
 def sides(bodies, slave_at=TOP):
@@ -40,7 +38,7 @@ def test_contact_force_jacobian_and_potential_against_finite_differences(law, bo
     q = closing_state(law, bodies, depth, seed)
     force = law.force(q).copy()
     tangent = law.tangent()
-    assert 0 < len(law.problem.index)
+    assert 0 < len(law.index)
     rng = np.random.default_rng(seed)
     for _ in range(3):
         d = rng.standard_normal(len(q))
@@ -65,7 +63,7 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
     That is the answer of all rows there are, though few of them enter.
     """
     slave, master = floating(round_body), floating(flat_body)
-    law = ComplianceContact(PatchGaps(slave, master))
+    law = compliant(PatchGaps(slave, master))
     rng, found = np.random.default_rng(0), []
     for n in range(40):
         x, depth = 6e-4 * np.sin(n / 8), 3e-6 * np.sin(n / 3) + 1e-6
@@ -73,7 +71,7 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
         arm = slave.kinematics.origin - Rotation.from_rotvec(turn).apply(slave.kinematics.origin)
         q = np.r_[moved(slave, arm * [1, 1, 0] + [x, 0, -depth], turn), np.zeros(flat_body.n_dofs)]
         q += 1e-9 * rng.standard_normal(len(q)) * (n % 4 == 3)
-        force, fresh = law.force(q), law.fresh()
+        force, fresh = law.force(q), law.for_run()
         expected = fresh.force(q)
         np.testing.assert_allclose(force, expected, rtol=0, atol=5e-3 * abs(expected).max())
         assert law.least_gap == pytest.approx(fresh.least_gap, abs=1e-12)
@@ -87,7 +85,7 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
 
 def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, each_path):
     """Material that is pressed out beside a contact closes small gaps there: rows whose forces push others nearer."""
-    law = ComplianceContact(PatchGaps(floating(round_body), floating(flat_body)))
+    law = compliant(PatchGaps(floating(round_body), floating(flat_body)))
     q = np.r_[moved(law.gaps.slave, [0, 0, -3e-6]), np.zeros(flat_body.n_dofs)]
     law.force(q)
     h = law.gaps.at(q).copy()
@@ -101,7 +99,7 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
 
 def test_pairs_that_stand_still_again_keep_their_forces(round_body, flat_body):
     """They are frozen then, with all rows, after some hundred evaluations in one place."""
-    law = ComplianceContact(PatchGaps(inertial(round_body), inertial(flat_body)))
+    law = compliant(PatchGaps(inertial(round_body), inertial(flat_body)))
     states = [np.r_[moved(law.gaps.slave, [x, 0, -3e-6]), np.zeros(flat_body.n_dofs)] for x in (0.0, 5e-5)]
     law.force(states[0])
     assert not law.gaps.moving
@@ -121,13 +119,13 @@ def test_pairs_that_stand_still_again_keep_their_forces(round_body, flat_body):
 def test_forces_that_were_kept_are_put_on_the_nodes_again(round_body, flat_body, kind, friction):
     """By a law that was elsewhere, for places that a run has told; a ball that rolls closes a row at its edge."""
     gaps = PatchGaps(floating(round_body), floating(flat_body), kind)
-    law = FrictionalCompliance(gaps, ep.Coulomb(0.3)) if friction else ComplianceContact(gaps)
+    law = compliant(gaps, ep.Coulomb(0.3)) if friction else compliant(gaps)
     slave = law.gaps.slave
     for n, (depth, turn) in enumerate([(0.0, 0.0), (1e-6, 0.0), (4e-6, 0.085)]):
         law.commit(float(n))
         q = np.r_[moved(slave, [0, 0, -depth], [0, turn, 0]), np.zeros(flat_body.n_dofs)]
         law.force(q)
-    index, fresh = law.index, law.fresh()
+    index, fresh = law.index, law.for_run()
     found = fresh.forces_on_nodes(q, law.row_nodes[index], law.lam[index], law.traction[index])
     for again, told in zip(found, law.nodal_forces(), strict=True):
         np.testing.assert_allclose(again, told, rtol=0, atol=1e-4 * abs(told).max())

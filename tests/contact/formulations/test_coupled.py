@@ -1,15 +1,16 @@
 """Contacts on common bodies, whose forces are found together."""
 
 from itertools import permutations
+from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
 import pytest
+from oracles import compliant
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import regularised
 from exudyn_partition.algebra.friction import SLIP, STICK, FrictionProblem
-from exudyn_partition.contact.formulations.choices import Compliance
 from exudyn_partition.contact.formulations.coupled import CoupledContacts
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.contact.side import Side, Standing
@@ -19,15 +20,14 @@ from exudyn_partition.support.compiled import compiles
 
 
 class Runaway:
-    """A law whose force grows with what another pushes: patches that move each other more than themselves."""
+    """A contact whose force grows with what another pushes: patches that move each other more than themselves."""
 
-    carried = remembers = False
-    friction = None
-    pushes, since = True, 0.0
-    node_areas = np.ones(1)
+    carried = remembers = elastic = False
+    friction, since = None, 0.0
+    node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros(1))
 
     def __init__(self):
-        self.gaps = self
+        self.gaps = self.rows = self
         self.reset()
 
     def reset(self):
@@ -35,7 +35,7 @@ class Runaway:
 
     @property
     def forces(self):
-        return self.lam
+        return self.lam[:, None]
 
     def at(self, q):
         return q
@@ -46,8 +46,8 @@ class Runaway:
     def side_rows(self, side):
         return np.eye(1)
 
-    def answer(self, h, pushed=0.0):
-        self.lam = np.maximum(-(h + pushed), 0.0)
+    def answer(self, h, pushed=None):
+        self.lam = np.maximum(-(h if pushed is None else h + pushed[:, 0]), 0.0)
 
 
 def test_contacts_that_do_not_settle_are_an_error():
@@ -59,16 +59,12 @@ def test_contacts_that_do_not_settle_are_an_error():
 
 
 class Spring(Runaway):
-    """A law whose forces are the depths of its row."""
+    """A contact whose forces are the depths of its row."""
 
     def reset(self):
         self.answer(np.ones(1))
 
-    @property
-    def pushes(self):
-        return self.index.size > 0
-
-    def answer(self, h, pushed=0.0):
+    def answer(self, h, pushed=None):
         super().answer(h, pushed)
         self.index = np.flatnonzero(self.lam)
 
@@ -77,7 +73,7 @@ class Spring(Runaway):
 
 
 def test_a_contact_that_only_the_other_closes_is_closed():
-    """Laws with a memory used to be asked only if two were closed without each other."""
+    """Contacts with a memory used to be asked only if two were closed without each other."""
     laws = [Spring(), Spring()]
     links = [(0, 0, 1, 0, np.full((1, 1), -0.3)), (1, 0, 0, 0, np.full((1, 1), -0.3))]
     found = CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([0.1])])
@@ -86,7 +82,7 @@ def test_a_contact_that_only_the_other_closes_is_closed():
 
 
 def test_a_contact_that_opens_pushes_no_longer():
-    """The first law is asked while the second still pushes it, which then opens."""
+    """The first one is asked while the second still pushes it, which then opens."""
     laws, apart = [Spring(), Spring()], np.full((1, 1), 0.3)
     together = CoupledContacts(laws, lambda: [(0, 0, 1, 0, apart), (1, 0, 0, 0, apart)]).for_run(laws)
     np.testing.assert_allclose(together.forces([np.array([-1.0]), np.array([-0.1])]), [[1.0], [0.0]], rtol=1e-12)
@@ -103,10 +99,13 @@ class Roaming(Spring):
 
 
 class Listener(Runaway):
-    """A law with friction that presses nothing, and knows what the other one has pushed it."""
+    """A contact with friction that presses nothing, and knows what the other one has pushed it."""
 
-    friction, pushes, forces = True, False, np.zeros((1, 3))
-    row_nodes = np.zeros(1, dtype=int)
+    friction, remembers, forces = True, True, np.zeros((1, 3))
+    row_nodes, index = np.zeros(1, dtype=int), np.empty(0)
+
+    def reset(self):
+        self.lam = np.zeros(1)
 
     def side_rows(self, side):
         return np.eye(3)
@@ -146,10 +145,9 @@ def block_on_feet():
 
 
 def of_feet(body, friction=MU):
-    """Laws of a run, and what solves them together."""
-    formulation = Compliance() if friction is None else Compliance().with_friction(ep.Coulomb(friction))
+    """Contacts of a run, and what solves them together."""
     sides = [Side.of(InertialKinematics(body, np.zeros(3)), patch) for patch in range(3)]
-    laws = [formulation.law(RigidGaps(side, RigidPlane())) for side in sides]
+    laws = [compliant(RigidGaps(side, RigidPlane()), friction and ep.Coulomb(friction)) for side in sides]
     links = [(j, 0, k, 0, body.flexibility(j, k)) for j, k in permutations(range(3), 2)]
     return laws, CoupledContacts(laws, lambda: links).for_run(laws)
 
@@ -157,7 +155,7 @@ def of_feet(body, friction=MU):
 def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
     """A patch moves rows of others along their tangents too, by what its forces have changed since the last step."""
     body, (laws, together) = block_on_feet, of_feet(block_on_feet)
-    rows, F = [law.side_rows(0) for law in laws], [[law.tangential.flexibility()] * 3 for law in laws]
+    rows, F = [law.rows.side_rows(0) for law in laws], [[law.rows.flexibility()] * 3 for law in laws]
     for j, k in permutations(range(3), 2):
         F[j][k] = rows[j] @ body.flexibility(j, k) @ rows[k].T
     F = np.block(F)
@@ -167,7 +165,7 @@ def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
             law.commit(float(n))
         q = body.rigid @ [*way, 0, tilt, 0]
         together.forces([q] * 3)
-        moved = [law.tangential.jacobian(np.arange(len(law.row_nodes))) @ (q - last_q) for law in laws]
+        moved = [law.rows.jacobian(np.arange(len(law.row_nodes))) @ (q - last_q) for law in laws]
         h = (np.concatenate(moved) - F @ lam.ravel()).reshape(-1, 3)
         h[:, 0] = np.concatenate([law.gaps.at(q) for law in laws])
         lam, last_q = whole.solve(h, np.full(len(h), MU)).copy(), q
@@ -178,7 +176,7 @@ def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
             assert {STICK, SLIP} < {*np.concatenate([law.state for law in laws])}
             assert abs(pushed.reshape(-1, 3)[:, 1:]).max() > 1e-7
     for law in laws:  # nothing moved in the last step
-        assert abs(law.slips()[law.index]).max() < 1e-12
+        assert abs(law.slips[law.index]).max() < 1e-12
 
 
 @pytest.mark.parametrize("friction", [None, MU])

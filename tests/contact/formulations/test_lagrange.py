@@ -4,10 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles import TOP
+from oracles import TOP, multipliers
 
-from exudyn_partition.contact.formulations.forward_increment import ForwardIncrement
-from exudyn_partition.contact.formulations.lagrange import LagrangeContact
+from exudyn_partition.contact.formulations.explicit_multipliers import ForwardIncrement, ForwardRows
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import (
@@ -31,12 +30,12 @@ def nodal(pair_of):
 
 def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
     gaps = PatchGaps(*sides(nodal), "node-to-segment")
-    law = LagrangeContact(gaps)
+    law = multipliers(gaps)
     q = np.zeros(sum(body.n_dofs for body in nodal))
     v = np.concatenate([-nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
-    h, together = 1e-9, ForwardIncrement([law], [np.arange(len(q))])
+    h, together = 1e-9, ForwardIncrement([ForwardRows(law)], [np.arange(len(q))])
     (c,) = together.increment([(q, v, 0 * q)], h)
-    gap = gaps.linear.start + law.G @ (q + h * (v + h * c))
+    gap = gaps.linear.start + gaps.linear.H @ (q + h * (v + h * c))
     assert gap.min() > -1e-18
     together.increment([(q + h * (v + h * c), v, 0 * q)], h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):
@@ -46,7 +45,7 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
 class FlatRows:
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    n, size, moving, linear, row_nodes = 2, 1.0, False, None, np.arange(40)
+    n, size, moving, linear, row_nodes, sides = 2, 1.0, False, None, np.arange(40), ()
     H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
     slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
 
@@ -68,9 +67,9 @@ class FlatRows:
 
 def test_redundant_rows_have_a_unique_total_force():
     """The plate falls flat: the impulse of all multipliers together stops it in a step."""
-    law, h, mass = LagrangeContact(FlatRows()), 1e-3, 2.0
+    law, h, mass = multipliers(FlatRows()), 1e-3, 2.0
     falling = np.zeros(2), np.array([-1.0, 0.0]), np.zeros(2)
-    (push,) = ForwardIncrement([law], [np.arange(2)]).increment([falling], h)
+    (push,) = ForwardIncrement([ForwardRows(law)], [np.arange(2)]).increment([falling], h)
     assert law.lam.sum() == pytest.approx(mass * 1.0 / h, rel=1e-8)
     np.testing.assert_allclose(push, [1.0 / h, 0.0], atol=1e-6 / h)
     assert (law.lam >= 0).all()

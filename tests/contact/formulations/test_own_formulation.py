@@ -8,28 +8,33 @@ from oracles import TOP
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.formulation import Formulation
-from exudyn_partition.contact.formulations.law import ElasticContact
+from exudyn_partition.contact.law import Forces, Law
 from exudyn_partition.errors import InputError
 
 STIFFNESS = 2e6  # of each row [N/m]
 
 
-class SpringContact(ElasticContact):
+class Spring(Law):
     """Each row pushes with a stiffness times the depth that its gap is closed."""
 
-    def answer(self, gap):
+    def answer(self, at):
         """Forces by gaps."""
-        self.h, self.least_gap = gap, gap.min(initial=np.inf)
-        lam = STIFFNESS * np.maximum(-gap, 0.0)
-        self.close_rows(lam, np.flatnonzero(lam))
+        lam = STIFFNESS * np.maximum(-at.gap, 0.0)
+        self.closed = np.flatnonzero(lam)
+        return Forces(lam[:, None], self.closed)
 
-    def tangent_of(self, H):
-        """Stiffness of closed rows on some coordinates."""
+    def stiffness(self):
+        """Of the closed rows."""
+        return STIFFNESS * np.eye(len(self.closed))
+
+    def closed_stiffness(self, rows):
+        """Stiffness with all rows closed."""
+        H = rows.jacobian(np.arange(len(rows.gaps.row_nodes)))
         return STIFFNESS * (H.T @ H)
 
-    def closed_stiffness(self):
-        """Stiffness with all rows closed."""
-        return self.tangent_of(self.gaps.jacobian(np.arange(len(self.gaps.row_nodes))))
+    def fresh(self, rows):
+        """Nothing is kept."""
+        return Spring()
 
 
 class Springs(Formulation):
@@ -37,12 +42,9 @@ class Springs(Formulation):
 
     rows = "node-to-segment"
 
-    def check(self, bodies):
-        """Any basis will do."""
-
-    def law(self, gaps):
-        """The law at the start."""
-        return SpringContact(gaps)
+    def law(self, rows):
+        """The law of a contact with these rows."""
+        return Spring()
 
 
 def strike(bodies, method="explicit", formulation=None, **options):

@@ -11,16 +11,18 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ...algebra.complementarity import Complementarity, regularised
-from ...algebra.friction import OPEN, SLIP, STICK, FrictionProblem
+from ...algebra.complementarity import regularised
+from ...algebra.friction import OPEN, STICK
+from ...algebra.row_problem import RowProblem
 from ...algebra.sparse.solver import factorise
 from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
+from ..law import Forces, Motion, Places
+from ..memory import by_nodes, on_rows
+from ..patch_contact import PatchContact
 from ..side import Side
-from .formulation import Motion
-from .frictional import FrictionalRows
-from .law import ContactLaw
+from ..tangential import TangentialRows
 from .step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
 
 _AHEAD = 0.5  # of a step, by which gaps are predicted
@@ -32,11 +34,11 @@ _CURVATURE = 1e-3  # of what F says, that rows must move for F to learn it
 _STEPS_KEPT = 8  # number of step sizes whose flexibility is kept, for adaptive steps
 
 
-class StabilisedContact(ContactLaw):
-    """Multipliers of patches with mass, for generalized-alpha with step s.
+class StepImpulses:
+    """Forces of a contact that are constant within each step s of generalized-alpha.
 
-    The forces lambda are constant within a step (Jean 1999; Brüls, Acary, Cardona 2014), see `StepMean`: they are
-    the impulses in the step, divided by s. With q and q_t at its end, and gaps h predicted half a step further::
+    The forces lambda (Jean 1999; Brüls, Acary, Cardona 2014) are the impulses in the step, divided by s, see
+    `StepMean`. With q and q_t at its end, and gaps h predicted half a step further, they are multipliers of::
 
         lambda >= 0,    h = g(q + s/2 q_t) >= 0,    lambda'h = 0 .
 
@@ -53,20 +55,30 @@ class StabilisedContact(ContactLaw):
     and no row opens or closes to and fro. Joints, carriers and other contacts change F. Where rows move otherwise than
     F says, it learns that from what they did.
 
-    `least_gap` is the smallest predicted gap.
+    With friction, along the tangents of a row, with v its slip rate at the end of the step::
+
+        |lambda_t| <= mu lambda_n,    s v = 0 where |lambda_t| < mu lambda_n,
+
+    and where |lambda_t| = mu lambda_n, v is opposite to lambda_t. F is that of all three directions. The rate enters,
+    not the place where a row stuck first: a place would need equations of index 3. Friction takes the forces times the
+    mean of the slip rates at both ends of the step: the work that they do on the bodies. That includes what nodes lose
+    along the surface when they touch and stick at once. Where a row turns back within a step, that work may be
+    negative, for the force opposes the later rate alone; there friction takes nothing.
+
+    The contact's `least_gap` is the smallest predicted gap.
 
     Parameters
     ----------
-    gaps : Gaps
+    contact : PatchContact
     """
 
-    remembers = True
     _given: Array
     _accepted: Array
 
-    def reset(self) -> None:
-        """Go back to the start."""
-        super().reset()
+    def __init__(self, contact: PatchContact) -> None:
+        self.contact, self.rows, self.gaps = contact, contact.rows, contact.gaps
+        self._tangential = self.rows if isinstance(self.rows, TangentialRows) else None
+        n = len(self.gaps.slave.surface.points)
         self._at: tuple[float, Array] | None = None  # step and state of the last evaluation
         self._first: Array | None = None  # state at the first one in this attempt of the step
         self._line: tuple[Array, Array, Rows] | None = None  # see `_linear`
@@ -81,29 +93,33 @@ class StabilisedContact(ContactLaw):
         self._flexible: tuple[float, GeneralizedAlpha] | None = None  # step and weights that F belongs to
         self._base: Array | None = None  # what F was before it learned
         self._learned = False
-        self._given = np.zeros(len(self._closed_nodes))  # forces at the last evaluation, by the slave's nodes
+        self._given = np.zeros((n, 4 if self._tangential else 1))  # forces at the last evaluation, by the slave's nodes
         self._accepted = self._given.copy()  # the same at the end of the last step
+        self._status = np.zeros(n, dtype=np.int8)  # of the last answer, by the slave's nodes
         self._impulse = np.zeros(7)  # up to the start of the step
-        self._taken = False
+        self._problem: RowProblem | None = None
+        self._rates_then = np.full((n, 3), np.nan)  # slip rates at the end of the last step, in the tangents' axes
+        self._rates: Array | None = None
 
     @property
     def impulse(self) -> Array:
-        """See `Law`."""
+        """Impulses so far, (7,) [N s]: of normal forces, sum and vector on the slave, and of tangential forces."""
         return self._impulse + self._impulse_in_step()
 
     def _impulse_in_step(self) -> Array:
-        if self._at is None or not self.index.size:
+        contact = self.contact
+        if self._at is None or not contact.index.size:
             return np.zeros(7)
-        along = np.zeros(3) if self.friction is None else self.traction.sum(axis=0)
-        return self._at[0] * np.concatenate([[self.lam.sum()], self.resultant(), along])
+        along = contact.traction.sum(axis=0)
+        return self._at[0] * np.concatenate([[contact.lam.sum()], contact.resultant(), along])
 
     @property
     def iterations(self) -> int:
-        """See `Law`."""
-        return self.problem.iterations if self._taken else 0
+        """Iterations of the set of closed rows so far."""
+        return 0 if self._problem is None else self._problem.iterations
 
     def evaluate(self, motion: Motion) -> Array:
-        """See `Law`."""
+        """Generalised contact force at the end of the step, (n,)."""
         return self.respond(motion.q, motion.q_t, motion.step, motion.weights)
 
     def respond(self, q: Array, q_t: Array, step: float, weights: GeneralizedAlpha = TRAPEZOIDAL) -> Array:
@@ -124,7 +140,8 @@ class StabilisedContact(ContactLaw):
             If gaps are not finite.
         """
         if step <= 0.0:
-            return self.open_rows()
+            self.contact.open_rows()
+            return np.zeros(self.gaps.n)
         state = np.concatenate([q, q_t, self.gaps.carrier_pose, self.gaps.carrier_motion])
         if self._at is None or self._at[0] != step or not np.array_equal(self._at[1], state):
             self._at = step, state
@@ -153,21 +170,21 @@ class StabilisedContact(ContactLaw):
         if again:
             self._line, self._before, self._settled = self._linear(ahead), None, True
         h = self._gaps_at(ahead, step)
-        self.least_gap = h.min(initial=np.inf)
-        if math.isnan(self.least_gap):
+        self.contact.least_gap = least = h.min(initial=np.inf)
+        if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         last = self._last_answer()
-        if self.least_gap >= 0.0 and not last.any():
+        if least >= 0.0 and not last.any():
             self._before = None
             self._fly(q_t)
             return
-        self._take_rows(step, weights)
+        problem = self._take_rows(step, weights)
         by_q_t = step * weights.by_q_t(step)
         w = self._moves(by_q_t / (1 + _AHEAD * by_q_t) * h, step, q_t)
         if not predicted and not again:  # else the last forces acted along other rows, or did not act
-            self._learn(w, last)
+            self._learn(problem, w, last)
             self._before = w, last
-        self._answer(w, last)
+        self._answer(problem, w, last)
 
     def _gaps_at(self, ahead: Array, step: float) -> Array:
         """Gaps at coordinates `ahead`, (n,), and where the surface's carrier goes on to, (nr,)."""
@@ -201,44 +218,64 @@ class StabilisedContact(ContactLaw):
         return place, gap, self.gaps.jacobian(np.arange(len(gap)))
 
     def _last_answer(self) -> Array:
-        """Forces on the present rows at the last evaluation, (nr,) [N]."""
+        """Forces on the present rows at the last evaluation, (nr, d) [N]."""
+        if self._tangential is not None:
+            return on_rows(self._tangential, self._given)
         value: Array = self._given[self.gaps.row_nodes]
         return value
 
     def _fly(self, q_t: Array) -> None:
-        """Leave all rows open."""
-        self.open_rows()
+        """Leave all rows open; with friction, those that may touch soon are watched."""
+        self.contact.open_rows()
+        self._status[:] = OPEN
+        if self._tangential is not None:
+            near = self.contact.least_gap < self.gaps.size
+            self._rates = self._tangential.rates(q_t) if near else None
 
     def _moves(self, gap: Array, step: float, q_t: Array) -> Array:
-        """How far rows are from where they must be, w, (nr,) [m], from the scaled gaps, (nr,)."""
-        return gap
+        """How far rows are from where they must be, w, (nr, d) [m]: scaled gaps, (nr,), and ways of the slip rates."""
+        if self._tangential is None:
+            return gap[:, None]
+        self._rates = self._tangential.rates(q_t)
+        return np.column_stack([gap, step * self._rates])
 
-    def _answer(self, w: Array, last: Array) -> None:
-        """Find the forces from w and from the forces that it belongs to, (nr,)."""
-        problem = self.problem
-        lam = problem.solve(w - problem.F @ last)
-        if self._same(lam, last):
-            self.close_rows(last, np.flatnonzero(last))
+    def _answer(self, problem: RowProblem, w: Array, last: Array) -> None:
+        """Find the forces from w and from the forces that it belongs to, (nr, d) each."""
+        contact, h = self.contact, w - problem.moved_by(last)
+        places = Places(
+            h[:, 0],
+            way=lambda: h[:, 1:],
+            last=lambda: contact.last,
+            mu=lambda: contact.coefficients,
+            problem=problem,
+        )
+        forces = contact.law.answer(places)
+        if self._same(problem, forces.on_rows, last):
+            closed, state = last[:, 0] > 0.0, forces.state
+            if state is not None:
+                state = np.where(closed, np.maximum(state, STICK), OPEN).astype(np.int8)
+            forces = Forces(last, np.flatnonzero(closed), state)
+        contact.take(forces)
+        nodes = self.gaps.row_nodes
+        self._status[:] = OPEN
+        self._status[nodes] = contact.state
+        if self._tangential is not None:
+            self._given = by_nodes(self._tangential, contact.forces, len(self._given))
         else:
-            self.close_rows(lam, problem.index)
-        self._given[:] = 0.0
-        self._given[self.gaps.row_nodes] = self.lam
+            self._given[:] = 0.0
+            self._given[nodes] = contact.forces
 
-    def _same(self, lam: Array, last: Array) -> bool:
+    def _same(self, problem: RowProblem, forces: Array, last: Array) -> bool:
         """Whether other forces would move rows by no more than the rounding of places."""
         extent = max(float(abs(side.surface.points).max()) for side in self.gaps.sides)
-        moved = self._present_problem.F @ (lam - last).ravel()
+        moved = problem.moved_by(forces - last)
         return bool(abs(moved).max() <= _ROUNDINGS * np.finfo(float).eps * extent)
 
-    @property
-    def _present_problem(self) -> Complementarity | FrictionProblem:
-        return self.problem
-
-    def _learn(self, w: Array, last: Array) -> None:
+    def _learn(self, problem: RowProblem, w: Array, last: Array) -> None:
         """Correct F where rows have moved otherwise, as the formula of Broyden, Fletcher, Goldfarb and Shanno does."""
         if self._before is None:
             return
-        F = self._present_problem.F
+        F = problem.F
         change, moved = (last - self._before[1]).ravel(), (w - self._before[0]).ravel()
         if abs(change).max() <= _FINE * abs(last).max():
             return  # what Newton's iteration leaves may be larger
@@ -248,27 +285,26 @@ class StabilisedContact(ContactLaw):
         if astray and work > _CURVATURE * expected_work:
             more = max(work / expected_work, 1.0)  # rows that move more would open and close for ever
             learned = np.outer(moved, moved) / work - more * np.outer(expected, expected) / expected_work
-            self._replace(more * F + learned)
+            problem.exchange(more * F + learned)
             self._learned = True
 
     def _pushes(self) -> Array:
         """Generalised forces, (n,), by the present forces on rows, and with a carrier force and moment on it, (6,)."""
-        push = self.generalised() if self.index.size else self._zero
+        contact = self.contact
+        push = contact.generalised()
         if not self.gaps.carried:
             return push
-        return np.concatenate([push, -self.resultant(), -self.moment(np.zeros(3))])
-
-    def generalised(self) -> Array:
-        """Generalised forces, (n,), from the present forces on the rows."""
-        return self.gaps.generalised(self.lam)
+        return np.concatenate([push, -contact.resultant(), -contact.moment(np.zeros(3))])
 
     def on_carrier(self, point: Array) -> Array:
-        """See `Law`; at the end of the step."""
+        """Force on the body that carries the rigid surface, and moment about a point, (6,), at the end of the step."""
         force, moment = self._applied[-6:-3], self._applied[-3:]
         return np.concatenate([force, moment - np.cross(point, force)])
 
     def commit(self, start: float) -> None:
-        """Begin a new step: keep what the last one leaves."""
+        """Begin a new step at time `start` [s]: keep what the last one leaves."""
+        if self._tangential is not None and self._at is not None:
+            self._remember(self._tangential)
         self._mean.end(self._pushed)
         self._impulse = self.impulse
         self._start = self._end
@@ -276,13 +312,42 @@ class StabilisedContact(ContactLaw):
         self.rollback()
         self._cautious = False
 
+    def _remember(self, rows: TangentialRows) -> None:
+        """Remember the forces and slip rates at the end of the last step."""
+        rates, nodes = self._rates, self.gaps.row_nodes
+        length = np.zeros(len(nodes)) if rates is None else np.linalg.norm(rates, axis=1)
+        self.contact.remember(self._way(), length, self._taken_in_step())
+        self._rates_then[:] = np.nan
+        if rates is not None:
+            self._rates_then[nodes] = rows.in_space(rates) @ rows.axes
+
     def rollback(self) -> None:
-        """See `Law`."""
+        """Forget everything since the last `commit`: the step is repeated with another length."""
         self._given = self._accepted.copy()
-        self._at = self._first = self._before = self._line = None
+        self._at = self._first = self._before = self._line = self._rates = None
         self._settled, self._cautious = False, True
 
-    def _take_rows(self, step: float, weights: GeneralizedAlpha) -> None:
+    def _way(self) -> Array:
+        """How far the present rows have slid in the step, (nr, 2) [m]."""
+        rows = self._tangential
+        if rows is None or self._rates is None or self._at is None:
+            return np.zeros((len(self.gaps.row_nodes), 2))
+        then = self._rates_then[self.gaps.row_nodes]
+        before = rows.along(then @ rows.axes.T)
+        before = np.where(np.isnan(then).any(axis=1)[:, None], self._rates, before)  # of rows that were not there
+        return 0.5 * self._at[0] * (before + self._rates)
+
+    def _taken_in_step(self) -> float:
+        """Energy that friction takes in the present step [J]."""
+        if self._tangential is None or not self.contact.index.size:
+            return 0.0
+        return float(np.maximum(-np.sum(self._way() * self.contact.forces[:, 1:], axis=1), 0.0).sum())
+
+    def dissipated(self) -> float:
+        """Energy that friction has taken since the start of the run [J]."""
+        return self.contact.memory.dissipated + self._taken_in_step()
+
+    def _take_rows(self, step: float, weights: GeneralizedAlpha) -> RowProblem:
         """Compute F of the present rows, if the rows or the step have changed."""
         gaps, now = self.gaps, (step, weights)
         if now != self._flexible:
@@ -291,143 +356,15 @@ class StabilisedContact(ContactLaw):
                     self._flexibilities.clear()
                 self._flexibilities[now] = [_in_step(side, *now) for side in gaps.sides]
             gaps.take_flexibility(self._flexibilities[now])
-        base = self._flexibility()
+        base = self.rows.flexibility(np.arange(len(gaps.row_nodes)))
         forget = self._learned and gaps.moving and self._evaluations == 1  # what other pairs have taught
-        if base is not self._base or now != self._flexible or forget:
+        if self._problem is None or base is not self._base or now != self._flexible or forget:
             self._base, self._flexible, self._learned = base, now, False
-            self._set_up(regularised(step * weights.by_q_t(step) * weights.share * base))
-
-    def _flexibility(self) -> Array:
-        """How the present rows move by forces on them at the end of the step, (nr, nr) [m/N]."""
-        return self.gaps.flexibility(np.arange(len(self.gaps.row_nodes)))
-
-    def _set_up(self, F: Array) -> None:
-        """Set up the problem of the present rows."""
-        if not self._taken:
-            self.problem, self._taken = Complementarity(F), True
-        self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes])
-
-    def _replace(self, F: Array) -> None:
-        """Go on with another F of the same rows."""
-        self.problem.replace(F, self.problem.active)
-
-
-class FrictionalStabilised(FrictionalRows, StabilisedContact):
-    """The same with Coulomb friction.
-
-    Along the tangents of a row, with v its slip rate at the end of the step::
-
-        |lambda_t| <= mu lambda_n,    s v = 0 where |lambda_t| < mu lambda_n,
-
-    and where |lambda_t| = mu lambda_n, v is opposite to lambda_t. F is that of all three directions.
-
-    The rate enters, not the place where a row stuck first: a place would need equations of index 3. Friction takes the
-    forces times the mean of the slip rates at both ends of the step: the work that they do on the bodies. That includes
-    what nodes lose along the surface when they touch and stick at once. Where a row turns back within a step, that work
-    may be negative, for the force opposes the later rate alone; there friction takes nothing.
-
-    Parameters
-    ----------
-    gaps : Gaps
-    friction : Coulomb
-    """
-
-    friction_problem: FrictionProblem
-
-    def reset(self) -> None:
-        """Go back to the start."""
-        super().reset()
-        self._given = self._last.copy()  # as the forces of the last step
-        self._accepted = self._last.copy()
-        self._rates_then = np.full((len(self._closed_nodes), 3), np.nan)  # slip rates at its end, in the tangents' axes
-        self._rates: Array | None = None
-
-    @property
-    def iterations(self) -> int:
-        """See `Law`."""
-        return self.friction_problem.iterations if self._taken else 0
-
-    @property
-    def _present_problem(self) -> FrictionProblem:
-        return self.friction_problem
-
-    def evaluate(self, motion: Motion) -> Array:
-        """See `Law`."""
-        return StabilisedContact.evaluate(self, motion)
-
-    def _last_answer(self) -> Array:
-        """Forces on the present rows at the last evaluation, (nr, 3) [N]."""
-        return self.on_rows(self._given)
-
-    def _fly(self, q_t: Array) -> None:
-        """Leave all rows open; those that may touch soon are watched."""
-        self.open_rows()
-        self._rates = self.tangential.rates(q_t) if self.least_gap < self.gaps.size else None
-
-    def _flexibility(self) -> Array:
-        return self.tangential.flexibility()
-
-    def _set_up(self, F: Array) -> None:
-        nodes = self.gaps.row_nodes
-        if not self._taken:
-            self.friction_problem, self._taken = FrictionProblem(F), True
-        closed = np.where(self._slipped[nodes], SLIP, STICK) * self._closed_nodes[nodes]
-        self.friction_problem.replace(F, closed, self.last_forces())
-
-    def _replace(self, F: Array) -> None:
-        problem = self.friction_problem
-        problem.replace(F, problem.state, problem.lam)
-
-    def _moves(self, gap: Array, step: float, q_t: Array) -> Array:
-        """The scaled gaps and the ways of the slip rates, (nr, 3) [m]."""
-        self._rates = self.tangential.rates(q_t)
-        return np.column_stack([gap, step * self._rates])
-
-    def _answer(self, w: Array, last: Array) -> None:
-        problem = self.friction_problem
-        forces = problem.solve(w - (problem.F @ last.ravel()).reshape(-1, 3), self.coefficients())
-        if self._same(forces, last):
-            self.forces, self._state = last, np.where(last[:, 0] > 0.0, np.maximum(problem.state, STICK), OPEN)
-        else:
-            self.forces, self._state = forces, problem.state
-        self.close_rows(self.forces[:, 0], np.flatnonzero(self._state))
-        self._given[:] = 0.0
-        nodes = self.gaps.row_nodes
-        self._given[nodes, 0], self._given[nodes, 1:] = self.lam, self.traction @ self.tangential.axes
-
-    def commit(self, start: float) -> None:
-        """Begin a new step: remember the last forces and slip rates."""
-        rates, nodes = self._rates, self.gaps.row_nodes
-        if self._at is not None:
-            self._dissipated += self._taken_in_step()
-            length = np.zeros(len(nodes)) if rates is None else np.linalg.norm(rates, axis=1)
-            self.remember(self._way(), length)
-            self._rates_then[:] = np.nan
-            if rates is not None:
-                self._rates_then[nodes] = self.tangential.in_space(rates) @ self.tangential.axes
-        super().commit(start)
-
-    def rollback(self) -> None:
-        """See `Law`."""
-        super().rollback()
-        self._rates = None
-
-    def _way(self) -> Array:
-        """How far the present rows have slid in the step, (nr, 2) [m]."""
-        if self._rates is None or self._at is None:
-            return np.zeros((len(self.gaps.row_nodes), 2))
-        then = self._rates_then[self.gaps.row_nodes]
-        before = self.tangential.along(then @ self.tangential.axes.T)
-        before = np.where(np.isnan(then).any(axis=1)[:, None], self._rates, before)  # of rows that were not there
-        return 0.5 * self._at[0] * (before + self._rates)
-
-    def _taken_in_step(self) -> float:
-        """Energy that friction takes in the present step [J]."""
-        return float(np.maximum(-np.sum(self._way() * self.forces[:, 1:], axis=1), 0.0).sum())
-
-    def dissipated(self) -> float:
-        """See `Law`."""
-        return self._dissipated + (self._taken_in_step() if self.index.size else 0.0)
+            F = regularised(step * weights.by_q_t(step) * weights.share * base)
+            if self._problem is None:
+                self._problem = RowProblem(self.rows.d, F)
+            self._problem.replace(F, self._status[gaps.row_nodes], self.contact.last)
+        return self._problem
 
 
 def _in_step(side: Side, step: float, weights: GeneralizedAlpha) -> Array:

@@ -1,0 +1,191 @@
+"""Interface of a contact law: how the forces on the rows of a contact follow from where the rows are.
+
+A law is a function of rows and of what the contact remembers; `patch_contact.PatchContact` has the state. With friction
+a law has three directions a row, d = 3, else the normal alone, d = 1. Nothing else asks which law it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import scipy.sparse as sp
+
+from ..algebra.row_problem import RowProblem
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+from .gaps import Gaps
+
+if TYPE_CHECKING:
+    from .formulations.step_mean import GeneralizedAlpha
+
+
+class Forces(NamedTuple):
+    """Answer of a law.
+
+    Parameters
+    ----------
+    on_rows : (nr, d) array
+        Forces on the rows [N]: along the normal, with friction also along both tangents.
+    closed : (na,) int array
+        Rows that are closed.
+    state : (nr,) int8 array, optional
+        With friction, whether each row is OPEN, sticks or slips: the constants of `algebra.friction`.
+    slips : (nr, 2) array, optional
+        With friction, how far rows have slipped since the last accepted step [m].
+    """
+
+    on_rows: Array
+    closed: Array
+    state: Array | None = None
+    slips: Array | None = None
+
+
+class Motion(Protocol):
+    """What a law can ask of the running solver. Each value is computed when it is asked for."""
+
+    @property
+    def q(self) -> Array:
+        """Coordinates of slave and master, (n,)."""
+
+    @property
+    def q_t(self) -> Array:
+        """Velocities of the coordinates, (n,)."""
+
+    @property
+    def step(self) -> float:
+        """Present step [s]; zero while the solver computes initial accelerations."""
+
+    @property
+    def start(self) -> float:
+        """Time at the start of the step [s]."""
+
+    @property
+    def weights(self) -> GeneralizedAlpha:
+        """Coefficients of generalized-alpha, in implicit runs."""
+
+
+class Places:
+    """Where the rows are. What takes time is computed when it is asked for.
+
+    Parameters
+    ----------
+    gap : (nr,) array
+        Gaps [m], with what other contacts and plastic zones add to them.
+    way, last, mu : callables
+        Return the attributes of these names.
+    problem : RowProblem, optional
+        How the rows move by their forces in the coming step; of laws that act ahead of steps. Their places are those at
+        the end of the step without forces.
+    motion : Motion, optional
+        State of the solver; None where forces are found again after a run.
+    """
+
+    def __init__(
+        self,
+        gap: Array,
+        *,
+        way: Callable[[], Array],
+        last: Callable[[], Array],
+        mu: Callable[[], Array],
+        problem: RowProblem | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        self.gap, self.motion, self._problem = gap, motion, problem
+        self._way, self._last, self._mu = way, last, mu
+
+    @cached_property
+    def way(self) -> Array:
+        """How far rows have slid along their two tangents since the last accepted step, (nr, 2) [m]; with friction."""
+        return self._way()
+
+    @cached_property
+    def last(self) -> Array:
+        """Forces along normal and tangents at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
+        return self._last()
+
+    @cached_property
+    def mu(self) -> Array:
+        """Coefficients of friction in this step, (nr,); zero without friction."""
+        return self._mu()
+
+    @property
+    def problem(self) -> RowProblem:
+        """How the rows move by their forces in the coming step; only of laws that act ahead of steps."""
+        assert self._problem is not None, "only laws with ahead = True have a problem"
+        return self._problem
+
+
+class Law:
+    """How forces on rows follow from where the rows are. This base stores no energy.
+
+    One object serves one contact in one run. It may keep what saves time, but forces follow from `Places` alone.
+
+    Attributes
+    ----------
+    compliant : bool
+        Whether closed rows yield by a flexibility or layer of the contact itself.
+    ahead : bool
+        Whether forces are found ahead of each step, from where rows would be at its end without them. They then are
+        constant within the step. Otherwise they belong to the time at which they are found.
+    elastic : bool
+        Whether forces without friction follow from the coordinates alone and have a potential, so that they can be
+        found again after a run.
+    iterations : int
+        Iterations of the set of closed rows since the start of the run.
+    """
+
+    compliant = True
+    ahead = False
+    elastic = True
+    iterations = 0
+
+    def answer(self, at: Places) -> Forces:
+        """Forces on the rows. It is asked where a gap is negative."""
+        raise NotImplementedError
+
+    def closed_problem(self) -> tuple[Array, tuple[Array, ...]] | None:
+        """Problem of the rows that are closed, for compiled loops that find gaps and forces in one call, if it has one.
+
+        See `Gaps.pressed_at`; of laws without friction. Here there is none.
+        """
+        return None
+
+    def stiffness(self) -> Array | sp.spmatrix:
+        """Derivative of the forces on the closed rows by their places, sign changed, (d na, d na) [N/m]."""
+        raise NotImplementedError(f"{type(self).__name__} has no stiffness")
+
+    def closed_stiffness(self, rows: RowDirections) -> Array | None:
+        """Contact stiffness on the coordinates with all rows closed, and stuck, (n, n): it limits explicit steps.
+
+        None if the law sets no limit.
+        """
+        return None
+
+    def stored(self, gap: Array, forces: Array) -> float:
+        """Energy stored in the last answer [J]; here half of the normal forces, (nr, d) [N], times the depths.
+
+        Laws that act ahead of steps are not asked.
+        """
+        return -0.5 * float(forces[:, 0] @ gap)
+
+    def fresh(self, rows: RowDirections) -> Law:
+        """Return the law at the start of another run, for these rows."""
+        raise NotImplementedError
+
+
+class RowDirections(Protocol):
+    """Rows of a contact with their d directions: the normal, with friction also two tangents."""
+
+    d: int
+
+    @property
+    def gaps(self) -> Gaps:
+        """Gaps of the rows."""
+
+    def jacobian(self, index: Array) -> Rows:
+        """Derivative of the places of some rows by the coordinates, (d na, n), pairs held."""
+
+    def flexibility(self, index: Array) -> Array:
+        """Residual flexibility of some rows, (d na, d na) [m/N]."""

@@ -1,0 +1,92 @@
+"""What a contact with friction remembers of the last accepted step, as one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..algebra.coulomb import Coulomb, coefficients
+from ..algebra.friction import SLIP
+from ..support.arrays import Array
+from .tangential import TangentialRows
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionMemory:
+    """Forces on the rows at the end of the last accepted step, by the slave's nodes, so that it outlives the rows.
+
+    Parameters
+    ----------
+    forces : (np, 4) array
+        Normal forces, and tangential ones as vectors in the axes that turn with the master [N].
+    slipped : (np,) bool array
+        Which rows slipped.
+    speed : (np,) array
+        Their slip speed [m/s].
+    path : (np,) array
+        Path that each row has slipped so far [m].
+    dissipated : float
+        Energy that friction has taken so far [J].
+    """
+
+    forces: Array
+    slipped: Array
+    speed: Array
+    path: Array
+    dissipated: float = 0.0
+
+    @classmethod
+    def none(cls, n: int) -> FrictionMemory:
+        """Return that of n nodes at the start of a run."""
+        return cls(np.zeros((n, 4)), np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n))
+
+    def after(
+        self, rows: TangentialRows, forces: Array, status: Array, slips: Array, speeds: Array, taken: float
+    ) -> FrictionMemory:
+        """Return what is remembered of the step after.
+
+        Parameters
+        ----------
+        rows : TangentialRows
+        forces, status : (nr, 3), (nr,) arrays
+            At the end of the step [N].
+        slips : (nr, 2) array
+            How far the rows have slipped in the step [m].
+        speeds : (nr,) array
+            Slip speed of the rows at its end [m/s].
+        taken : float
+            Energy that friction took in it [J].
+        """
+        nodes, slides, n = rows.gaps.row_nodes, status == SLIP, len(self.path)
+        slipped, speed, path = np.zeros(n, dtype=bool), np.zeros(n), self.path
+        if slides.any():
+            path = path.copy()
+            path[nodes[slides]] += np.hypot(*slips[slides].T)
+        slipped[nodes] = slides
+        speed[nodes] = np.where(slides, speeds, 0.0)
+        return FrictionMemory(by_nodes(rows, forces, n), slipped, speed, path, self.dissipated + taken)
+
+    def resumed(self, forces: Array) -> FrictionMemory:
+        """Return the memory of a run that begins with these forces by nodes, (np, 4) [N]."""
+        return replace(self, forces=forces)
+
+    def coefficients(self, friction: Coulomb, nodes: Array) -> Array:
+        """Coefficients of friction of some nodes' rows in the step after, (k,)."""
+        return coefficients(friction, self.slipped[nodes], self.speed[nodes])
+
+
+def by_nodes(rows: TangentialRows, forces: Array, n: int) -> Array:
+    """Forces by the n nodes of the slave's patch, (n, 4) [N], of those on the present rows, (nr, 3) [N]."""
+    found, nodes = np.zeros((n, 4)), rows.gaps.row_nodes
+    found[nodes, 0] = forces[:, 0]
+    found[nodes, 1:] = rows.tractions(forces) @ rows.axes
+    return found
+
+
+def on_rows(rows: TangentialRows, remembered: Array) -> Array:
+    """Forces on the present rows, (nr, 3) [N], of those by the slave's nodes, (np, 4) [N]."""
+    found = remembered[rows.gaps.row_nodes]
+    forces = np.empty((len(found), 3))
+    forces[:, 0], forces[:, 1:] = found[:, 0], rows.along(found[:, 1:] @ rows.axes.T)
+    return forces

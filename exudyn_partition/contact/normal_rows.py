@@ -1,0 +1,76 @@
+"""Rows of a contact without friction, whose normals are their only directions; `tangential` has those with friction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+from .gaps import Gaps
+from .side import Standing
+
+
+class NormalRows:
+    """The present rows of a contact with their normals, see `law.RowDirections`.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    """
+
+    d = 1
+
+    def __init__(self, gaps: Gaps) -> None:
+        self.gaps = gaps
+
+    def fresh(self, gaps: Gaps) -> NormalRows:
+        """Return the rows for another run; `gaps` are the same in their start state."""
+        return NormalRows(gaps)
+
+    def jacobian(self, index: Array) -> Rows:
+        """Derivative of the gaps of some rows by the coordinates, (na, n), pairs held."""
+        return self.gaps.jacobian(index)
+
+    def carrier_rows(self, index: Array) -> Array:
+        """The same by the velocities of the body that carries the surface, (na, 6)."""
+        return self.gaps.carrier_rows(index)
+
+    def flexibility(self, index: Array) -> Array:
+        """Residual flexibility of some rows, (na, na) [m/N]."""
+        return self.gaps.flexibility(index)
+
+    def side_rows(self, side: int) -> Rows:
+        """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
+        return self.gaps.side_rows(side)
+
+    def standing(self) -> Standing:
+        """Where the rows stand."""
+        return self.gaps.standing()
+
+    def directions(self, index: Array) -> Array:
+        """Numbers of the directions of some rows, (na,)."""
+        return index
+
+    def way(self) -> Array:
+        """How far rows have slid along their tangents, (nr, 2) [m]: they have none."""
+        return np.zeros((len(self.gaps.row_nodes), 2))
+
+    def tractions(self, forces: Array) -> Array:
+        """Tangential forces in space, (nr, 3) [N], of forces on rows, (nr, 1) [N]: none."""
+        return np.zeros((len(forces), 3))
+
+    def generalised(self, forces: Array) -> Array:
+        """Generalised forces, (n,), of forces on the present rows, (nr, 1) [N]."""
+        return self.gaps.generalised(forces[:, 0])
+
+    def nodal_forces(self, forces: Array) -> list[Array]:
+        """Forces on the nodes of the patches, (np, 3) for each side [N], of forces on the rows, (nr, 1) [N]."""
+        return self.gaps.nodal_forces(forces[:, 0])
+
+    def resultant(self, forces: Array) -> Array:
+        """Force on the slave, (3,) [N], of forces on the rows, (nr, 1) [N]."""
+        return self.gaps.resultant(forces[:, 0])
+
+    def moment(self, forces: Array, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m], of forces on the rows, (nr, 1) [N]."""
+        return self.gaps.moment(forces[:, 0], point)

@@ -1,0 +1,462 @@
+"""The contact of a patch in a run: its rows, the forces on them, and what it remembers. Its law finds the forces."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.coulomb import Coulomb
+from ..algebra.friction import OPEN, SLIP
+from ..algebra.products import dense, smallest
+from ..errors import ComplementarityError, RunError
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+from .gaps import Gaps
+from .law import Forces, Law, Motion, Places
+from .memory import FrictionMemory, by_nodes, on_rows
+from .normal_rows import NormalRows
+from .plasticity.yielding_patches import Zones
+from .tangential import TangentialRows
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from .formulations.formulation import Formulation
+
+
+class PatchContact:
+    """A contact in a run: rows, forces on them, and what it remembers of the last accepted step.
+
+    With friction, rows have three directions in place of one; plastic zones are a part that any law can have. What
+    forces depend on besides the coordinates changes in `commit` alone, when a step is accepted. So a step that is
+    repeated begins from the same memory.
+
+    Parameters
+    ----------
+    gaps : Gaps
+    formulation : Formulation
+        It has the law, and zones if bodies yield.
+    friction : Coulomb, optional
+
+    Attributes
+    ----------
+    rows : NormalRows or TangentialRows
+        Present rows with d = 1 direction each, with friction d = 3.
+    law : Law
+    zones : Zones or None
+        Plastic zones beneath the patches.
+    forces : (nr, d) array
+        Forces on the present rows [N].
+    index : (na,) int array
+        Rows that are closed.
+    least_gap : float
+        Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
+    memory : FrictionMemory
+        Of the last accepted step.
+    since : float
+        Start of the step that forces depend on [s].
+    """
+
+    h: Array
+    forces: Array
+    index: Array
+
+    def __init__(self, gaps: Gaps, formulation: Formulation, friction: Coulomb | None = None) -> None:
+        gaps.reset()
+        self.formulation, self.friction = formulation, friction
+        self.rows: NormalRows | TangentialRows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
+        self.law: Law = formulation.law(self.rows)
+        self.zones: Zones | None = formulation.zones(self)
+        self._reset()
+
+    def for_run(self, method: str = "explicit") -> Self:
+        """Return the contact at the start of a run with this method; this one does not change.
+
+        Raises
+        ------
+        RunError
+            If there are no such runs of this contact.
+        """
+        if method == "static" and self.ahead:
+            raise RunError(
+                "contact with formulation 'lagrange' has no statics, for its multipliers act on velocities: it needs "
+                "Exudyn's explicit solver VelocityVerlet, or generalized-alpha (solve_dynamic). Take a basis with "
+                "residual flexibility and formulation='compliance' for static runs, or press slowly in a damped run"
+            )
+        result = copy.copy(self)
+        result.rows = self.rows.fresh(self.gaps.fresh())
+        result.law = self.law.fresh(result.rows)
+        result._reset()
+        if self.zones is not None:
+            result.zones = self.zones.for_run(result, method)
+        return result
+
+    def _reset(self) -> None:
+        self._n_nodes = len(self.gaps.slave.surface.points)
+        self.memory = FrictionMemory.none(self._n_nodes)
+        self.least_gap, self.since = np.inf, -math.inf
+        self._answered, self._closed_before = False, False
+        self._evaluated_at = np.empty(0)
+        self._zero = np.zeros(self.gaps.n)
+        self.open_rows()
+
+    @property
+    def gaps(self) -> Gaps:
+        """Gaps of the rows."""
+        return self.rows.gaps
+
+    @property
+    def lam(self) -> Array:
+        """Normal forces on the present rows, (nr,) [N]."""
+        value: Array = self.forces[:, 0]
+        return value
+
+    @property
+    def state(self) -> Array:
+        """Whether each present row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
+        if self._state is not None:
+            return self._state
+        state = np.full(len(self.forces), OPEN, dtype=np.int8)
+        state[self.index] = SLIP
+        return state
+
+    @property
+    def compliant(self) -> bool:
+        """Whether closed rows yield by a flexibility or layer of the contact itself."""
+        return self.law.compliant
+
+    @property
+    def ahead(self) -> bool:
+        """Whether forces are found ahead of each step, and are constant within it."""
+        return self.law.ahead
+
+    @property
+    def elastic(self) -> bool:
+        """Whether forces follow from the coordinates alone and have a potential."""
+        return self.law.elastic and not self.remembers and not self.ahead
+
+    @property
+    def remembers(self) -> bool:
+        """Whether forces depend on those of earlier steps, within the steps. Then `commit` and `rollback` matter."""
+        return self.zones is not None or (self.friction is not None and not self.ahead)
+
+    @property
+    def needs_motion(self) -> bool:
+        """Whether forces need more than the coordinates and the memory: velocities, or the step."""
+        return self.ahead or not self.law.elastic
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of the set of closed rows since the start of the run."""
+        return self.law.iterations
+
+    @property
+    def searches(self) -> int:
+        """Searches for the pairs of all points since the start of the run."""
+        return self.gaps.searches
+
+    # Forces.
+
+    def evaluate(self, motion: Motion) -> Array:
+        """Generalised contact force, (n,), in the present state of the solver."""
+        if not self.ahead:
+            return self.force(motion.q, motion)
+        self._answered, self._evaluated_at = True, motion.q
+        return self._zero if self.zones is None else self.zones.forces(self.gaps.split(motion.q))
+
+    def force(self, q: Array, motion: Motion | None = None) -> Array:
+        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
+        problem = self.law.closed_problem() if self.index.size and self.zones is None else None
+        if problem is None:
+            gap = self.gaps.at(q)
+        else:
+            gap, found = self.gaps.pressed_at(q, *problem)
+            if found is not None:  # the same rows are closed
+                lam, force, self.least_gap = found
+                self.forces, self.h = lam[:, None], gap
+                return force
+        self.answer(gap, motion=motion)
+        return self.generalised()
+
+    def answer(self, gap: Array, pushed: Array | None = None, motion: Motion | None = None) -> None:
+        """Find the forces on the present rows from their gaps, (nr,) [m], and from how far they have slid.
+
+        `pushed`, (nr, d) [m], is what the forces of other contacts add to the gaps, and have added to the tangential
+        places since the last accepted step.
+        """
+        self._answered = True
+        if isinstance(self.rows, TangentialRows) and not self.rows.held:
+            self.rows.hold()
+        if self.zones is None:
+            self._answer(gap, pushed, motion)
+            self.h = gap
+        else:
+            more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
+            self.zones.solve(lambda moved: self._answer(gap, moved, motion), more)
+
+    def _answer(self, gap: Array, pushed: Array | None, motion: Motion | None) -> None:
+        self.h = h = gap if pushed is None else gap + pushed[:, 0]
+        self.least_gap = smallest(h)
+        if math.isnan(self.least_gap):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if self.least_gap >= 0.0:
+            if self.index.size or len(self.forces) != len(h):
+                self.open_rows()
+            return
+        places = Places(
+            h,
+            way=lambda: self._way(pushed),
+            last=lambda: self.last,
+            mu=lambda: self.coefficients,
+            motion=motion,
+        )
+        self.take(self.law.answer(places))
+
+    def _way(self, pushed: Array | None) -> Array:
+        """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
+        way = self.rows.way()
+        return way if pushed is None else way + pushed[:, 1:]
+
+    def take(self, forces: Forces) -> None:
+        """Take forces on the present rows."""
+        self.forces, self.index, self._state, self._slips = forces
+        self._traction: Array | None = None
+        self._slid: tuple[Array, float] | None = None  # see `_sliding`
+
+    def open_rows(self) -> None:
+        """Open all rows."""
+        n = len(self.gaps.row_nodes)
+        self.take(Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64)))
+
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), of the present forces on rows, and of zones."""
+        force = self.rows.generalised(self.forces) if self.index.size else self._zero
+        return force if self.zones is None else self.zones.generalised(force)
+
+    @property
+    def last(self) -> Array:
+        """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
+        if isinstance(self.rows, TangentialRows):
+            return on_rows(self.rows, self.memory.forces)
+        return np.zeros((len(self.gaps.row_nodes), 3))
+
+    @property
+    def coefficients(self) -> Array:
+        """Coefficients of friction of the present rows in this step, (nr,); zero without friction."""
+        nodes = self.gaps.row_nodes
+        return np.zeros(len(nodes)) if self.friction is None else self.memory.coefficients(self.friction, nodes)
+
+    # Stiffness and energy.
+
+    def row_jacobian(self) -> Rows:
+        """Derivative of the places of closed rows by the coordinates, (d na, n)."""
+        return self.rows.jacobian(self.index)
+
+    def row_carrier(self) -> Array:
+        """The same by the velocities of the body that carries a rigid surface, (d na, 6)."""
+        return self.rows.carrier_rows(self.index)
+
+    def row_stiffness(self) -> Array:
+        """Derivative of the forces on the closed rows by their places, sign changed, (d na, d na) [N/m]."""
+        return dense(self.law.stiffness()) if self.index.size else np.zeros((0, 0))
+
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q, (n, n), of closed rows and zones, with the pairs held."""
+        K = np.zeros((self.gaps.n,) * 2)
+        if self.index.size and not self.ahead:
+            H = self.row_jacobian()
+            K = dense(H.T @ (self.law.stiffness() @ H))
+        return K if self.zones is None else self.zones.tangent(K)
+
+    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
+        """Return -(by_q dF/dq + by_q_t dF/dq_t), csr (n, n), of the force F, with the rows held."""
+        return sp.csr_matrix(by_q * self.tangent())
+
+    def closed_stiffness(self) -> Array | None:
+        """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit."""
+        return self.law.closed_stiffness(self.rows)
+
+    def press(self, gap: Array) -> tuple[float, int]:
+        """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
+        n = len(gap)
+        places = Places(
+            gap,
+            way=lambda: np.zeros((n, 2)),
+            last=lambda: np.zeros((n, 3)),
+            mu=lambda: np.zeros(n),
+        )
+        self.take(self.law.answer(places))
+        return self.law.stored(gap, self.forces), len(self.index)
+
+    def potential(self, q: Array) -> float:
+        """Energy stored in the contact [J] at coordinates q, (n,)."""
+        self.force(q)
+        return self.stored()
+
+    def stored(self) -> float:
+        """Energy stored at present [J]."""
+        own = self.law.stored(self.h, self.forces) if self.index.size and not self.ahead else 0.0
+        return own if self.zones is None else own + self.zones.stored()
+
+    def dissipated(self) -> float:
+        """Energy that friction has taken since the start of the run [J]."""
+        within = self._answered and self.friction is not None and not self.ahead and self.index.size > 0
+        return self.memory.dissipated + (self._sliding()[1] if within else 0.0)
+
+    def _sliding(self) -> tuple[Array, float]:
+        """How far rows have slipped since the last accepted step, (nr, 2) [m], and the energy that it takes [J].
+
+        By the trapezoid: the force at the end of the step alone would take too much or too little.
+        """
+        if self._slid is None:
+            slips = self.slips
+            self._slid = slips, -0.5 * float(np.vdot(slips, (self.last + self.forces)[:, 1:]))
+        return self._slid
+
+    # Memory.
+
+    def commit(self, start: float) -> None:
+        """Begin a step at time `start` [s]: the step before was accepted. Remember its end."""
+        if self._answered and start > self.since:
+            if isinstance(self.rows, TangentialRows) and not self.ahead:
+                self._remember(self.rows, start - self.since)
+            if self.zones is not None:
+                self.zones.commit()
+        self.since, self._answered = start, False
+
+    def _remember(self, rows: TangentialRows, step: float) -> None:
+        closed = self.index.size > 0
+        if closed or self._closed_before:
+            slips, taken = self._sliding() if closed else (np.zeros((len(self.forces), 2)), 0.0)
+            self.remember(slips, np.hypot(*slips.T) / step, taken)
+        self._closed_before = closed
+        rows.hold(soon=closed)
+
+    def remember(self, slips: Array, speeds: Array, taken: float) -> None:
+        """Remember the present forces for the next step; see `FrictionMemory.after`."""
+        assert isinstance(self.rows, TangentialRows)
+        self.memory = self.memory.after(self.rows, self.forces, self.state, slips, speeds, taken)
+
+    def flies_on(self, start: float) -> bool:
+        """Begin a step at time `start` [s] in which, as in the one before, all rows are open; else do nothing.
+
+        The last evaluation is the end of the step before. Return whether the step has begun, so that `commit` need not
+        be called: there is nothing to remember but the places.
+        """
+        rows = self.rows
+        if not self._answered or self.index.size or self._closed_before or self.zones is not None or self.ahead:
+            return False
+        self.since = start
+        if isinstance(rows, TangentialRows):
+            rows.hold(soon=False)
+        return True
+
+    def ended_at(self, q: Array) -> bool:
+        """Whether the coordinates, (n,), are those of the last evaluation."""
+        return np.array_equal(self._evaluated_at if self.ahead else self.gaps.q, q)
+
+    def resume(self, earlier: PatchContact, q: Array) -> bool:
+        """Go on from the end of an earlier run of this contact, `earlier`, if that ended at coordinates q, (n,).
+
+        Plastic strains stay, and rows stick where they stuck, with the forces that they had; the dissipation begins
+        anew. Return whether it did.
+        """
+        sticks = self.friction is not None and not self.ahead and earlier.index.size > 0
+        if not (sticks or self.zones is not None) or not earlier.ended_at(q):
+            return False
+        if self.zones is not None and earlier.zones is not None:
+            self.zones.resume(earlier.zones)
+        if sticks and isinstance(earlier.rows, TangentialRows) and isinstance(self.rows, TangentialRows):
+            self.memory = self.memory.resumed(by_nodes(earlier.rows, earlier.forces, self._n_nodes))
+            self._closed_before = True
+            self.gaps.at(q)
+            self.rows.hold()
+        return True
+
+    # What rows tell.
+
+    @property
+    def slips(self) -> Array:
+        """How far the present rows have slipped since the last accepted step, (nr, 2) [m]."""
+        return np.zeros((len(self.forces), 2)) if self._slips is None else self._slips
+
+    @property
+    def traction(self) -> Array:
+        """Tangential forces on the present rows in space, (nr, 3) [N]; zero without friction."""
+        if self._traction is None:
+            self._traction = self.rows.tractions(self.forces)
+        return self._traction
+
+    @property
+    def slip_path(self) -> Array:
+        """Path that the row of each node of the slave's patch has slipped in the steps so far, (np,) [m]."""
+        return self.memory.path
+
+    @property
+    def row_nodes(self) -> Array:
+        """Node of the slave's patch for each present row, (nr,)."""
+        return self.gaps.row_nodes
+
+    @property
+    def node_areas(self) -> Array:
+        """Area of the row of each node of the slave's patch, (np,) [m2]; zero for a node without a row."""
+        return self.gaps.node_areas
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """Matrix from forces of the rows to pressures around the nodes of the slave's patch, (np, np) [1/m2]."""
+        return self.gaps.node_pressures
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Gaps, rates and accelerations of an open contact, see `Gaps.closing`."""
+        found = self.gaps.closing(q, q_t, q_tt)
+        self.open_rows()  # the rows may have changed
+        return found
+
+    def resultant(self) -> Array:
+        """Force on the slave, (3,) [N]."""
+        return self.rows.resultant(self.forces)
+
+    def moment(self, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m]."""
+        return self.rows.moment(self.forces, point) if self.index.size else np.zeros(3)
+
+    def on_carrier(self, point: Array) -> Array:
+        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
+        return -np.concatenate([self.resultant(), self.moment(point)])
+
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
+        return self.rows.nodal_forces(self.forces)
+
+    def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
+        """Forces on the nodes of the patches, as `nodal_forces`, of rows that were closed at coordinates q, (n,).
+
+        Parameters
+        ----------
+        q : (n,) array
+        nodes : (na,) int array
+            Nodes of the slave's patch that the rows belong to.
+        lam, traction : (na,), (na, 3) arrays
+            Normal forces on them, and tangential forces in space [N]; these are zero without friction.
+        """
+        self.gaps.at(q)
+        remembered = np.zeros((self._n_nodes, 4))
+        remembered[nodes, 0], remembered[nodes, 1:] = lam, traction
+        found = remembered[self.gaps.row_nodes]
+        forces = found[:, :1]
+        if isinstance(self.rows, TangentialRows):
+            forces = np.column_stack([found[:, 0], self.rows.along(np.ascontiguousarray(found[:, 1:]))])
+        return self.rows.nodal_forces(forces)
+
+    def edge_reached(self) -> Array | None:
+        """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""
+        rows = self.index[self.gaps.at_edge[self.index]]
+        if not len(rows):
+            return None
+        value: Array = self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
+        return value
