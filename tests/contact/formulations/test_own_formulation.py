@@ -1,57 +1,27 @@
-"""A formulation of one's own, made here alone: a linear spring on each row, used through the public functions."""
+"""A law of one's own, from the contributing page alone: linear springs on rows, with friction and without."""
 
 import exudyn as exu
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import TOP
+from oracles import TOP, contributed, inertial
 
 import exudyn_partition as ep
-from exudyn_partition.contact.formulations.formulation import Formulation
-from exudyn_partition.contact.law import Forces, Law
+from exudyn_partition.contact.patch_contact import PatchContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.errors import InputError
 
-STIFFNESS = 2e6  # of each row [N/m]
+page = contributed("class Spring(Law)")
+Springs, STIFFNESS = page["Springs"], page["K"]
 
 
-class Spring(Law):
-    """Each row pushes with a stiffness times the depth that its gap is closed."""
-
-    def answer(self, at):
-        """Forces by gaps."""
-        lam = STIFFNESS * np.maximum(-at.gap, 0.0)
-        self.closed = np.flatnonzero(lam)
-        return Forces(lam[:, None], self.closed)
-
-    def stiffness(self):
-        """Of the closed rows."""
-        return STIFFNESS * np.eye(len(self.closed))
-
-    def closed_stiffness(self, rows):
-        """Stiffness with all rows closed."""
-        H = rows.jacobian(np.arange(len(rows.gaps.row_nodes)))
-        return STIFFNESS * (H.T @ H)
-
-    def fresh(self, rows):
-        """Nothing is kept."""
-        return Spring()
-
-
-class Springs(Formulation):
-    """Springs on the rows of any basis."""
-
-    rows = "node-to-segment"
-
-    def law(self, rows):
-        """The law of a contact with these rows."""
-        return Spring()
-
-
-def strike(bodies, method="explicit", formulation=None, **options):
+def strike(bodies, method="explicit", formulation=None, friction=None, speed=(0, 0, -0.5), at=TOP, **options):
     mbs = exu.SystemContainer().AddSystem()
-    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -0.5], **options)
+    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=at, initialVelocity=speed, **options)
     block = ep.CreatePartitionBody(mbs, bodies[1])
-    contact = ep.CreatePartitionContact(mbs, ball, block, formulation=formulation or Springs(), name="tip")
+    contact = ep.CreatePartitionContact(
+        mbs, ball, block, formulation=formulation or Springs(), friction=friction, name="tip"
+    )
     mbs.Assemble()
     return ep.solve_dynamic(mbs, end_time=80e-6, step=0.1e-6, method=method), (ball, block), contact
 
@@ -90,6 +60,55 @@ def test_the_stability_limit_knows_the_springs(bodies):
     highest = np.linalg.eigvalsh(K + STIFFNESS * H.T @ H)[-1]
     assert ep.stability_limit(mbs) == pytest.approx(2 / np.sqrt(highest), rel=1e-6)
     assert ep.stability_limit(mbs) < free
+
+
+@pytest.mark.filterwarnings("ignore:contact 'tip' reached the edge of its patch")
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_friction_takes_what_bodies_lose(round_body, flat_body, method):
+    """An oblique impact: momentum is kept, friction takes energy, no row pulls more than its bound."""
+    bodies, oblique = (round_body, flat_body), {"friction": 0.2, "speed": (0.4, 0, -0.5), "at": (0, 0, 0)}
+    result, items, contact = strike(bodies, method, **oblique)
+    momentum = sum(item.momentum(result) for item in items)
+    assert abs(momentum - momentum[0]).max() < 1e-6 * abs(momentum[0]).max()
+    taken = contact.friction.work(result)
+    assert taken[-1] > 0
+    energy = sum(item.energy(result) for item in items) + contact.energy(result) + taken
+    assert abs(energy / energy[0] - 1).max() < 5e-3
+    tangential, normal = np.linalg.norm(contact.friction.tangential_force(result), axis=1), contact.force(result)
+    assert tangential.max() > 10
+    assert (tangential <= 0.2 * normal * (1 + 1e-9) + 1e-9).all()
+
+
+@pytest.mark.parametrize("friction", [None, ep.Coulomb(0.3)])
+def test_the_tangent_is_the_slope_of_the_force(round_body, flat_body, friction):
+    sides = inertial(round_body), inertial(flat_body)
+    contact, rng = PatchContact(PatchGaps(*sides), Springs(), friction), np.random.default_rng(0)
+    body = sides[0].kinematics.body
+    q = np.r_[body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(sides[1].n)]
+    for start in (0.0, 1.0):
+        contact.commit(start)
+        contact.force(q)
+    q = q + np.r_[body.rigid[:, :3] @ [1e-6, 4e-7, 0], np.zeros(sides[1].n)]
+    contact.force(q)
+    tangent, closed, state = contact.tangent(), contact.index, contact.state
+    for _ in range(4):
+        way = rng.standard_normal(len(q))
+        way *= 1e-10 / abs(contact.row_jacobian() @ way).max()
+        there, back = contact.force(q + way).copy(), contact.force(q - way).copy()
+        np.testing.assert_array_equal(contact.index, closed)
+        np.testing.assert_array_equal(contact.state, state)
+        slope = (there - back) / 2
+        np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-4 * abs(slope).max())
+        contact.force(q)
+
+
+def test_a_law_without_friction_refuses_it(mbs, bodies):
+    class Smooth(Springs):
+        friction = False
+
+    items = [ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP), ep.CreatePartitionBody(mbs, bodies[1])]
+    with pytest.raises(InputError, match="friction: formulation Smooth has none"):
+        ep.CreatePartitionContact(mbs, *items, formulation=Smooth(), friction=0.2)
 
 
 def test_work_is_counted(bodies):
