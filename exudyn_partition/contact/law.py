@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import scipy.sparse as sp
 
@@ -16,9 +16,8 @@ from ..algebra.row_problem import RowProblem
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
-
-if TYPE_CHECKING:
-    from .formulations.step_mean import GeneralizedAlpha
+from .plasticity.yielding_patches import Zones
+from .step_mean import GeneralizedAlpha
 
 
 class Forces(NamedTuple):
@@ -189,3 +188,13 @@ class RowDirections(Protocol):
 
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility of some rows, (d na, d na) [m/N]."""
+
+
+class LawMaker(Protocol):
+    """What makes the law of a contact: a formulation, see `formulations.formulation.Formulation`."""
+
+    def law(self, rows: RowDirections) -> Law:
+        """Return the law of a contact with these rows."""
+
+    def zones(self, contact: Any) -> Zones | None:
+        """Return plastic zones of a `PatchContact`, if patches of its bodies yield."""

@@ -16,7 +16,7 @@ from ..errors import ComplementarityError, RunError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
-from .law import Forces, Law, Motion, Places
+from .law import Forces, Law, LawMaker, Motion, Places
 from .memory import FrictionMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
 from .plasticity.yielding_patches import Zones
@@ -24,8 +24,6 @@ from .tangential import TangentialRows
 
 if TYPE_CHECKING:
     from typing import Self
-
-    from .formulations.formulation import Formulation
 
 
 class PatchContact:
@@ -65,7 +63,7 @@ class PatchContact:
     forces: Array
     index: Array
 
-    def __init__(self, gaps: Gaps, formulation: Formulation, friction: Coulomb | None = None) -> None:
+    def __init__(self, gaps: Gaps, formulation: LawMaker, friction: Coulomb | None = None) -> None:
         gaps.reset()
         self.formulation, self.friction = formulation, friction
         self.rows: NormalRows | TangentialRows = NormalRows(gaps) if friction is None else TangentialRows(gaps)

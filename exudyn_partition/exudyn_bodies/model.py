@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ..contact.formulations.formulation import Method
-from ..contact.formulations.step_mean import GeneralizedAlpha
+from ..contact.step_mean import GeneralizedAlpha
 from ..errors import InputError
 from ..plasticity.strain_history import StrainHistory
 from ..reduction.body import ReducedBody

@@ -23,7 +23,7 @@ from ..memory import by_nodes, on_rows
 from ..patch_contact import PatchContact
 from ..side import Side
 from ..tangential import TangentialRows
-from .step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
+from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
 
 _AHEAD = 0.5  # of a step, by which gaps are predicted
 _ROUNDINGS = 8  # of the places, that gaps have

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...support.arrays import Array
+from ..support.arrays import Array
 
 _GONE = 1e-12  # of the largest force so far, below which what is left of earlier steps counts as none
 

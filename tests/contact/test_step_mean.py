@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exudyn_partition.contact.formulations.step_mean import GeneralizedAlpha, StepMean
+from exudyn_partition.contact.step_mean import GeneralizedAlpha, StepMean
 
 
 def weights_of(radius):
