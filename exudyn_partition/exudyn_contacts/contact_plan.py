@@ -95,8 +95,12 @@ def plan_contact(
     chosen = formulation_of(formulation, stiffness)
     kind = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
     _check_passes(passes)
-    if (coulomb := friction_of(friction)) is not None:
-        chosen = _with_friction(chosen, coulomb)
+    coulomb = friction_of(friction)
+    if coulomb is not None and not chosen.friction:
+        raise InputError(
+            f"friction: formulation {type(chosen).__name__} has none; take formulation='compliance', 'lagrange' or "
+            "'penalty', or leave friction out"
+        )
     _check_master(mbs, rigid, masterPatch, masterBody)
     given = [(first, number_of_patch(first.body.partition, slavePatch, "slavePatch"))]
     if other is not None:
@@ -112,6 +116,7 @@ def plan_contact(
     else:
         gaps = _to_rigid(mbs, placed[0], rigid, kind, masterBody)
     law = PatchContact(gaps, chosen, coulomb)
+    carrier = None if masterBody is None else Carrier(mbs, masterBody)
     return ContactPlan(name, tuple(sides), rigid, chosen, law, carrier, masterBody)
 
 

@@ -93,8 +93,8 @@ def CreatePartitionContact(
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
         "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
         paper's and Craig-Bampton's, in VelocityVerlet (`explicit_multipliers`) and generalized-alpha
-        (`implicit_multipliers`); "penalty" for any basis, an elastic layer on the slave's patch; or one of your own, see
-        `contact.formulations.formulation`.
+        (`implicit_multipliers`); "penalty" for any basis, an elastic layer on the slave's patch; or one of your own,
+        see `contact.formulations.formulation`.
     rows : {"integrated", "node-to-segment"}, optional
         What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
         meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex

@@ -33,10 +33,10 @@ def held_gap(gaps, q):
 
 def closed_stiffness(law):
     """H' F^+ H with all rows of the start, H by differences of places; rows on few facets depend on each other."""
-    law.reset()
     gaps, rows = law.gaps, np.arange(len(law.gaps.row_nodes))
     H = np.array([held_gap(gaps, step) - held_gap(gaps, -step) for step in 1e-6 * np.eye(gaps.n)]).T / 2e-6
-    F = np.diag(1 / (law.stiffness * gaps.area)) if hasattr(law, "stiffness") else gaps.flexibility(rows)
+    layer = getattr(law.law, "layer", None)
+    F = gaps.flexibility(rows) if layer is None else np.diag(1 / (layer * gaps.area))
     return H.T @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ H
 
 

@@ -22,8 +22,8 @@ from ..law import Forces, Motion, Places
 from ..memory import by_nodes, on_rows
 from ..patch_contact import PatchContact
 from ..side import Side
-from ..tangential import TangentialRows
 from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
+from ..tangential import TangentialRows
 
 _AHEAD = 0.5  # of a step, by which gaps are predicted
 _ROUNDINGS = 8  # of the places, that gaps have

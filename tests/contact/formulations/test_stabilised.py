@@ -12,9 +12,9 @@ from oracles import TOP, box, hexahedra, multipliers, relative, write
 import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
 from exudyn_partition.contact.formulations.implicit_multipliers import StepImpulses
-from exudyn_partition.contact.step_mean import TRAPEZOIDAL
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
+from exudyn_partition.contact.step_mean import TRAPEZOIDAL
 from exudyn_partition.errors import ModelLimitWarning
 from exudyn_partition.frames.inertial import InertialKinematics
 
