@@ -1,6 +1,6 @@
 """Contact through the residual flexibility: forces without penalty parameter, with friction or without.
 
-Theory: examples/site/theory.md, "Contact without a penalty" and "Friction".
+Theory: examples/site/theory.md, "Contact without a penalty".
 """
 
 from __future__ import annotations
