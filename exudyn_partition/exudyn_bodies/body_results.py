@@ -18,6 +18,7 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_result, validate_vector
 from ..support.foreign import ItemIndex, MainSystem, NodeIndex
+from ..support.items import Item
 from .model import Samples
 from .static_part import (
     Static,
@@ -35,7 +36,7 @@ Kinematics = InertialKinematics | FloatingKinematics
 _BLOCK = 1e5  # displacements of patches that are recovered at a time: few enough for the processor's cache
 
 
-class BodyResults(dict[str, ItemIndex]):
+class BodyResults(Item[ItemIndex]):
     """A partition body and its results; `partition_body.PartitionBody` makes its items in the model.
 
     Attributes

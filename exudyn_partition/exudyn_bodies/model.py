@@ -139,9 +139,9 @@ def registered(mbs: MainSystem) -> Registry:
     for number, item in list(held.bodies.items()):
         if number >= objects or not item.is_in(mbs):
             del held.bodies[number]
-    there = set(map(id, held.bodies.values()))
+    there = {*held.bodies.values()}
     for number, contact in list(held.contacts.items()):
-        if not all(id(item) in there for item, _ in contact.sides):
+        if not all(item in there for item, _ in contact.sides):
             del held.contacts[number]
     if held.work is not None and (int(held.work.number) >= sensors or mbs.GetSensor(held.work.number)["name"] != WORK):
         held.work = None

@@ -237,7 +237,7 @@ class PartitionBody(BodyResults):
         return self["oFFRFreducedOrder"]
 
     def _check_model(self, mbs: MainSystem) -> None:
-        if not any(item is self for item in registered(mbs).bodies.values()):
+        if self not in registered(mbs).bodies.values():
             raise InputError(f"mbs: body {self.name!r} belongs to another model, or to this one before a Reset")
 
 

@@ -67,7 +67,7 @@ def warn_near_contact(
     lacking = 0.0
     for contact in result.contacts:
         for other, number in contact.sides:
-            if other is item and item.body.basis.flexibility is not None and contact.compliant:
+            if other == item and item.body.basis.flexibility is not None and contact.compliant:
                 patch = item.body.partition.patches[number]
                 area = nodal_area(item.body.points, patch.facets)[patch.nodes]
                 load = area / area.sum()
@@ -103,7 +103,7 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
     """
     check_static(item.body, fem)
     total = np.zeros((len(result.t), rows.shape[0]))
-    own = [c for c in result.contacts if c.compliant and any(other is item for other, _ in c.sides)]
+    own = [c for c in result.contacts if c.compliant and any(other == item for other, _ in c.sides)]
     if item.body.basis.flexibility is None or not own:
         return total
     answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, item.body)
@@ -114,7 +114,7 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
     axes = item.kinematics.frame(item.coordinates(result))[1]
     for contact in own:
         for (other, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
-            if other is item:
+            if other == item:
                 at_patch = fields[:, np.searchsorted(loaded, patches[patch].nodes)]
                 total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
     for _, history in histories:
@@ -128,9 +128,9 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
 def zone_histories(item: RecoveredBody, result: Samples) -> Iterator[tuple[int, StrainHistory]]:
     """Plastic strain of the body's zones in the run, with the numbers of their patches."""
     for contact in result.contacts:
-        if any(other is item for other, _ in contact.sides):
+        if any(other == item for other, _ in contact.sides):
             for (other, patch), history in zip(contact.sides, contact.plastic.strain_histories(result), strict=False):
-                if other is item and history is not None:
+                if other == item and history is not None:
                     yield patch, history
 
 
@@ -164,7 +164,7 @@ def warn_within_zones(item: RecoveredBody, result: Samples, rows: sp.csr_matrix)
     used = abs(sp.csr_matrix(rows)).astype(bool).astype(int)
     for contact in result.contacts:
         for other, number in contact.sides:
-            region = item.body.partition.patches[number].plastic if other is item else None
+            region = item.body.partition.patches[number].plastic if other == item else None
             if region is not None and contact.plastic.work(result).any():
                 inside = np.zeros(item.body.fe_dofs, dtype=int)
                 inside[node_dofs(region.nodes)] = 1

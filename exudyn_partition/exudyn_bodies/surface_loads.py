@@ -116,7 +116,7 @@ def CreateDistributedLoad(
     """
     if not isinstance(body, LoadedBody):
         raise InputError(f"body: expected what CreatePartitionBody returns, got {type(body).__name__}")
-    if not any(body is held for held in registered(mbs).bodies.values()):
+    if body not in registered(mbs).bodies.values():
         raise InputError(f"body: {body.name!r} belongs to another model, or to this one before a Reset")
     pattern, size = load_named(body.body.partition, load, "load"), validate_number("magnitude", magnitude)
     validate_flag("bodyFixed", bodyFixed)

@@ -105,7 +105,7 @@ def plan_contact(
     given = [(first, number_of_patch(first.body.partition, slavePatch, "slavePatch"))]
     if other is not None:
         given.append((other, number_of_patch(other.body.partition, masterPatch, "masterPatch")))
-    if first is other:
+    if first == other:
         _check_itself(first, [patch for _, patch in given], chosen)
     sides, placed = _placed(given, passes)
     chosen.check([item.body for item, _ in sides])
@@ -163,7 +163,7 @@ def _partners(
     if not isinstance(slave, PartitionBody):
         raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")
     for role, item in (("slave", slave), ("master", other)):
-        if item is not None and not any(item is body for body in bodies):
+        if item is not None and item not in bodies:
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     return slave, other, rigid
 
@@ -207,7 +207,7 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
 def _placed(given: Sequence[BodyPatch], passes: Passes) -> tuple[Sequence[BodyPatch], list[Side]]:
     """Slave and master, and where their patches lie in space."""
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in given]
-    if len(given) > 1 and given[0][0] is given[1][0] and given[0][1] == given[1][1]:
+    if len(given) > 1 and given[0] == given[1]:
         parts = opposite_parts(placed[0].surface)
         placed = [replace(side, surface=part) for side, part in zip(placed, parts, strict=True)]
     for side in placed:
@@ -244,15 +244,12 @@ def _between(
 ) -> Gaps:
     """Gaps between two patches."""
     (slave, patch), (master, other_patch) = sides
-    between = slave.body.flexibility(patch, other_patch) if slave is master else None
+    between = slave.body.flexibility(patch, other_patch) if slave == master else None
     kind = WanderingGaps if any(side.surface.wanders for side in placed) else PatchGaps
     try:
         return kind(placed[0], placed[1], rows, between)
     except PenetrationError as error:
-        first, second = (
-            repr(item.name) if item.name else next(str(i) for i, body in enumerate(bodies) if body is item)
-            for item in (slave, master)
-        )
+        first, second = (repr(item.name) if item.name else str(bodies.index(item)) for item in (slave, master))
         raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}") from error
 
 

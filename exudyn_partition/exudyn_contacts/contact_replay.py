@@ -97,4 +97,4 @@ def _solved_together(contact: ModelContact) -> Sequence[ModelContact]:
 
 
 def _place_in_group(contact: ModelContact) -> int:
-    return next(i for i, member in enumerate(_solved_together(contact)) if member is contact)
+    return _solved_together(contact).index(contact)

@@ -23,13 +23,13 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     together = contact.formulation.together([member.law for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
-    own = [id(item) for item, _ in contact.sides]
-    contact.linked = [o for o in group if o is not contact and any(id(item) in own for item, _ in o.sides)]
+    own = [item for item, _ in contact.sides]
+    contact.linked = [o for o in group if o != contact and any(item in own for item, _ in o.sides)]
 
 
 def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:
     """Return the contact, and those of others that it is solved together with, through others too."""
-    group = {id(contact): contact}
+    group = {contact: None}  # a set in order
     for other in others:
         if _same_sides(contact, other):
             raise InputError(
@@ -37,7 +37,7 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
             )
         for place, (item, patch) in enumerate(contact.sides):
             for other_place, (other_item, other_patch) in enumerate(other.sides):
-                if item is not other_item or contact.compliant != other.compliant:
+                if item != other_item or contact.compliant != other.compliant:
                     continue
                 shared = SharedBody(
                     item.body,
@@ -48,13 +48,13 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
                     other.name,
                 )
                 if contact.formulation.couples(contact.law, other.law, shared):
-                    group |= {id(member): member for member in other.group}
-    return [*group.values()]
+                    group |= dict.fromkeys(other.group)
+    return [*group]
 
 
 def _same_sides(contact: PartitionContact, other: PartitionContact) -> bool:
     """Whether two contacts are between the same patches, or of the same patch with the same rigid surface."""
-    sides, others = ({(id(item), patch) for item, patch in each.sides} for each in (contact, other))
+    sides, others = ({*each.sides} for each in (contact, other))
     return sides == others and (len(sides) > 1 or contact.master is other.master)
 
 
@@ -77,17 +77,16 @@ class _Links:
     @property
     def shared(self) -> bool:
         """Whether contacts share a patch."""
-        each = ({(id(item), patch) for item, patch in contact.sides} for contact in self._contacts)
-        sides = [side for own in each for side in own]
+        sides = [side for contact in self._contacts for side in {*contact.sides}]
         return len(set(sides)) < len(sides)
 
     def __call__(self) -> list[tuple[int, int, int, int, Array]]:
         """Which sides of the contacts push which others, and the flexibility between their patches."""
-        of_body: dict[int, list[tuple[int, int, PartitionBody, int]]] = {}
+        of_body: dict[PartitionBody, list[tuple[int, int, PartitionBody, int]]] = {}
         for j, contact in enumerate(self._contacts):
             for s, (item, patch) in enumerate(contact.sides):
                 if item.body.basis.flexibility is not None:
-                    of_body.setdefault(id(item), []).append((j, s, item, patch))
+                    of_body.setdefault(item, []).append((j, s, item, patch))
         return [
             (j, s, k, r, item.body.flexibility(patch, other_patch))
             for sides in of_body.values()

@@ -21,6 +21,7 @@ from ..results.impacts import Ringing, SubImpact, at_border, closed_spans, cross
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_number, validate_positive, validate_result, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
+from ..support.items import Item
 from ..support.optional import require
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .contact_plan import ContactPlan
@@ -49,7 +50,7 @@ _RENAMED = {  # what contacts had before `friction` and `plastic` were views
 }
 
 
-class PartitionContact(dict[str, Any]):
+class PartitionContact(Item[Any]):
     """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
 
     Its keys are items of the Exudyn model:
@@ -120,7 +121,7 @@ class PartitionContact(dict[str, Any]):
             If the point is no vector of three numbers, or the contact is of another model.
         """
         place = validate_vector("point", point)
-        if not any(contact is self for contact in registered(mbs).contacts.values()):
+        if self not in registered(mbs).contacts.values():
             raise InputError(f"mbs: contact {self.name!r} belongs to another model, or to this one before a Reset")
         runs = runs_of(mbs)
 
@@ -471,7 +472,7 @@ class PartitionContact(dict[str, Any]):
         t, (first, last) = result.t, span
         around = slice(max(first - 1, 0), last + 2)
         impulse = np.trapezoid(self._normal_force(result)[around], t[around], axis=0)
-        if self.law.gaps.carried or self.slave is self.master or not (size := np.linalg.norm(impulse)):
+        if self.law.gaps.carried or self.slave == self.master or not (size := np.linalg.norm(impulse)):
             return None, None
         normal = impulse / size
         peak = first + int(force[first : last + 1].argmax())

@@ -167,7 +167,7 @@ class BodyFields:
             (patch, on_side, history)
             for contact, on_sides, histories in loads
             for (item, patch), on_side, history in zip(contact.sides, on_sides, histories, strict=True)
-            if item is self.item
+            if item == self.item
         ]
         if not own:
             return None
@@ -244,7 +244,7 @@ def _pressures(
     found = []
     for contact in contacts:
         (slave, patch), *_ = contact.sides
-        if slave is item:
+        if slave == item:
             own = item.body.partition.patches[patch]
             found.append((own.facets, own.nodes, contact.pressure(result)))
     return found
@@ -257,7 +257,7 @@ def _tangential_fields(
     found = []
     for contact in contacts:
         (slave, patch), *_ = contact.sides
-        if slave is item and contact.friction:
+        if slave == item and contact.friction:
             nodes = item.body.partition.patches[patch].nodes
             if "contact_traction" in names:
                 found.append(("contact_traction", nodes, contact.friction.traction(result)))

@@ -108,7 +108,7 @@ def CreatePartitionView(
     held = partition_items(mbs)[0]
     pieces = pieces_of(held, bodies, field)
     for piece in pieces:
-        if not any(piece.item is item for item in held):
+        if piece.item not in held:
             raise InputError(
                 f"bodies: body {piece.item.name!r} belongs to another model, or to this one before a Reset"
             )

@@ -144,7 +144,7 @@ def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> Non
     given, force_at_end = np.zeros_like(gained), 0.0
     for contact in result.contacts:
         for (side, _), sign in zip(contact.sides, (1, -1), strict=False):
-            if side is item:
+            if side == item:
                 force = contact.force_on_slave(result)
                 given += sign * cumulative_trapezoid(force, t, axis=0, initial=0.0)
                 force_at_end += float(np.linalg.norm(force[-1]))

@@ -256,7 +256,7 @@ def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) ->
     for (one, item, places), (other, of, there) in itertools.combinations(flowed, 2):
         apart = float(KDTree(places).query(there)[0].min())
         width = float(max(np.ptp(places, axis=0).max(), np.ptp(there, axis=0).max()))
-        if of is item and apart < width:
+        if of == item and apart < width:
             warnings.warn(
                 f"{called(item)} has flowed beneath {called(one)} and {called(other)}, {apart:.3g} m apart over a "
                 f"width of {width:.3g} m. Zones of two patches do not feel each other's plastic strain, which matters "

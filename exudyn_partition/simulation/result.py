@@ -164,7 +164,7 @@ class Result:
                 "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
                 f"{type(item).__name__}"
             )
-        if not any(item is known for known in (*self.bodies, *self.contacts, self.item_work)):
+        if item not in (*self.bodies, *self.contacts, self.item_work):
             raise InputError(
                 f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
@@ -186,7 +186,7 @@ class Result:
                 "result: nothing was kept of forces of rows, pressures, contact areas and the edge of a patch; repeat "
                 "this run"
             )
-        return next(run for known, run in zip(self.contacts, self.runs, strict=True) if known is contact)
+        return self.runs[self.contacts.index(contact)]
 
     def at(self, times: Sequence[float] | Array | int) -> Result:
         """Return the samples nearest to some times, each once: for frames of a film.

@@ -137,7 +137,7 @@ def _measured(
     impulse = np.trapezoid(force, result.t)
     friction = contact.friction
     along = np.trapezoid(friction.tangential_force(result) @ beside, result.t) if friction else 0.0
-    sign = 1.0 if contact.slave is items[0] else -1.0
+    sign = 1.0 if contact.slave == items[0] else -1.0
     found = {
         "restitution": -(velocity[1] @ normal) / (velocity[0] @ normal),
         "tangential_restitution": -_ratio(tangential[1], tangential[0], point.speed),
