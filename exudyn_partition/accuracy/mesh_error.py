@@ -308,7 +308,7 @@ def _change(finer: Finer, side: Side, rows: Array) -> Change:
 
 def _nodal_change(finer: Finer, side: Side, rows: Array) -> Change:
     """The same by that of the patch's nodes, which a corrected body has."""
-    (number,) = (i for i, patch in enumerate(side.body.partition.patches) if patch is side.patch)
+    number = side.body.partition.patches.index(side.patch)
     change, n = finer.at_nodes(number), len(side.patch.nodes)
     by_nodes = side.on_patch[rows] @ sp.kron(sp.identity(n), patch_axes(side.patch).T, format="csr")
     return replace(change, gaps=by_nodes @ change.gaps, flexibility=by_nodes @ change.flexibility @ by_nodes.T)

@@ -76,7 +76,7 @@ class StepMean:
 
     def begin(self, weights: GeneralizedAlpha) -> None:
         """Take the weights of the present step."""
-        if weights is self._weights or weights == self._weights:
+        if weights == self._weights:
             return
         self._weights, a, b = weights, weights.alpha_m, weights.alpha_f
         phi = a - (1 - a) * (1 - weights.gamma) / weights.gamma

@@ -97,4 +97,4 @@ def _same(before: Any, now: Any) -> bool:
         return before.shape == now.shape and not (before != now).nnz
     if isinstance(before, np.ndarray):
         return np.array_equal(before, now)
-    return before is now
+    return bool(before == now)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.products import dense
-from ..exudyn_bodies.model import latest_solver, user_function
+from ..exudyn_bodies.model import latest_solver, method_of, user_function
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
@@ -138,10 +138,10 @@ def _touches(mbs: MainSystem, run: ContactRun) -> bool:
     An open contact has no stiffness, and a block that only stands on another one would have no equilibrium under its
     load.
     """
-    solver = mbs.sys.get("staticSolver")
-    if solver is None or solver.it.newtonSteps != 1 or latest_solver(mbs) is not solver:
+    if not run.law.least_gap < _TOUCHING * run.law.gaps.size:
         return False
-    return bool(run.law.least_gap < _TOUCHING * run.law.gaps.size)
+    solver = latest_solver(mbs)
+    return solver is not None and method_of(solver) == "static" and bool(solver.it.newtonSteps == 1)
 
 
 def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:

@@ -82,7 +82,7 @@ def plastic_step(sides: Sequence[HHT], yielding: Sequence[PlasticBody], law: Fri
     motion = [side.predict() for side in sides]
     if not yielding:
         return law.forces(motion[0] + motion[1])
-    numbers = [next(i for i, side in enumerate(sides) if side is one.side) for one in yielding]
+    numbers = [sides.index(one.side) for one in yielding]
     own, anderson = [one.guess for one in yielding], Anderson()
     p, sizes = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1]
     for _ in range(_MOST):

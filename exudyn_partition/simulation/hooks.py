@@ -362,9 +362,8 @@ def cause(error: BaseException) -> str:
     function = f"the user function {found[0]}" if found else "a user function"
     if returned := _RETURNED.search(report):
         return f"{function} returned a {returned[1]} of another kind or length than Exudyn takes there"
-    if root is not error or found:
-        text = str(root) if root is not error else _lines(report)[-1]
-        kind = type(root).__name__ if root is not error else ""
+    if len(chain) > 1 or found:
+        kind, text = (type(root).__name__, str(root)) if len(chain) > 1 else ("", _lines(report)[-1])
         return f"{': '.join(filter(None, (kind, text)))}, in {function}"
     lines = _lines(report)
     said = next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)

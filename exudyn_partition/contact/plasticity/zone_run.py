@@ -196,6 +196,8 @@ class ZoneRun:
     ----------
     zone : PlasticZone
     committed, present : PlasticState
+    flows : bool
+        Whether points flow in the present state.
     generalised : (n,) array
         Forces of the present pseudo-forces on the last coordinates of the body [N].
     work : float
@@ -203,7 +205,7 @@ class ZoneRun:
     """
 
     _begin: tuple[Array, PlasticState] | None  # of active points: without changes of this step
-    _strain: tuple[_Active, Array] | None  # of active points, at the end of the last accepted step
+    _strain: Array | None  # of active points, at the end of the last accepted step
     _found: tuple[PlasticState, Array]
     _flows_on = False  # whether the same active points serve the step after the present state
 
@@ -236,6 +238,7 @@ class ZoneRun:
     def enter(self, state: PlasticState) -> None:
         """Take a state as that of the end of an accepted step."""
         self.committed = self.present = state
+        self.flows = False
         self._choose(np.zeros(len(self.zone), dtype=bool))
         self._at = self._committed_at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
         self._margin, self._margin_at, self._goes_on = -np.inf, self._at, False
@@ -254,16 +257,11 @@ class ZoneRun:
         self._last = self._p, self._moved, self.generalised, self._energy
         self._step_before, self._begin = step, None
 
-    @property
-    def flows(self) -> bool:
-        """Whether points flow in the present state."""
-        return self.present is not self.committed
-
     def commit(self) -> None:
         """Accept the present state."""
         if self.flows:
             step = self._p - self._last[0]
-            self.committed, self._strain = self.present, (self._active, self._found[1])
+            self.committed, self.flows, self._strain = self.present, False, self._found[1]
             self._moved_patch = self.moved_patch(step[self._active.dofs])
             self._hold(step)
             self._margin, self._goes_on = -np.inf, self._flows_on
@@ -275,7 +273,7 @@ class ZoneRun:
 
     def back(self) -> None:
         """Return to the committed state."""
-        self.present, self.work = self.committed, self._committed_work
+        self.present, self.flows, self.work = self.committed, False, self._committed_work
         self._p, self._moved, self.generalised, self._energy = self._last
 
     @property
@@ -342,7 +340,7 @@ class ZoneRun:
         If one does, it is active from now on, and the answer must be found again.
         """
         active, (state, strain), before = self._active, self._found, self._beginning()[1]
-        self.present = self.committed.changed(active.points, state)
+        self.present, self.flows = self.committed.changed(active.points, state), True
         self._p, self._moved = self._last[0].copy(), self._last[1] + active.push(change)
         self._p[active.dofs] += change
         self.generalised = self._last[2] + active.generalised(change)
@@ -362,11 +360,11 @@ class ZoneRun:
 
     def _committed_strain(self, before: PlasticState) -> Array:
         """Deviatoric strains of the active points, (k, 6), at the end of the last accepted step, with their state."""
-        if self._strain is None or self._strain[0] is not self._active:
+        if self._strain is None:
             active, (q, by_patch) = self._active, self._committed_at
             moved = active.moved(q, self._last[1]) + active.by_patch(by_patch)
-            self._strain = active, active.part.answer(moved, before)[1]  # nothing flows; this is the quick way
-        return self._strain[1]
+            self._strain = active.part.answer(moved, before)[1]  # nothing flows; this is the quick way
+        return self._strain
 
     def _excess(self, state: PlasticState) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
@@ -383,7 +381,8 @@ class ZoneRun:
         return near
 
     def _choose(self, chosen: Array) -> None:
-        self._chosen, self._active, self._begin = chosen, _Active(self.motion, chosen, self._ordered), None
+        self._chosen, self._active = chosen, _Active(self.motion, chosen, self._ordered)
+        self._begin = self._strain = None
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds, besides that of patch forces [J]."""
