@@ -108,10 +108,10 @@ class Gaps:
         own: Sequence[Array | None] = dents or [None] * len(sides)
         return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
 
-    def pressed_at(self, q: Array, flexibility: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
+    def pressed_at(self, q: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
         """Gaps as `at` finds them, and the forces that the law would find from them, where one call can do both.
 
-        `flexibility` is what `flexibility` returned last, `problem` the rows that can close and the problem of these.
+        `problem` are the rows that can close, and the problem of `regularised_flexibility` of these.
         """
         return self.at(q), None
 
@@ -369,7 +369,19 @@ class Gaps:
         It changes slowly with the places of the points on their facets. So it is kept while the points move little, and
         the same array is returned for the same rows.
         """
-        return self.stage.rows.slowly("flexibility", self.stance(), SAME, self._of_all_rows).of(index)
+        return self._row_flexibility().of(index)
+
+    def regularised_flexibility(self, index: Array) -> Array:
+        """The same, regularised as in `problem`; it, too, is the same array for the same rows."""
+        return self._row_flexibility().regularised_of(index)
+
+    def is_known(self, regularised: Array) -> bool:
+        """Whether this is what `regularised_flexibility` has returned for the present rows where they are known."""
+        known = self.stage.rows.known("flexibility")
+        return known is not None and known[1].regularised is regularised
+
+    def _row_flexibility(self) -> RowFlexibility:
+        return self.stage.rows.slowly("flexibility", self.stance(), SAME, self._of_all_rows)
 
     def _of_all_rows(self) -> RowFlexibility:
         return RowFlexibility(self._all_flexibility())
@@ -430,14 +442,28 @@ class RowFlexibility:
     ----------
     F : (nr, nr) array
         [m/N]
+
+    Attributes
+    ----------
+    regularised : (na, na) array or None
+        What `regularised_of` has returned for the rows that were asked for last.
     """
 
     def __init__(self, F: Array) -> None:
         self._F, self._index = F, NOTHING
-        self.some: Array = F[:0, :0]
+        self._some: Array = F[:0, :0]
+        self.regularised: Array | None = None
 
     def of(self, index: Array) -> Array:
         """That between some rows, (na, na); for the same rows it is the same array."""
         if not np.array_equal(index, self._index):
-            self._index, self.some = index, self._F.take(index, axis=0).take(index, axis=1)
-        return self.some
+            self._index, self.regularised = index, None
+            self._some = self._F.take(index, axis=0).take(index, axis=1)
+        return self._some
+
+    def regularised_of(self, index: Array) -> Array:
+        """That between some rows, regularised, (na, na); for the same rows it is the same array."""
+        some = self.of(index)
+        if self.regularised is None:
+            self.regularised = regularised(some)
+        return self.regularised

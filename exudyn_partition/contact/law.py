@@ -144,7 +144,7 @@ class Law:
         """Forces on the rows. It is asked where a gap is negative."""
         raise NotImplementedError
 
-    def closed_problem(self) -> tuple[Array, tuple[Array, ...]] | None:
+    def closed_problem(self) -> tuple[Array, ...] | None:
         """Problem of the rows that are closed, for compiled loops that find gaps and forces in one call, if it has one.
 
         See `Gaps.pressed_at`; of laws without friction. Here there is none.

@@ -172,7 +172,7 @@ class PatchContact:
         if problem is None:
             gap = self.gaps.at(q)
         else:
-            gap, found = self.gaps.pressed_at(q, *problem)
+            gap, found = self.gaps.pressed_at(q, problem)
             if found is not None:  # the same rows are closed
                 lam, force, self.least_gap = found
                 self.forces, self.h = lam[:, None], gap

@@ -142,12 +142,10 @@ class PatchGaps(Gaps):
         self._take(stage, q)
         return gap
 
-    def pressed_at(self, q: Array, flexibility: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
+    def pressed_at(self, q: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
         """See `Gaps.pressed_at`."""
         known = self.stage.rows.known("flexibility")
-        asked = None
-        if known is not None and known[1].some is flexibility:
-            asked = known[0], SAME, *problem
+        asked = None if known is None else (known[0], SAME, *problem)
         return self._advance(q, asked), self.stage.pressed
 
     def of_present(self, q: Array) -> Array:

@@ -57,9 +57,6 @@ class NormalCompliance(Law):
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
-    _near_of: Array | None = None  # the present rows then
-    _regularised_of: Array | None = None  # the flexibility that `_regularised` is made of
-    _regularised: Array | None = None
     problem: Complementarity
 
     def __init__(self, gaps: Gaps, *, known: NormalCompliance | None = None) -> None:
@@ -87,13 +84,6 @@ class NormalCompliance(Law):
         self._held = self.gaps.held
         self.problem = self.gaps.problem()
 
-    def _flexibility(self, index: Array) -> Array:
-        """Flexibility of some present rows, (na, na) [m/N], regularised as in `Gaps.problem`."""
-        F = self.gaps.flexibility(index)
-        if self._regularised is None or F is not self._regularised_of:
-            self._regularised_of, self._regularised = F, regularised(F)
-        return self._regularised
-
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
         h = at.gap
@@ -101,15 +91,12 @@ class NormalCompliance(Law):
         near = self.near(h, least)
         return self._on_rows(h, near, self.problem.solve(h if len(near) == len(h) else h[near], least))
 
-    def closed_problem(self) -> tuple[Array, tuple[Array, ...]] | None:
+    def closed_problem(self) -> tuple[Array, ...] | None:
         """See `Law`; while rows are followed and stay the same."""
-        F, near, rows = self._regularised_of, self._near, self._near_of
-        if not self.gaps.moving or F is None or near is None or rows is not self.gaps.row_nodes:
-            return None
-        if self.problem.F is not self._regularised:
+        if not self.gaps.moving or self._near is None or not self.gaps.is_known(self.problem.F):
             return None
         self.problem.iterations += 1
-        return F, (near, *self.problem.compiled)
+        return self._near, *self.problem.compiled
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -120,8 +107,7 @@ class NormalCompliance(Law):
             self.hold()
             return self._everything
         near = self._near = loops.rows_below(h, -BULGE * least, self._near)
-        self._near_of = self.gaps.row_nodes
-        F = self._flexibility(near)
+        F = self.gaps.regularised_flexibility(near)
         if self.problem.F is not F:
             self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])
             self._held = None  # the problem of the frozen rows is lost
