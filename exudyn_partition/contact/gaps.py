@@ -389,11 +389,16 @@ class Gaps:
     def problem(self) -> Complementarity:
         """Return the problem of the forces on all present rows, regularised: rows on few points may be redundant.
 
+        Runs in which the same rows stay frozen share its matrix.
+
         Raises
         ------
         IndefiniteMatrixError
             If the flexibility of the rows is not positive definite.
         """
+        return self._problem() if self.moving else self.stage.once("problem", self._problem).fresh()
+
+    def _problem(self) -> Complementarity:
         return Complementarity(regularised(self.flexibility(np.arange(len(self.row_nodes)))))
 
     def standing(self) -> Standing:

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from oracles import floating, inertial, moved
+from oracles import compliant, floating, inertial, moved
 
-from exudyn_partition.contact.formulations.compliance import ComplianceContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.stages import PresentRows
@@ -60,11 +59,11 @@ def test_slow_values_are_kept_while_places_rows_and_numbers_are_nearly_the_same(
 @pytest.mark.parametrize("frame", [inertial, floating])
 def test_a_second_run_is_the_first_whatever_came_before(round_body, frame):
     """Rows to a rigid surface keep their flexibility while they turn little; the next run must not begin with it."""
-    law = ComplianceContact(RigidGaps(frame(round_body, (0, 0, 1e-6)), RigidSphere((0, 0, -2e-3), 2e-3)))
+    law = compliant(RigidGaps(frame(round_body, (0, 0, 1e-6)), RigidSphere((0, 0, -2e-3), 2e-3)))
     ways = [moved(law.gaps.slave, [5e-6 * n, 0, -4e-6]) for n in (*range(1, 12), 1)]
     first, second = [], []
     for run in (first, second):
-        own = law.fresh()
+        own = law.for_run()
         run += [own.force(q) for q in ways]
     assert abs(np.array(first)).max() > 1
     np.testing.assert_array_equal(first, second)
@@ -74,14 +73,14 @@ def test_a_second_run_is_the_first_whatever_came_before(round_body, frame):
 def test_a_twin_goes_on_alone(round_body, flat_body, frame):
     """Both follow the same pairs on; neither moves the closest points of the other."""
     slave, master = frame(round_body), inertial(flat_body)
-    law = ComplianceContact(PatchGaps(slave, master))
+    law = compliant(PatchGaps(slave, master))
     for x in np.linspace(0, 0.1e-3, 9):
         law.force(at(slave, master, x))
     assert law.gaps.moving
     other = twin(law, {})
     for x in (0.101e-3, 0.102e-3, 0.105e-3, 0.107e-3, 0.3e-3):
         other.force(at(slave, master, x))
-    on, alone = ComplianceContact(PatchGaps(slave, master)), []
+    on, alone = compliant(PatchGaps(slave, master)), []
     for x in np.linspace(0, 0.1e-3, 9):
         on.force(at(slave, master, x))
     for each in (law, on):

@@ -59,16 +59,14 @@ class NormalCompliance(Law):
     _near: Array | None = None  # rows that could close at the last answer
     problem: Complementarity
 
-    def __init__(self, gaps: Gaps, *, known: NormalCompliance | None = None) -> None:
+    def __init__(self, gaps: Gaps) -> None:
         self.gaps, self._counted = gaps, 0
         self._closed_nodes = np.zeros(len(gaps.slave.surface.points), dtype=bool)
-        if known is not None:
-            self._held, self.problem = known._held, known.problem
         self._take_held()
 
     def fresh(self, rows: RowDirections) -> NormalCompliance:
-        """See `Law`; F is shared if the rows at the start are still the same."""
-        return NormalCompliance(rows.gaps, known=self)
+        """See `Law`."""
+        return NormalCompliance(rows.gaps)
 
     @property
     def iterations(self) -> int:  # type: ignore[override]
@@ -76,13 +74,9 @@ class NormalCompliance(Law):
         return self._counted + self.problem.iterations
 
     def _take_held(self) -> None:
-        """Set up the problem for the rows that are frozen now; reuse F if they are the same."""
+        """Set up the problem for the rows that are frozen now."""
         self._everything = np.arange(len(self.gaps.row_nodes))
-        if self._held is self.gaps.held is not None:
-            self.problem = self.problem.fresh()  # with the same F
-            return
-        self._held = self.gaps.held
-        self.problem = self.gaps.problem()
+        self._held, self.problem = self.gaps.held, self.gaps.problem()
 
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
