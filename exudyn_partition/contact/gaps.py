@@ -178,6 +178,10 @@ class Gaps:
         """The stage while rows are frozen, else None."""
         return None if self.moving else self.stage
 
+    def holds(self, held: object) -> bool:
+        """Whether rows are frozen, and have stayed so since this was `held`."""
+        return not self.moving and self.stage is held
+
     @property
     def evaluated_pose(self) -> Array:
         """`carrier_pose` at the last evaluation of the gaps."""

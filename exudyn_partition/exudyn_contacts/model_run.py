@@ -321,13 +321,13 @@ class Runs:
         contact asks. The values that other sensors read are those of the last evaluation. They are written here again
         where multipliers are applied ahead of steps, and at the start, where Exudyn has set them to their initial ones.
         """
-        solver, now = mbs.sys.get("dynamicSolver"), self._now
-        first = now is None or solver is not self._solver or t < self._latest or self._outdated or self._solver_comes
+        now = self._now
+        first = self.last(mbs) is None or t < self._latest or self._outdated or self._solver_comes
         if now is None or (first and not self._solver_comes):
             now = self.begin(mbs, t)
         if first or not now.idle:
             now.publish(mbs)
-        self._solver, self._solver_comes, self._latest = solver, False, t
+        self._solver, self._solver_comes, self._latest = mbs.sys.get("dynamicSolver"), False, t
         q = mbs.systemData.GetODE2Coordinates()
         now.ended = t, q
         now.keep(t, lambda: q)

@@ -109,7 +109,7 @@ class NormalCompliance(Law):
 
     def hold(self) -> None:
         """Set up the problem of rows that have been frozen since the last answer."""
-        if self._held is not self.gaps.held:
+        if not self.gaps.holds(self._held):
             self._counted += self.problem.iterations
             self._take_held()
 

@@ -98,7 +98,7 @@ class ForwardRows:
     def take(self) -> bool:
         """Compute G, `push` and F of the present rows; return whether the rows have changed."""
         gaps = self.contact.gaps
-        if not gaps.moving and self._held is gaps.held:
+        if gaps.holds(self._held):
             return False
         self.G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
         self.push = gaps.accelerations(self.G)

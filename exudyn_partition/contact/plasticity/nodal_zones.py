@@ -43,7 +43,7 @@ class NodalZone:
 
     def enter(self, state: PlasticState) -> None:
         """Take a state as that of the end of an accepted step."""
-        self.committed = state
+        self.committed, self._flows = state, False
         self._strain = self._committed_strain = np.zeros_like(state.strain)
         self._displacement = np.zeros(3 * len(self.zone.nodes))
         self.work = self._committed_work = 0.0
@@ -60,15 +60,17 @@ class NodalZone:
         self._displacement = np.asarray(rows @ q[len(q) - rows.shape[1] :])
         self._strain = self.zone.strains(self._displacement)
         state = self.zone.flow.answer(self._strain, self.committed)
-        if state is not self.present:
+        flowed, self._flows = self._flows, state is not self.committed
+        if flowed or self._flows:
             self._take(state)
         self.work = self._committed_work
-        if state is not self.committed:
+        if self._flows:
             self.work += self.zone.work(before, (state, self._strain))
 
     def commit(self) -> None:
         """Accept the present state."""
         self.committed, self._committed_strain, self._committed_work = self.present, self._strain, self.work
+        self._flows = False
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds to that of the body's coordinates [J]."""
