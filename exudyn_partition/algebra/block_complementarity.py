@@ -161,7 +161,6 @@ class BlockComplementarity:
         self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
         self._core.eliminate_zeros()
         self._flat_core = FlatCore.of(n, core)
-        self._responses: dict[int, tuple[Array, Array, Array, Array]] = {}
         self.amplitudes = np.zeros((n, m))
         self.pushed: dict[int, Array] = {}
 
@@ -241,7 +240,7 @@ class BlockComplementarity:
         n, m = self.amplitudes.shape
         a, G = np.zeros((n, m)), np.zeros((len(pressed), m, m))
         for i, key in enumerate(pressed):
-            response, G[i] = self._response(key, problems[key], fields[key])
+            response, G[i] = problems[key].response(fields[key])
             a[key] = h[key][problems[key].index] @ response
         c = self._iterated(a, G, np.array(pressed, dtype=np.int64))
         if c is None:
@@ -257,15 +256,6 @@ class BlockComplementarity:
     def _iterated(self, a: Array, G: Array, pressed: Array) -> Array | None:
         """Return c = S (a - G c) by iteration from the last amplitudes; None if it does not settle."""
         return loops.iterate(self._flat_core, self._core, a, G, pressed, self.amplitudes, _SETTLED, _STEPS)
-
-    def _response(self, key: int, problem: Complementarity, fields: Array) -> tuple[Array, Array]:
-        """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of a block's active rows."""
-        known = self._responses.get(key)
-        if known is None or known[0] is not problem.index or known[1] is not fields:
-            active = fields[problem.index]
-            response = -problem.solve_active(active)
-            known = self._responses[key] = problem.index, fields, response, -active.T @ response
-        return known[2], known[3]
 
 
 def pooled(arrays: Sequence[Array]) -> tuple[Array, Array]:

@@ -96,6 +96,7 @@ class Complementarity:
     def _set(self, active: Array) -> None:
         self.active, self.index = active, np.flatnonzero(active)
         self._factor: Array | None = None  # made when it is needed
+        self._response: tuple[Array, Array, Array] | None = None  # fields, and `response` to them
 
     @property
     def _by_rows(self) -> Array:
@@ -115,6 +116,17 @@ class Complementarity:
         """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
         solution: Array = lapack.dpotrs(self._active_factor(), rhs, lower=1)[0]
         return solution
+
+    def response(self, fields: Array) -> tuple[Array, Array]:
+        """-D^-1 W, (na, m), and G = W' D^-1 W, (m, m), of the active rows W of fields, (nc, m), and D = F_AA.
+
+        They are kept for the same fields while the active set stays the same.
+        """
+        if self._response is None or self._response[0] is not fields:
+            active = fields[self.index]
+            response = -self.solve_active(active)
+            self._response = fields, response, -active.T @ response
+        return self._response[1:]
 
     @property
     def compiled(self) -> tuple[Array, Array, Array]:
@@ -147,6 +159,7 @@ class Complementarity:
         self.iterations += changes + 1
         if changes:
             self.active, self.index, self._factor = np.zeros(len(h), dtype=bool), index, upper.T
+            self._response = None
             self.active[index] = True
         if not count:
             return lam

@@ -46,7 +46,11 @@ class FrozenContacts:
         Whether `h` and `pushed` are those of the last evaluation: the lowest rows of open contacts do without them.
     pushes : bool
         Whether there are forces.
+    kept : (k,) int array or None
+        Closed rows that results were kept of last.
     """
+
+    kept: Array | None = None
 
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
         frozen = [each.linear for each in gaps if each.linear is not None]

@@ -355,7 +355,6 @@ class GroupRun:
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # of values to data
-        self._closed: Array | None = None
         self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
         for place, member in enumerate(members):
             member.join(self, place)
@@ -396,8 +395,7 @@ class GroupRun:
         if self._q is not None and (q == self._q).all():
             return True
         if self._q is None:
-            known, self._frozen = self._frozen, self.together.frozen(self._dofs, self._frozen)
-            self._closed = self._closed if self._frozen is known else None
+            self._frozen = self.together.frozen(self._dofs, self._frozen)
         if self._frozen is None or not self._frozen.evaluate(q):
             self._q, self._laws_know = None, True
             return False
@@ -466,8 +464,8 @@ class GroupRun:
         if not self.pushes:
             return
         closed = np.flatnonzero(frozen.lam > 0.0)
-        if self._closed is None or not np.array_equal(closed, self._closed):
-            self._closed, self._nodes = closed, frozen.row_nodes[closed]
+        if frozen.kept is None or not np.array_equal(closed, frozen.kept):
+            frozen.kept, self._nodes = closed, frozen.row_nodes[closed]
             self._bounds = np.searchsorted(closed, frozen.starts).tolist()
             at_edge = closed[frozen.at_edge[closed]]
             for j in np.unique(np.searchsorted(frozen.starts, at_edge, side="right")) - 1:

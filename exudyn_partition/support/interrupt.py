@@ -37,7 +37,7 @@ def interruptible() -> Iterator[Interrupt]:
         yield previous
         return
     interrupt = Interrupt()
-    if threading.current_thread() is not threading.main_thread():
+    if threading.get_ident() != threading.main_thread().ident:
         yield interrupt
         return
     signal.signal(signal.SIGINT, interrupt)
