@@ -28,11 +28,11 @@ class Forces(NamedTuple):
     on_rows : (nr, d) array
         Forces on the rows [N]: along the normal, with friction also along both tangents.
     closed : (na,) int array
-        Rows that are closed.
+        Rows that are closed, in ascending order.
     state : (nr,) int8 array, optional
         With friction, whether each row is OPEN, sticks or slips: the constants of `algebra.friction`.
     slips : (nr, 2) array, optional
-        With friction, how far rows have slipped since the last accepted step [m].
+        With friction within the steps, how far rows have slipped since the last accepted step [m].
     """
 
     on_rows: Array
@@ -71,14 +71,16 @@ class Places:
     Parameters
     ----------
     gap : (nr,) array
-        Gaps [m], with what other contacts and plastic zones add to them.
+        Gaps [m], including the displacements by other contacts and plastic zones.
     way, last, mu : callables
         Return the attributes of these names.
     problem : RowProblem, optional
         How the rows move by their forces in the coming step; of laws that act ahead of steps. Their places are those at
         the end of the step without forces.
     motion : Motion, optional
-        State of the solver; None where forces are found again after a run.
+        State of the solver; None of laws ahead of steps, and where forces are found again after a run.
+    since : float
+        Start of the present step [s].
     """
 
     def __init__(
@@ -90,13 +92,14 @@ class Places:
         mu: Callable[[], Array],
         problem: RowProblem | None = None,
         motion: Motion | None = None,
+        since: float = 0.0,
     ) -> None:
-        self.gap, self.motion, self._problem = gap, motion, problem
+        self.gap, self.motion, self.since, self._problem = gap, motion, since, problem
         self._way, self._last, self._mu = way, last, mu
 
     @cached_property
     def way(self) -> Array:
-        """How far rows have slid along their two tangents since the last accepted step, (nr, 2) [m]; with friction."""
+        """How far rows have slid along their tangents since the last accepted step, (nr, d - 1) [m]."""
         return self._way()
 
     @cached_property
@@ -141,13 +144,17 @@ class Law:
     iterations = 0
 
     def answer(self, at: Places) -> Forces:
-        """Forces on the rows. It is asked where a gap is negative."""
+        """Forces on the rows. It is called only if a gap is negative.
+
+        A law that acts ahead of steps may be given the rows of several contacts at once: those that share bodies, and
+        in a model with joints all that have such a law. It then has no attributes of its own.
+        """
         raise NotImplementedError
 
     def closed_problem(self) -> tuple[Array, ...] | None:
-        """Problem of the rows that are closed, for compiled loops that find gaps and forces in one call, if it has one.
+        """Data with which compiled loops find gaps and forces in one call, while the same rows stay closed.
 
-        See `Gaps.pressed_at`; of laws without friction. Here there is none.
+        See `Gaps.pressed_at`; of laws without friction. None if the law has none.
         """
         return None
 

@@ -14,7 +14,7 @@ from .tangential import TangentialRows
 
 @dataclass(frozen=True, eq=False)
 class FrictionMemory:
-    """Forces on the rows at the end of the last accepted step, by the slave's nodes, so that it outlives the rows.
+    """Forces on the rows at the end of the last accepted step, stored by the slave's nodes, because rows come and go.
 
     Parameters
     ----------

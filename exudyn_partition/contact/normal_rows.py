@@ -52,8 +52,8 @@ class NormalRows:
         return index
 
     def way(self) -> Array:
-        """How far rows have slid along their tangents, (nr, 2) [m]: they have none."""
-        return np.zeros((len(self.gaps.row_nodes), 2))
+        """How far rows have slid along their tangents, (nr, 0) [m]: they have none."""
+        return np.empty((len(self.gaps.row_nodes), 0))
 
     def tractions(self, forces: Array) -> Array:
         """Tangential forces in space, (nr, 3) [N], of forces on rows, (nr, 1) [N]: none."""

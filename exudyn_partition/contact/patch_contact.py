@@ -56,7 +56,9 @@ class PatchContact:
     memory : FrictionMemory
         Of the last accepted step.
     since : float
-        Start of the step that forces depend on [s].
+        Start of the present step [s].
+    h : (nr,) array
+        Gaps at the last answer [m], see `stored`.
     """
 
     h: Array
@@ -81,8 +83,8 @@ class PatchContact:
         """
         if method == "static" and self.ahead:
             raise RunError(
-                "contact with formulation 'lagrange' has no statics, for its multipliers act on velocities: it needs "
-                "Exudyn's explicit solver VelocityVerlet, or generalized-alpha (solve_dynamic). Take a basis with "
+                "contact with formulation 'lagrange' has no statics, nor has any law ahead of steps: it acts on "
+                "velocities, and needs Exudyn's explicit solver VelocityVerlet, or generalized-alpha (solve_dynamic). Take a basis with "
                 "residual flexibility and formulation='compliance' for static runs, or press slowly in a damped run"
             )
         result = copy.copy(self)
@@ -98,6 +100,7 @@ class PatchContact:
         self.memory = FrictionMemory.none(self._n_nodes)
         self.least_gap, self.since = np.inf, -math.inf
         self._answered, self._closed_before = False, False
+        self._same = 0  # answers of compiled loops with the same closed rows
         self._evaluated_at = np.empty(0)
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
@@ -139,7 +142,7 @@ class PatchContact:
 
     @property
     def remembers(self) -> bool:
-        """Whether forces depend on those of earlier steps, within the steps. Then `commit` and `rollback` matter."""
+        """Whether forces depend on those of earlier steps, within the steps. Then `commit` matters."""
         return self.zones is not None or (self.friction is not None and not self.ahead)
 
     @property
@@ -150,7 +153,7 @@ class PatchContact:
     @property
     def iterations(self) -> int:
         """Iterations of the set of closed rows since the start of the run."""
-        return self.law.iterations
+        return self.law.iterations + self._same
 
     @property
     def searches(self) -> int:
@@ -176,6 +179,7 @@ class PatchContact:
             if found is not None:  # the same rows are closed
                 lam, force, self.least_gap = found
                 self.forces, self.h = lam[:, None], gap
+                self._same += 1
                 return force
         self.answer(gap, motion=motion)
         return self.generalised()
@@ -211,6 +215,7 @@ class PatchContact:
             last=lambda: self.last,
             mu=lambda: self.coefficients,
             motion=motion,
+            since=self.since,
         )
         self.take(self.law.answer(places))
 
@@ -270,10 +275,6 @@ class PatchContact:
             K = dense(H.T @ (self.law.stiffness() @ H))
         return K if self.zones is None else self.zones.tangent(K)
 
-    def tangent_matrix(self, by_q: float, by_q_t: float) -> sp.csr_matrix:
-        """Return -(by_q dF/dq + by_q_t dF/dq_t), csr (n, n), of the force F, with the rows held."""
-        return sp.csr_matrix(by_q * self.tangent())
-
     def closed_stiffness(self) -> Array | None:
         """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit."""
         return self.law.closed_stiffness(self.rows)
@@ -283,7 +284,7 @@ class PatchContact:
         n = len(gap)
         places = Places(
             gap,
-            way=lambda: np.zeros((n, 2)),
+            way=lambda: np.zeros((n, self.rows.d - 1)),
             last=lambda: np.zeros((n, 3)),
             mu=lambda: np.zeros(n),
         )
@@ -312,6 +313,11 @@ class PatchContact:
         """
         if self._slid is None:
             slips = self.slips
+            if self._slips is None:
+                raise RunError(
+                    f"law {type(self.law).__name__}: with friction, its answers need `slips`, how far the rows have "
+                    "slipped since the last accepted step, see `contact.law.Forces`"
+                )
             self._slid = slips, -0.5 * float(np.vdot(slips, (self.last + self.forces)[:, 1:]))
         return self._slid
 
@@ -340,10 +346,9 @@ class PatchContact:
         self.memory = self.memory.after(self.rows, self.forces, self.state, slips, speeds, taken)
 
     def flies_on(self, start: float) -> bool:
-        """Begin a step at time `start` [s] in which, as in the one before, all rows are open; else do nothing.
+        """If all rows are open now and were in the step before, begin a step at time `start` [s] without `commit`.
 
-        The last evaluation is the end of the step before. Return whether the step has begun, so that `commit` need not
-        be called: there is nothing to remember but the places.
+        Return whether it did. The last evaluation is the end of the step before; only places are to be remembered.
         """
         rows = self.rows
         if not self._answered or self.index.size or self._closed_before or self.zones is not None or self.ahead:

@@ -75,7 +75,7 @@ class StepMean:
         self.lasting = np.zeros(n)
 
     def begin(self, weights: GeneralizedAlpha) -> None:
-        """Take the weights of the present step."""
+        """Begin a step with these weights."""
         if weights == self._weights:
             return
         self._weights, a, b = weights, weights.alpha_m, weights.alpha_f
@@ -89,7 +89,7 @@ class StepMean:
         return result
 
     def end(self, mean: Array) -> None:
-        """End the present step, with these mean forces within it, (n,)."""
+        """End the step, in which these were the mean forces, (n,)."""
         if self._weights is None:
             return
         weights, force = self._weights, self.applied(mean)

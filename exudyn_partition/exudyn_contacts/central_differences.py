@@ -32,10 +32,11 @@ class MultiplierStep:
 
     Those of contacts act at the start of a step. So they are found and applied at the end of the step before, by
     `look_ahead`: velocities and accelerations that sensors tell there have them, and no energy swings. A first step has
-    them ahead of it. So have joints, which a user may move there; till then velocities have the last step's again.
+    them ahead of it. So have joints, which a user may move there; until then velocities contain the last step's
+    multipliers again.
 
-    Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; what contact
-    pushes them, and they the contact, is in it. After the step a second multiplier makes velocities and accelerations
+    Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; it
+    includes what contacts do to joints, and joints to contacts. After the step a second multiplier makes velocities and accelerations
     obey the joints (RATTLE; Andersen 1983): nothing drifts. Joint sensors read reactions that are means over the
     step before, so that their sum times the step is the impulse.
 

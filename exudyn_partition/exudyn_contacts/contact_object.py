@@ -60,7 +60,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         run = runs.now(mbs)
         run.force(mbs, t)
         contacts = partition_items(mbs)[1]
-        blocks = [*_of_each(mbs, run, contacts, fODE2, fODE2_t), *_between(mbs, run, contacts, fODE2)]
+        blocks = [*_of_each(mbs, run, contacts, fODE2), *_between(mbs, run, contacts, fODE2)]
         return exu.MatrixContainer(_assembled(blocks, run.dofs))
 
     return mbs.AddObject(
@@ -106,19 +106,17 @@ def _assembled(blocks: Sequence[Block], dofs: Array) -> sp.csr_matrix:
     return sp.csr_matrix((values, (rows, columns)), shape=(n, n))
 
 
-def _of_each(
-    mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float, by_q_t: float
-) -> Iterator[Block]:
-    """Stiffness and damping of each contact on the coordinates of its bodies."""
+def _of_each(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
+    """Stiffness of each contact on the coordinates of its bodies."""
     for contact in contacts:
         run = model.of(contact)
-        K = _own_stiffness(mbs, run, by_q, by_q_t)
+        K = _own_stiffness(mbs, run, by_q)
         if K is not None:
             yield K, run.dofs, run.dofs
 
 
-def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float, by_q_t: float) -> Rows | None:
-    """Return -(by_q dF/dq + by_q_t dF/dq_t), (n, n), of a contact's force F; None if it is zero."""
+def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float) -> Rows | None:
+    """Return -by_q dF/dq, (n, n), of a contact's force F; None if it is zero. Laws give no slope by velocities."""
     law = run.law
     if law.compliant and not law.index.size:
         if _touches(mbs, run) and (closed := law.closed_stiffness()) is not None:
@@ -126,7 +124,7 @@ def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float, by_q_t: float)
         if law.zones is None:
             return None
     if run.group.together is None:
-        return law.tangent_matrix(by_q, by_q_t)
+        return by_q * law.tangent()
     H = dense(law.row_jacobian())
     stiffness = H.T @ run.group.stiffness(run, run) @ H
     return by_q * (stiffness if law.zones is None else law.zones.tangent(stiffness))

@@ -105,7 +105,7 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     limit : callable
         Returns the stability limit [s].
     """
-    if not contact.compliant:
+    if not contact.compliant or contact.law.needs_motion:
         return math.inf  # nothing of the contact's own yields
     law = contact.law.for_run("explicit")
     time, speed = _first_touch(law, q, q_t, q_tt)

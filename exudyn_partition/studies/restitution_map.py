@@ -6,6 +6,7 @@ import functools
 import itertools
 import json
 import math
+import multiprocessing
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -201,7 +202,9 @@ def _executor(workers: int | Executor) -> Iterator[tuple[Callable[[list[Any]], I
     if workers == 1:
         yield lambda tasks: (impacts_at(*task) for task in tasks), 1
         return
-    own = ProcessPoolExecutor(workers) if isinstance(workers, int) else None
+    # Forked processes would wait for ever for threads of NGSolve that only their parent has.
+    spawned = multiprocessing.get_context("spawn")
+    own = ProcessPoolExecutor(workers, mp_context=spawned) if isinstance(workers, int) else None
 
     def submit(tasks: list[Any]) -> Iterator[list[Record]]:
         executor = own or workers

@@ -71,4 +71,5 @@ def _is_state(value: object) -> bool:
     """Whether it is of a class of states; dataclasses do not change, and compiled structures have a twin elsewhere."""
     kind = type(value)
     constant = dataclasses.is_dataclass(kind) or hasattr(kind, "_numba_type_") or isinstance(value, type)
-    return kind.__module__.startswith(_PACKAGES) and hasattr(value, "__dict__") and not constant
+    of_package = any(base.__module__.startswith(_PACKAGES) for base in kind.__mro__)  # or derived, as own laws
+    return of_package and hasattr(value, "__dict__") and not constant

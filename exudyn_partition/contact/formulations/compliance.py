@@ -5,6 +5,8 @@ Theory: examples/site/theory.md, "Contact without a penalty".
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy.linalg
 
@@ -89,7 +91,6 @@ class NormalCompliance(Law):
         """See `Law`; while rows are followed and stay the same."""
         if not self.gaps.moving or self._near is None or not self.gaps.is_known(self.problem.F):
             return None
-        self.problem.iterations += 1
         return self._near, *self.problem.compiled
 
     def near(self, h: Array, least: float) -> Array:
@@ -173,6 +174,7 @@ class FrictionalCompliance(Law):
         n = len(rows.gaps.slave.surface.points)
         self._near, self._row_nodes = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
         self._F, self._guess = np.empty((0, 0)), np.zeros(n, dtype=np.int8)
+        self._since = -math.inf
         self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, by the slave's nodes
         self._moved = np.empty((0, 3))
 
@@ -189,7 +191,8 @@ class FrictionalCompliance(Law):
         """See `Law`."""
         gap, last, nodes = at.gap, at.last, self.rows.gaps.row_nodes
         problem, near = self._take(gap, last)
-        if not np.array_equal(before := self._last[nodes], last):  # of another step: guess that forces go on changing
+        if at.since != self._since:  # another step: guess that forces go on changing
+            before, self._since = self._last[nodes], at.since
             self._last[:] = 0.0
             self._last[nodes] = last
             problem.extrapolate(before[near])

@@ -102,7 +102,7 @@ class ForwardRows:
             return False
         self.G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
         self.push = gaps.accelerations(self.G)
-        self.F = regularised(dense(self.G @ self.push))  # between flat patches there are more rows than coordinates
+        self.F = regularised(dense(self.G @ self.push))  # between flat patches, rows may outnumber coordinates
         self._held = gaps.held
         return True
 
@@ -251,11 +251,12 @@ class ForwardIncrement:
         self._problem: RowProblem | None = None
         self._by_joints: Array | None = None
         self._links = []
-        kinds = {type(one.contact.law).__name__ for one in rows}
-        if len(kinds) > 1:
+        laws = [one.contact.law for one in rows]
+        if len(laws) > 1 and (len({type(law) for law in laws}) > 1 or any(vars(law) for law in laws)):
+            names = ", ".join(sorted({type(law).__name__ for law in laws}))
             raise RunError(
-                f"contacts with the laws {', '.join(sorted(kinds))} act ahead of explicit steps and share joints or "
-                "bodies, so that one problem has to find all their forces. Take one formulation for all of them"
+                f"contacts with the laws {names} act ahead of explicit steps and share joints or bodies, so that one law has to find "
+                "all their forces. Take formulation='lagrange' for all of them, or one formulation whose law has no attributes"
             )
         for i, j in combinations(range(len(rows)), 2):
             _, own, others = np.intersect1d(dofs[i], dofs[j], return_indices=True)

@@ -47,7 +47,7 @@ class StepImpulses:
     whatever it did before. Nothing is regularised. A row that touches loses its kinetic energy as in a plastic impact,
     with the mass that a step can reach; a row that stays closed does no work.
 
-    Newton's iteration finds q for the forces that the last iteration had, and the forces follow from
+    Newton's iteration finds q with the forces of the last iteration; new forces follow from
 
         w = h + F (lambda - lambda_last),    F = s g_t G (M / s'^2 + K)^-1 G' ,
 

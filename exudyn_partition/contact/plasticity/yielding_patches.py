@@ -136,8 +136,8 @@ class YieldingPatches(Zones):
     the answer. Its last forces serve there, and `check` refuses a step that ends so. The stiffness of rows alone would
     be too large where much flows: Newton's own last step corrects it.
 
-    A step in which nothing yields costs one look at the strains, and not even that as long as a bound of the stresses,
-    which are a norm of coordinates and forces, excludes it.
+    A step in which nothing yields costs one evaluation of the strains, or none if a bound of the stresses shows that
+    nothing yields.
 
     Parameters
     ----------

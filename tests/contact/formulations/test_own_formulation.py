@@ -7,9 +7,10 @@ import scipy.linalg
 from oracles import TOP, contributed, inertial
 
 import exudyn_partition as ep
+from exudyn_partition.contact.law import Forces
 from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import InputError, RunError
 
 page = contributed("class Spring(Law)")
 Springs, STIFFNESS = page["Springs"], page["K"]
@@ -100,6 +101,109 @@ def test_the_tangent_is_the_slope_of_the_force(round_body, flat_body, friction):
         slope = (there - back) / 2
         np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-4 * abs(slope).max())
         contact.force(q)
+
+
+class Layered(Springs):
+    """Springs per area: the law keeps its rows, and a run that goes on has a law of its own."""
+
+    def law(self, rows):
+        return PerArea(rows)
+
+
+class PerArea(page["Spring"]):
+    def __init__(self, rows):
+        super().__init__(rows)
+        self.rows = rows
+
+    def fresh(self, rows):
+        return PerArea(rows)
+
+    def answer(self, at):
+        lam = 1e12 * self.rows.gaps.area * np.maximum(-at.gap, 0.0)
+        self.closed = np.flatnonzero(lam)
+        return Forces(lam[:, None], self.closed)
+
+
+@pytest.mark.filterwarnings("ignore:contact 'tip' reached the edge of its patch")
+def test_a_run_that_goes_on_has_its_own_law(bodies):
+    def model():
+        mbs = exu.SystemContainer().AddSystem()
+        ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -0.5])
+        block = ep.CreatePartitionBody(mbs, bodies[1])
+        contact = ep.CreatePartitionContact(mbs, ball, block, formulation=Layered(), name="tip")
+        mbs.Assemble()
+        return mbs, contact
+
+    mbs, contact = model()
+    whole = contact.force(ep.solve_dynamic(mbs, end_time=20e-6, step=0.1e-6))
+    mbs, contact = model()
+    parts = [
+        contact.force(ep.solve_dynamic(mbs, end_time=end, step=0.1e-6, go_on=end > 5e-6))[1:]
+        for end in (5e-6, 12e-6, 20e-6)
+    ]
+    np.testing.assert_allclose(np.concatenate(parts), whole[1:], rtol=1e-6, atol=1e-9 * whole.max())
+
+
+class Dashpot(page["Spring"]):
+    """A spring whose force also depends on the velocities: it has no potential."""
+
+    elastic = False
+
+    def fresh(self, rows):
+        return Dashpot(rows)
+
+    def answer(self, at):
+        found = super().answer(at)
+        return found._replace(on_rows=found.on_rows * (1.0 + 0.0 * float(at.motion.q_t @ at.motion.q_t)))
+
+
+class Dashpots(Springs):
+    def law(self, rows):
+        return Dashpot(rows)
+
+
+@pytest.mark.filterwarnings("ignore:contact 'tip' reached the edge of its patch")
+def test_a_law_may_ask_for_velocities(bodies):
+    """Also where the run chooses its step before there are any."""
+    forces = []
+    for formulation in (Dashpots(), Springs()):
+        mbs = exu.SystemContainer().AddSystem()
+        ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -0.5])
+        contact = ep.CreatePartitionContact(
+            mbs, ball, ep.CreatePartitionBody(mbs, bodies[1]), formulation=formulation, name="tip"
+        )
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=10e-6)
+        forces.append(np.interp(np.linspace(0, 10e-6, 50), result.t, contact.force(result)))
+    assert forces[0].max() > 10
+    np.testing.assert_allclose(*forces, atol=0.02 * forces[1].max())
+
+
+@pytest.mark.parametrize("friction", [None, ep.Coulomb(0.3)])
+def test_springs_on_nodes_with_mass_have_a_limit(pair_of, friction):
+    """Rows of bases with nodal coordinates are sparse."""
+    sides = [inertial(body, at) for body, at in zip(pair_of("free"), (TOP, (0, 0, 0)), strict=True)]
+    K = PatchContact(PatchGaps(*sides), Springs(), friction).closed_stiffness()
+    assert np.linalg.eigvalsh(K).min() > -1e-6 * np.linalg.eigvalsh(K).max()
+    assert np.linalg.eigvalsh(K).max() > STIFFNESS / 100
+
+
+def test_an_answer_without_slips_is_named(round_body, flat_body):
+    class Silent(page["Spring"]):
+        def answer(self, at):
+            return super().answer(at)._replace(slips=None)
+
+    class Silents(Springs):
+        def law(self, rows):
+            return Silent(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Silents(), ep.Coulomb(0.3))
+    q = np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)]
+    contact.force(q)
+    contact.commit(0.0)
+    contact.force(q)
+    with pytest.raises(RunError, match="law Silent: with friction, its answers need `slips`"):
+        contact.commit(1.0)
 
 
 def test_a_law_without_friction_refuses_it(mbs, bodies):
