@@ -84,8 +84,9 @@ class PatchContact:
         if method == "static" and self.ahead:
             raise RunError(
                 "contact with formulation 'lagrange' has no statics, nor has any law ahead of steps: it acts on "
-                "velocities, and needs Exudyn's explicit solver VelocityVerlet, or generalized-alpha (solve_dynamic). Take a basis with "
-                "residual flexibility and formulation='compliance' for static runs, or press slowly in a damped run"
+                "velocities, and needs Exudyn's explicit solver VelocityVerlet, or generalized-alpha (solve_dynamic). "
+                "Take a basis with residual flexibility and formulation='compliance' for static runs, or press slowly "
+                "in a damped run"
             )
         result = copy.copy(self)
         result.rows = self.rows.fresh(self.gaps.fresh())

@@ -35,10 +35,10 @@ class MultiplierStep:
     them ahead of it. So have joints, which a user may move there; until then velocities contain the last step's
     multipliers again.
 
-    Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; it
-    includes what contacts do to joints, and joints to contacts. After the step a second multiplier makes velocities and accelerations
-    obey the joints (RATTLE; Andersen 1983): nothing drifts. Joint sensors read reactions that are means over the
-    step before, so that their sum times the step is the impulse.
+    Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; it includes
+    what contacts do to joints, and joints to contacts. After the step a second multiplier makes velocities and
+    accelerations obey the joints (RATTLE; Andersen 1983): nothing drifts. Joint sensors read reactions that are means
+    over the step before, so that their sum times the step is the impulse.
 
     Parameters
     ----------

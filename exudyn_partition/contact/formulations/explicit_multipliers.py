@@ -255,8 +255,9 @@ class ForwardIncrement:
         if len(laws) > 1 and (len({type(law) for law in laws}) > 1 or any(vars(law) for law in laws)):
             names = ", ".join(sorted({type(law).__name__ for law in laws}))
             raise RunError(
-                f"contacts with the laws {names} act ahead of explicit steps and share joints or bodies, so that one law has to find "
-                "all their forces. Take formulation='lagrange' for all of them, or one formulation whose law has no attributes"
+                f"contacts with the laws {names} act ahead of explicit steps and share joints or bodies, so that "
+                "one law has to find all their forces. Take formulation='lagrange' for all of them, or one "
+                "formulation whose law has no attributes"
             )
         for i, j in combinations(range(len(rows)), 2):
             _, own, others = np.intersect1d(dofs[i], dofs[j], return_indices=True)

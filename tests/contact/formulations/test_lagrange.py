@@ -52,6 +52,9 @@ class FlatRows:
     def reset(self):
         self.held = self
 
+    def holds(self, held):
+        return held == self.held
+
     def at(self, q):
         return self.H @ q
 
