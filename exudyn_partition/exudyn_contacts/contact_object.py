@@ -117,17 +117,17 @@ def _of_each(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionConta
 
 def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float) -> Rows | None:
     """Return -by_q dF/dq, (n, n), of a contact's force F; None if it is zero. Laws give no slope by velocities."""
-    law = run.law
-    if law.compliant and not law.index.size:
-        if _touches(mbs, run) and (closed := law.closed_stiffness()) is not None:
+    mechanics = run.mechanics
+    if mechanics.compliant and not mechanics.index.size:
+        if _touches(mbs, run) and (closed := mechanics.closed_stiffness()) is not None:
             return by_q * closed
-        if law.zones is None:
+        if mechanics.zones is None:
             return None
     if run.group.together is None:
-        return by_q * law.tangent()
-    H = dense(law.row_jacobian())
+        return by_q * mechanics.tangent()
+    H = dense(mechanics.row_jacobian())
     stiffness = H.T @ run.group.stiffness(run, run) @ H
-    return by_q * (stiffness if law.zones is None else law.zones.tangent(stiffness))
+    return by_q * (stiffness if mechanics.zones is None else mechanics.zones.tangent(stiffness))
 
 
 def _touches(mbs: MainSystem, run: ContactRun) -> bool:
@@ -136,7 +136,7 @@ def _touches(mbs: MainSystem, run: ContactRun) -> bool:
     An open contact has no stiffness, and a block that only stands on another one would have no equilibrium under its
     load.
     """
-    if not run.law.least_gap < _TOUCHING * run.law.gaps.size:
+    if not run.mechanics.least_gap < _TOUCHING * run.mechanics.gaps.size:
         return False
     solver = latest_solver(mbs)
     return solver is not None and method_of(solver) == "static" and bool(solver.it.newtonSteps == 1)
@@ -147,9 +147,9 @@ def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionConta
     rows: dict[int, tuple[Array, Array]] = {}
     for contact in contacts:
         run = model.of(contact)
-        if not contact.law.compliant or not run.law.index.size:
+        if not contact.mechanics.compliant or not run.mechanics.index.size:
             continue
-        linked = [other for other in contact.linked if model.of(other).law.index.size]
+        linked = [other for other in contact.linked if model.of(other).mechanics.index.size]
         for end in [contact, *linked] if linked or _carrying_nodes(contact) else []:
             if id(end) not in rows:
                 rows[id(end)] = _closed_rows(mbs, model.of(end), end)
@@ -166,10 +166,10 @@ def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionConta
 
 def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and the numbers of these in the model, (m,)."""
-    H, nodes = dense(run.law.row_jacobian()), _carrying_nodes(contact)
+    H, nodes = dense(run.mechanics.row_jacobian()), _carrying_nodes(contact)
     if contact.carrier is None or not nodes:
         return H, run.dofs
-    H = np.hstack([H, run.law.row_carrier() @ contact.carrier.by_coordinates(mbs)])
+    H = np.hstack([H, run.mechanics.row_carrier() @ contact.carrier.by_coordinates(mbs)])
     return H, np.concatenate([run.dofs, *(mbs.systemData.GetNodeLTGODE2(node) for node in nodes)])
 
 

@@ -51,7 +51,7 @@ class ContactPlan:
         The master, if it is a rigid surface.
     formulation : Formulation
         With friction, if the contact has any.
-    law : PatchContact
+    mechanics : PatchContact
         At the start, with the gaps between the sides.
     carrier : Carrier or None
         The body of another kind that carries the rigid surface.
@@ -63,7 +63,7 @@ class ContactPlan:
     sides: tuple[BodyPatch, ...]
     rigid: RigidSurface | None
     formulation: Formulation
-    law: PatchContact
+    mechanics: PatchContact
     carrier: Carrier | None
     carried_by: ObjectIndex | None
 
@@ -115,9 +115,9 @@ def plan_contact(
         gaps = _between(bodies, sides, placed, kind)
     else:
         gaps = _to_rigid(mbs, placed[0], rigid, kind, masterBody)
-    law = PatchContact(gaps, chosen, coulomb)
+    mechanics = PatchContact(gaps, chosen, coulomb)
     carrier = None if masterBody is None else Carrier(mbs, masterBody)
-    return ContactPlan(name, tuple(sides), rigid, chosen, law, carrier, masterBody)
+    return ContactPlan(name, tuple(sides), rigid, chosen, mechanics, carrier, masterBody)
 
 
 def facing_pairs(

@@ -19,15 +19,15 @@ _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
 
 def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     """See `PartitionContact.nodal_forces`."""
-    law = contact.law
-    if law.gaps.carried:
+    mechanics = contact.mechanics
+    if mechanics.gaps.carried:
         return _kept_of_carried(contact, result)
-    if law.friction is not None or law.zones is not None:
+    if mechanics.friction is not None or mechanics.zones is not None:
         return _kept_on_nodes(contact, result)
-    if not law.elastic:
+    if not mechanics.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
     place = _place_in_group(contact)
-    forces = [laws[place].nodal_forces() for laws in _evaluated(contact, result)]
+    forces = [parts[place].nodal_forces() for parts in _evaluated(contact, result)]
     return [np.array(side) for side in zip(*forces, strict=True)]
 
 
@@ -37,18 +37,20 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
         kept = result.kept(contact).stored
         return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
     if contact.together is None:
-        law = contact.law.for_run("explicit")
-        return np.array([law.potential(q) for (q,) in _coordinates(contact, result)])
+        mechanics = contact.mechanics.for_run("explicit")
+        return np.array([mechanics.potential(q) for (q,) in _coordinates(contact, result)])
     found = _ENERGIES.setdefault(result, {})  # of all contacts of the group, which are found together
     if id(contact.group) not in found:
-        found[id(contact.group)] = np.array([[law.stored() for law in laws] for laws in _evaluated(contact, result)])
+        found[id(contact.group)] = np.array(
+            [[mechanics.stored() for mechanics in parts] for parts in _evaluated(contact, result)]
+        )
     return found[id(contact.group)][:, _place_in_group(contact)].copy()
 
 
 def _kept_of_carried(contact: ModelContact, result: RunSamples) -> list[Array]:
     """See `nodal_forces`; another body has moved the rigid surface, and a result does not have its motion."""
     validate_result(result)
-    run, sides = result.kept(contact), contact.law.gaps.sides
+    run, sides = result.kept(contact), contact.mechanics.gaps.sides
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in sides]
     closed = {t for t, *_ in run.samples}
     for i, t in enumerate(result.t):
@@ -61,30 +63,30 @@ def _kept_of_carried(contact: ModelContact, result: RunSamples) -> list[Array]:
 def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     """See `nodal_forces`; from the forces of rows that the run kept."""
     validate_result(result)
-    law = contact.law.for_run("explicit")
+    mechanics = contact.mechanics.for_run("explicit")
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
-    forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in law.gaps.sides]
+    forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in mechanics.gaps.sides]
     for i, nodes, lam, tangential, _ in kept_rows(contact, result):
-        for on_side, now in zip(forces, law.forces_on_nodes(q[i], nodes, lam, tangential), strict=True):
+        for on_side, now in zip(forces, mechanics.forces_on_nodes(q[i], nodes, lam, tangential), strict=True):
             on_side[i] = now
     return forces
 
 
 def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[PatchContact]]:
     """Laws of the contacts that are solved together, at each time of `result`."""
-    laws = [member.law.for_run("explicit") for member in _solved_together(contact)]
-    together = None if contact.together is None else contact.together.for_run(laws)
+    parts = [member.mechanics.for_run("explicit") for member in _solved_together(contact)]
+    together = None if contact.together is None else contact.together.for_run(parts)
     for coordinates in _coordinates(contact, result):
         if together is None:
-            laws[0].potential(coordinates[0])
+            parts[0].potential(coordinates[0])
         else:
             together.forces(coordinates)
-        yield laws
+        yield parts
 
 
 def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[Array]]:
     """Coordinates of the contacts that are solved together, at each time of `result`."""
-    if contact.law.gaps.carried:
+    if contact.mechanics.gaps.carried:
         raise InputError(
             "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
         )

@@ -35,8 +35,8 @@ class ContactRun:
     ----------
     name : str
         The contact's.
-    law : PatchContact
-        At the start of the run.
+    mechanics : PatchContact
+        Rows, forces and memory of the contact, at the start of the run.
     slices : list of slice
         Where the coordinates of slave and master are among the model's.
     t : float
@@ -75,25 +75,33 @@ class ContactRun:
     """
 
     def __init__(
-        self, name: str, law: PatchContact, slices: Sequence[slice], t: float, method: Method, place: int | None = None
+        self,
+        name: str,
+        mechanics: PatchContact,
+        slices: Sequence[slice],
+        t: float,
+        method: Method,
+        place: int | None = None,
     ) -> None:
-        self.name, self._law, self.place = name, law, place
-        self.forward = ForwardRows(law) if law.ahead and method == "explicit" else None
-        self.impulses = StepImpulses(law) if law.ahead and method == "implicit" else None
+        self.name, self._mechanics, self.place = name, mechanics, place
+        self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
+        self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
         self._explicit = method == "explicit"  # then the last evaluation is the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # the fewer, the quicker
         self._own = consecutive([s.stop - s.start for s in self._slices])
         self._group: GroupRun | None = None
         self.joined = self.goes_on = False
-        self.areas = law.node_areas
+        self.areas = mechanics.node_areas
         self._open_index: Array | None = None
         self._open_values: list[float] = []  # of `sFriction`
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.on_nodes: dict[float, list[Array]] = {}
-        self.plastic_strains = {} if law.zones is None else {i: StrainHistory(z.zone) for i, z in law.zones.zones}
+        self.plastic_strains = (
+            {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.zones}
+        )
         self.edge: tuple[float, Array] | None = None
         # Impulses of normal forces, sum and vector, and vector of tangential ones: so far, of the last step, to come.
         self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
@@ -104,11 +112,11 @@ class ContactRun:
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
 
     @property
-    def law(self) -> PatchContact:
-        """The contact's, in its present state."""
+    def mechanics(self) -> PatchContact:
+        """Rows, forces and memory of the contact, in their present state."""
         if self._group is not None:
             self._group.update_laws()
-        return self._law
+        return self._mechanics
 
     @property
     def group(self) -> GroupRun:
@@ -119,12 +127,12 @@ class ContactRun:
     @property
     def acts_within(self) -> bool:
         """Whether there are forces within a step; multipliers ahead of it are none."""
-        return self.forward is None or self._law.zones is not None
+        return self.forward is None or self._mechanics.zones is not None
 
     @property
     def remembers(self) -> bool:
         """Whether forces depend on earlier steps."""
-        return self.impulses is not None or self._law.remembers
+        return self.impulses is not None or self._mechanics.remembers
 
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
@@ -141,17 +149,17 @@ class ContactRun:
     @property
     def law_name(self) -> str:
         """Name of the law's class."""
-        return type(self._law.law).__name__
+        return type(self._mechanics.law).__name__
 
     @property
     def slip_path(self) -> Array:
         """Path that the row of each of the slave's patch nodes has slipped so far, (np,) [m]."""
-        return np.array(self.law.slip_path)
+        return np.array(self.mechanics.slip_path)
 
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
         """Present state of each plastic zone, by the number of its side."""
-        zones = self.law.zones
+        zones = self.mechanics.zones
         return {} if zones is None else {side: zone.present for side, zone in zones.zones}
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
@@ -176,20 +184,20 @@ class ContactRun:
 
     def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
-        law = self._law
+        mechanics = self._mechanics
         if self.impulses is not None:
             self.follow(start_of_step(mbs), t)
             self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
             return
-        if law.remembers:
-            if self._explicit and law.flies_on(self._at):
+        if mechanics.remembers:
+            if self._explicit and mechanics.flies_on(self._at):
                 self._start, self._at = self._at, t
             else:
                 self.follow(start_of_step(mbs), t)
-        if law.needs_motion:
-            self.force = law.evaluate(SolverMotion(mbs, self.of))
+        if mechanics.needs_motion:
+            self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
         else:
-            self.force = law.force(self.of(q))
+            self.force = mechanics.force(self.of(q))
 
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
@@ -200,7 +208,7 @@ class ContactRun:
     def follow(self, start: float, t: float) -> None:
         """Let a law that depends on the path begin the step from `start` to t [s], or begin it again."""
         if start != self._start:
-            (self.impulses or self.law).commit(start)
+            (self.impulses or self.mechanics).commit(start)
         elif t != self._at and self.impulses is not None:
             self.impulses.rollback()
         self._start, self._at = start, t
@@ -210,11 +218,11 @@ class ContactRun:
 
         They act at the start of the step. Velocities there have all of their impulse, or `half` of it.
         """
-        law, share = self.law, 0.5 if half else 1.0
+        mechanics, share = self.mechanics, 0.5 if half else 1.0
         self._last = np.zeros(7)
-        if law.index.size:
-            along = np.zeros(3) if law.friction is None else law.traction.sum(axis=0)
-            self._last = step * np.r_[law.lam.sum(), law.resultant(), along]
+        if mechanics.index.size:
+            along = np.zeros(3) if mechanics.friction is None else mechanics.traction.sum(axis=0)
+            self._last = step * np.r_[mechanics.lam.sum(), mechanics.resultant(), along]
         self._impulse += self._rest + share * self._last
         self._rest = (1 - share) * self._last
         self._stepped_to = t
@@ -235,12 +243,15 @@ class ContactRun:
         if self._group is not None and (found := self._group.values) is not None:
             values: list[float] = found[self._place].tolist()
             return values
-        law = self.law
-        if law.index.size:
-            total, gap = float(law.lam.take(law.index).sum()), float(law.least_gap) if law.compliant else 0.0
-            values = [total, float(law.index.size), *law.resultant().tolist(), gap]
+        mechanics = self.mechanics
+        if mechanics.index.size:
+            total, gap = (
+                float(mechanics.lam.take(mechanics.index).sum()),
+                float(mechanics.least_gap) if mechanics.compliant else 0.0,
+            )
+            values = [total, float(mechanics.index.size), *mechanics.resultant().tolist(), gap]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(law.least_gap)]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(mechanics.least_gap)]
         return values if (impulse := self._impulses()) is None else values + impulse[:4].tolist()
 
     def publish(self, data: Array) -> None:
@@ -251,67 +262,67 @@ class ContactRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep what results need of the state at t; `q` returns the model's coordinates there."""
-        law = self._law
-        closed = law.index
-        if law.zones is not None:
-            law.zones.check()
-            for side, zone in law.zones.zones:
+        mechanics = self._mechanics
+        closed = mechanics.index
+        if mechanics.zones is not None:
+            mechanics.zones.check()
+            for side, zone in mechanics.zones.zones:
                 self.plastic_strains[side].keep(t, zone.present.strain)
         if self.forward is not None and t != self.goes_on_at:  # which was checked there, and looking moves pairs
             self._check_step(t)
             self.forward.check(self.of(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
-                self._closed, self._closed_nodes = closed, law.row_nodes[closed]
+                self._closed, self._closed_nodes = closed, mechanics.row_nodes[closed]
                 self.look_for_edge(t)
-            lam = law.lam.take(closed)
+            lam = mechanics.lam.take(closed)
             if self._samples and self._samples[-1][0] == t:  # asked for again
                 self._samples.pop()
             self._samples.append((t, self._closed_nodes, lam))
-            if law.elastic:
-                self._stored[t] = law.stored()
-            if law.friction is not None:
-                self.tangential[t] = law.traction[closed], law.state[closed]
-            if law.gaps.carried:
-                self.on_nodes[t] = law.nodal_forces()
+            if mechanics.elastic:
+                self._stored[t] = mechanics.stored()
+            if mechanics.friction is not None:
+                self.tangential[t] = mechanics.traction[closed], mechanics.state[closed]
+            if mechanics.gaps.carried:
+                self.on_nodes[t] = mechanics.nodal_forces()
 
     def look_for_edge(self, t: float) -> None:
         """Note when and where a row at the edge of its patch closes first."""
-        if self.edge is None and (reached := self.law.edge_reached()) is not None:
+        if self.edge is None and (reached := self.mechanics.edge_reached()) is not None:
             self.edge = t, reached
 
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
-        law = self.law
-        if law.index is self._open_index:  # the same array as long as all rows stay open
+        mechanics = self.mechanics
+        if mechanics.index is self._open_index:  # the same array as long as all rows stay open
             return self._open_values
-        if law.index.size:
-            stuck, slipping = (float(np.count_nonzero(law.state == kind)) for kind in (STICK, SLIP))
-            values = [*law.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), law.stored()]
+        if mechanics.index.size:
+            stuck, slipping = (float(np.count_nonzero(mechanics.state == kind)) for kind in (STICK, SLIP))
+            values = [*mechanics.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), mechanics.stored()]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), law.stored()]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), mechanics.stored()]
             if self._impulses() is None:
-                self._open_index, self._open_values = law.index, values
+                self._open_index, self._open_values = mechanics.index, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
     def _dissipated(self) -> float:
         """Energy that friction has taken since the start of the run [J]."""
-        return self.law.dissipated() if self.impulses is None else self.impulses.dissipated()
+        return self.mechanics.dissipated() if self.impulses is None else self.impulses.dissipated()
 
     def on_carrier(self, point: Array) -> Array:
         """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
-        return self.law.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
+        return self.mechanics.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
 
     @property
     def iterations(self) -> int:
         """Iterations of the set of closed rows so far; those of explicit multipliers are counted ahead of steps."""
-        return self.law.iterations if self.impulses is None else self.impulses.iterations
+        return self.mechanics.iterations if self.impulses is None else self.impulses.iterations
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
-        zones = self.law.zones
+        zones = self.mechanics.zones
         assert zones is not None
-        return [self.law.stored(), zones.work(), zones.largest_strain(), float(zones.flowing())]
+        return [self.mechanics.stored(), zones.work(), zones.largest_strain(), float(zones.flowing())]
 
     def _check_step(self, t: float) -> None:
         """Refuse a run in which multipliers were not applied."""
@@ -351,7 +362,7 @@ class GroupRun:
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
         self._q: Array | None = None  # of the evaluation, if compiled loops made it
-        self._laws_know = True
+        self._mechanicss_know = True
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # of values to data
@@ -397,12 +408,12 @@ class GroupRun:
         if self._q is None:
             self._frozen = self.together.frozen(self._dofs, self._frozen)
         if self._frozen is None or not self._frozen.evaluate(q):
-            self._q, self._laws_know = None, True
+            self._q, self._mechanicss_know = None, True
             return False
         if self._q is None:
             for member in self.members:
                 member.force = None
-        self._q, self._laws_know, self.pushes = q.copy(), False, self._frozen.pushes
+        self._q, self._mechanicss_know, self.pushes = q.copy(), False, self._frozen.pushes
         return True
 
     def add_force(self, total: Array) -> None:
@@ -416,15 +427,15 @@ class GroupRun:
     def stiffness(self, first: ContactRun, last: ContactRun) -> Array:
         """Forces on the closed rows of one member by gaps of those of another, or of itself, (na, nb) [N/m]."""
         if self.together is None:
-            return first.law.row_stiffness()
-        return self.together.stiffness(first.law, last.law)
+            return first.mechanics.row_stiffness()
+        return self.together.stiffness(first.mechanics, last.mechanics)
 
     def update_laws(self) -> None:
         """Let the laws take what compiled loops have found, if they have not taken it yet."""
-        if self._laws_know or self._q is None or self._frozen is None:
+        if self._mechanicss_know or self._q is None or self._frozen is None:
             return
         assert self.together is not None
-        self._laws_know, q = True, self._q
+        self._mechanicss_know, q = True, self._q
         known = self._frozen.whole or self._frozen.evaluate_rows(q)
         if not (known and self.together.take(self._frozen, [member.of(q) for member in self.members])):
             self._q = None

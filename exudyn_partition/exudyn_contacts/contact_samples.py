@@ -40,7 +40,7 @@ class ModelContact(Protocol):
     Attributes
     ----------
     name : str
-    law : PatchContact
+    mechanics : PatchContact
         At the start; each run has its own.
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
@@ -53,7 +53,7 @@ class ModelContact(Protocol):
     """
 
     name: str
-    law: PatchContact
+    mechanics: PatchContact
     sides: tuple[tuple[PartitionBody, int], ...]
     group: list[Any]
     together: Together | None
@@ -76,7 +76,7 @@ def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: 
     """
     validate_result(result)
     samples = result.sensor_of(contact, contact[sensor])
-    if not contact.law.ahead or len(result.t) < 2:
+    if not contact.mechanics.ahead or len(result.t) < 2:
         return samples[:, forces]
     impulse = samples[:, impulses]
     means = np.diff(impulse, axis=0, prepend=impulse[:1]) / np.diff(result.t, prepend=-1.0)[:, None]

@@ -20,7 +20,7 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     group = coupled_with(contact, others)
     if len(group) == 1:
         return
-    together = contact.formulation.together([member.law for member in group], _Links(group))
+    together = contact.formulation.together([member.mechanics for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
     own = [item for item, _ in contact.sides]
@@ -47,7 +47,7 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
                     (_columns(contact)[place], _columns(other)[other_place]),
                     other.name,
                 )
-                if contact.formulation.couples(contact.law, other.law, shared):
+                if contact.formulation.couples(contact.mechanics, other.mechanics, shared):
                     group |= dict.fromkeys(other.group)
     return [*group]
 

@@ -162,20 +162,20 @@ def CreatePartitionContact(
 def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
     """Add a planned contact to the model, with its sensors."""
     _, contacts = partition_items(mbs)
-    contact, law = PartitionContact(plan), plan.law
+    contact, mechanics = PartitionContact(plan), plan.mechanics
     solve_together(contact, contacts)
-    kind = type(law.law).__name__
+    kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
-    if law.ahead:
+    if mechanics.ahead:
         _chain_steps(mbs, runs)
     contact["oContact"] = add_to_object(mbs, contact, contacts, runs)
     if plan.carried_by is not None:
         load_carrier(mbs, lambda: runs.at_work(contact), plan.carried_by)
     _add_force_sensor(mbs, runs, contact, first=not contacts)
-    if law.friction is not None:
+    if mechanics.friction is not None:
         contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
-    if law.zones is not None:
+    if mechanics.zones is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
     registry(mbs).contacts[int(contact["sForce"])] = contact
     return contact
@@ -191,7 +191,7 @@ def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *,
     if first:
         sensor = items.SensorUserFunction(name=contact.name, sensorUserFunction=sample, storeInternal=True)
     else:
-        values = [0.0] * (N_VALUES_AHEAD if contact.law.ahead else N_VALUES)
+        values = [0.0] * (N_VALUES_AHEAD if contact.mechanics.ahead else N_VALUES)
         contact["nGenericData"] = mbs.AddNode(
             items.NodeGenericData(initialCoordinates=values, numberOfDataCoordinates=len(values))
         )

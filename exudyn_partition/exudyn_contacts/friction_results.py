@@ -35,7 +35,7 @@ class FrictionResults:
     @property
     def coulomb(self) -> Coulomb | None:
         """Coulomb's law of the contact; None without friction."""
-        return self._contact.law.friction
+        return self._contact.mechanics.friction
 
     def tangential_force(self, result: RunSamples) -> Array:
         """Sum of the tangential forces on the slave in space, (n, 3) [N].
@@ -109,7 +109,7 @@ class FrictionResults:
         InputError
             See `states`.
         """
-        forces, means = self.row_forces(result), self._contact.law.node_pressures
+        forces, means = self.row_forces(result), self._contact.mechanics.node_pressures
         value: Array = np.stack([(means @ forces[..., axis].T).T for axis in range(3)], axis=-1)
         return value
 

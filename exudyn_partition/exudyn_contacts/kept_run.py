@@ -134,7 +134,7 @@ class KeptRun:
             law_name=run.law_name,
             goes_on=run.goes_on,
             areas=np.array(run.areas),
-            pressures=sp.csr_matrix(run.law.node_pressures),
+            pressures=sp.csr_matrix(run.mechanics.node_pressures),
             times=np.array([t for t, *_ in samples]),
             starts=_starts([len(some) for _, some, _ in samples]),
             nodes=nodes.astype(np.int64),
@@ -153,7 +153,7 @@ class KeptRun:
         )
 
     @property
-    def law(self) -> PatchContact:
+    def mechanics(self) -> PatchContact:
         """Of a run only."""
         raise InputError("result: the laws of contacts at the end of a run are not in files; repeat this run")
 

@@ -82,9 +82,9 @@ class ModelRun:
         self._runs: dict[int, ContactRun] = {}
         for contact in contacts:
             last = None if earlier is None else earlier.find(contact)
-            law = contact.law.for_run(method) if last is None else twin(last.law, known)
+            mechanics = contact.mechanics.for_run(method) if last is None else twin(last.mechanics, known)
             place = _place_of_values(mbs, contact)
-            self._runs[id(contact)] = run = ContactRun(contact.name, law, contact.slices(mbs), t, method, place)
+            self._runs[id(contact)] = run = ContactRun(contact.name, mechanics, contact.slices(mbs), t, method, place)
             if last is not None:
                 run.go_on(last, t, known)
         self._all_ask = all(run.place is None for run in self._runs.values())
@@ -96,8 +96,8 @@ class ModelRun:
             together = None
             if group[0].together is not None:
                 before = None if earlier is None else earlier._together(group)
-                laws = [member.law for member in members]
-                together = group[0].together.for_run(laws) if before is None else twin(before, known)
+                parts = [member.mechanics for member in members]
+                together = group[0].together.for_run(parts) if before is None else twin(before, known)
             self._groups.append(GroupRun(members, together))
             if joints is None and members[0].forward is not None:
                 self._steppers.append(MultiplierStep(members))
@@ -156,7 +156,7 @@ class ModelRun:
     @property
     def pair_searches(self) -> int:
         """Searches of the pairs of all points so far."""
-        return sum(run.law.searches for run in self._runs.values()) - self._counted[1]
+        return sum(run.mechanics.searches for run in self._runs.values()) - self._counted[1]
 
     def of(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
@@ -187,9 +187,13 @@ class ModelRun:
         found = None
         for contact in self._contacts:
             run = self.of(contact)
-            for before in earlier if run.law.remembers else ():
+            for before in earlier if run.mechanics.remembers else ():
                 last = before.find(contact)
-                if last is not None and last.force is not None and run.law.resume(last.law, run.of(initial)):
+                if (
+                    last is not None
+                    and last.force is not None
+                    and run.mechanics.resume(last.mechanics, run.of(initial))
+                ):
                     found = found or before
                     break
         return found
@@ -257,7 +261,7 @@ class ModelRun:
             if "sPlastic" in contact:
                 found[int(contact["sPlastic"])] = run.plastic_values()
             if contact.moment_about is not None:
-                found[int(contact["sMoment"])] = run.law.moment(contact.moment_about).tolist()
+                found[int(contact["sMoment"])] = run.mechanics.moment(contact.moment_about).tolist()
         return found
 
     def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:

@@ -77,7 +77,7 @@ class PartitionContact(Item[Any]):
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     formulation : Formulation
-    law : PatchContact
+    mechanics : PatchContact
         At the start; each run has its own.
     carrier : Carrier or None
         The body of another kind that carries the rigid surface.
@@ -101,7 +101,7 @@ class PartitionContact(Item[Any]):
         self.name, self.sides = plan.name, plan.sides
         self.slave = plan.sides[0][0]
         self.master = plan.sides[1][0] if plan.rigid is None else plan.rigid
-        self.formulation, self.law, self.carrier = plan.formulation, plan.law, plan.carrier
+        self.formulation, self.mechanics, self.carrier = plan.formulation, plan.mechanics, plan.carrier
         self.group, self.together, self.linked = [self], None, []
         self.moment_about = None
 
@@ -126,7 +126,7 @@ class PartitionContact(Item[Any]):
         runs = runs_of(mbs)
 
         def moment(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-            return [*map(float, runs.now(mbs).of(self).law.moment(place))]
+            return [*map(float, runs.now(mbs).of(self).mechanics.moment(place))]
 
         items = require("exudyn.itemInterface")
         self["sMoment"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=moment, storeInternal=True))
@@ -150,22 +150,26 @@ class PartitionContact(Item[Any]):
     @property
     def elastic(self) -> bool:
         """Whether forces follow from the coordinates alone, so that they can be found again at every sample."""
-        return self.law.elastic
+        return self.mechanics.elastic
 
     @property
     def compliant(self) -> bool:
         """Whether closed rows yield by a flexibility or layer of the contact itself."""
-        return self.law.compliant
+        return self.mechanics.compliant
 
     @property
     def n_rows(self) -> int:
         """Number of rows that the contact starts with."""
-        return len(self.law.node_areas.nonzero()[0]) if self.law.gaps.moving else len(self.law.gaps.row_nodes)
+        return (
+            len(self.mechanics.node_areas.nonzero()[0])
+            if self.mechanics.gaps.moving
+            else len(self.mechanics.gaps.row_nodes)
+        )
 
     @property
     def slave_facet_size(self) -> float:
         """Mean edge length of the slave's facets [m]."""
-        return float(self.law.gaps.slave.surface.facet_size)
+        return float(self.mechanics.gaps.slave.surface.facet_size)
 
     def force(self, result: RunSamples) -> Array:
         """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
@@ -223,7 +227,7 @@ class PartitionContact(Item[Any]):
         found = np.array([surface(sample) for sample in range(len(gap))])
         known = np.isfinite(found)
         if not self.compliant:  # in contact, zero up to tolerance
-            known &= (gap != 0.0) | (found < -PENETRATION_TOLERANCE * self.law.gaps.size)
+            known &= (gap != 0.0) | (found < -PENETRATION_TOLERANCE * self.mechanics.gaps.size)
         return np.where(known, found, gap)
 
     def depth(self, result: RunSamples) -> float:
@@ -238,7 +242,7 @@ class PartitionContact(Item[Any]):
 
     def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
         """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
-        gaps = self.law.gaps
+        gaps = self.mechanics.gaps
         if gaps.carried:
             return None
         try:
@@ -274,7 +278,7 @@ class PartitionContact(Item[Any]):
         Means over hat functions: with integrated rows over that of each node, with node-to-segment rows over those of
         the facets' corners; columns of mid-side nodes are empty then.
         """
-        return sp.csr_matrix(self.row_forces(result) @ self.law.node_pressures.T)
+        return sp.csr_matrix(self.row_forces(result) @ self.mechanics.node_pressures.T)
 
     def area(self, result: RunSamples) -> Array:
         """Contact area, the sum of the closed rows' areas, (n,) [m2].
@@ -284,7 +288,7 @@ class PartitionContact(Item[Any]):
         """
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
-        value: Array = closed @ self.law.node_areas
+        value: Array = closed @ self.mechanics.node_areas
         return value
 
     def radius(self, result: RunSamples) -> Array:
@@ -313,14 +317,14 @@ class PartitionContact(Item[Any]):
         """
         force, run = self.force(result), result.kept(self)
         large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
-        n = len(self.law.gaps.slave.surface.points)
+        n = len(self.mechanics.gaps.slave.surface.points)
         rows, areas = self._row_forces(result, result.t[large])[:, :n], run.areas[:n]
         touching = np.asarray(rows.sum(axis=1)).ravel() > 0
         if not touching.any():
             return None
         large, rows = large[touching], rows[touching]
-        places = self.slave.body.points[self.law.gaps.slave.surface.nodes]
-        axes = semi_axes(rows, places, areas, not self.law.gaps.points.nodal)
+        places = self.slave.body.points[self.mechanics.gaps.slave.surface.nodes]
+        axes = semi_axes(rows, places, areas, not self.mechanics.gaps.points.nodal)
         peak = int((force[large] / axes.prod(axis=1)).argmax())
         whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
         load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
@@ -336,7 +340,7 @@ class PartitionContact(Item[Any]):
     def _elastic_materials(self) -> list[Material | None]:
         """Materials of the sides; without a yield stress where the patch yields itself."""
         found = []
-        for (item, patch), side in zip(self.sides, self.law.gaps.sides, strict=False):
+        for (item, patch), side in zip(self.sides, self.mechanics.gaps.sides, strict=False):
             material = item.body.partition.patches[patch].material or item.body.material
             if side.zone is not None and material is not None:
                 material = replace(material, yield_stress=None, hardening=None, kinematic_hardening=0.0)
@@ -398,16 +402,16 @@ class PartitionContact(Item[Any]):
     @property
     def left_out(self) -> list[str]:
         """What the contact leaves out, in sentences."""
-        unpaired = self.law.gaps.unpaired
+        unpaired = self.mechanics.gaps.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
         if self.plastic:
             said.append("plastic flow outside the plastic zones, and the change of gaps' normals by dents")
             said.append(
                 "plastic strain in stresses and static answers that `recovery` and `output` compute: these are elastic"
             )
-        if not self.law.gaps.faced:
+        if not self.mechanics.gaps.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
-        elif unpaired and not any(side.surface.wanders for side in self.law.gaps.sides):
+        elif unpaired and not any(side.surface.wanders for side in self.mechanics.gaps.sides):
             slave = self.slave.name or "the slave"
             said.append(f"{unpaired} contact points of {slave} that face no facet of the master patch")
         return said
@@ -472,7 +476,7 @@ class PartitionContact(Item[Any]):
         t, (first, last) = result.t, span
         around = slice(max(first - 1, 0), last + 2)
         impulse = np.trapezoid(self._normal_force(result)[around], t[around], axis=0)
-        if self.law.gaps.carried or self.slave == self.master or not (size := np.linalg.norm(impulse)):
+        if self.mechanics.gaps.carried or self.slave == self.master or not (size := np.linalg.norm(impulse)):
             return None, None
         normal = impulse / size
         peak = first + int(force[first : last + 1].argmax())
@@ -500,7 +504,7 @@ class PartitionContact(Item[Any]):
         Multipliers come and go from step to step: theirs is the mean over the times of the contact.
         """
         now, item = result.at(result.t[sample : sample + 1]), self.slave
-        nodes = self.law.gaps.slave.surface.nodes
+        nodes = self.mechanics.gaps.slave.surface.nodes
         try:
             if self.elastic or self.friction or self.plastic:
                 weights = self.nodal_forces(now)[0][0] @ along

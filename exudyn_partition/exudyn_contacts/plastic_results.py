@@ -33,12 +33,12 @@ class PlasticResults:
 
     def __bool__(self) -> bool:
         """Whether the contact has plastic zones; laws of users may know none."""
-        return self._contact.law.zones is not None
+        return self._contact.mechanics.zones is not None
 
     @property
     def zones(self) -> Sequence[tuple[int, Zone]]:
         """Number of the side, and its plastic zone at the start of runs, of each side that can yield."""
-        zones = self._contact.law.zones
+        zones = self._contact.mechanics.zones
         return () if zones is None else zones.zones
 
     def work(self, result: RunSamples) -> Array:
@@ -149,7 +149,7 @@ def dent_motion(contact: ModelContact, result: RunSamples) -> Callable[[int], li
     plastic = PlasticResults(contact)
     if not plastic:
         return lambda sample: None
-    histories, sides = plastic.strain_histories(result), contact.law.gaps.sides
+    histories, sides = plastic.strain_histories(result), contact.mechanics.gaps.sides
     known = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
 
     def dents(sample: int) -> list[Array]:

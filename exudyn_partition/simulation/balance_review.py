@@ -60,7 +60,7 @@ def _lacks_inertia(item: PartitionBody) -> bool:
 
 def _exchanges(contact: PartitionContact) -> bool:
     """Whether a contact gives energy to a carrier of a rigid surface, or has a user's law with an energy of its own."""
-    of_user = not type(contact.law).__module__.startswith(f"{_PACKAGE}.")
+    of_user = not type(contact.mechanics).__module__.startswith(f"{_PACKAGE}.")
     return bool(contact.carrier is not None and contact.carrier.nodes) or (of_user and not contact.elastic)
 
 
@@ -201,7 +201,7 @@ def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Arra
 def _by_steps_or_impacts(result: Result, *, lost: bool) -> str:
     """Why energy that nothing accounts for was gained, or `lost`, and what helps."""
     steps = f"the error of the steps, of {result.step:.3g} s, or of what another warning of this run tells"
-    if lost and any(contact.law.ahead for contact in result.contacts):
+    if lost and any(contact.mechanics.ahead for contact in result.contacts):
         return (
             "It is what nodes with mass lose when multipliers stop them, as in plastic impacts: a mesh that is finer "
             "where bodies touch loses less, and a basis with residual flexibility and formulation='compliance' "

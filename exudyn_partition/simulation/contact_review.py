@@ -162,7 +162,7 @@ def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
 
 def _warn_of_far(contact: PartitionContact, result: Result) -> bool:
     """A surface that is far away by the size of the bodies, and stays there, may be given in other units."""
-    if contact.law.gaps.carried or contact.force(result).any():
+    if contact.mechanics.gaps.carried or contact.force(result).any():
         return False
     ends = result.at(result.t[[0, -1]])
     places = [
@@ -188,7 +188,7 @@ def _warn_of_far(contact: PartitionContact, result: Result) -> bool:
 
 def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
     """Bodies that turn may face each other later; those that never do may have been placed wrongly."""
-    gaps = contact.law.gaps
+    gaps = contact.mechanics.gaps
     if _warn_of_far(contact, result):
         return
     if not gaps.faced and not contact.force(result).any():
@@ -205,7 +205,7 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
 def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
     """A body that enters a rigid surface beside its patch, as when it has turned, feels nothing."""
     item, number = contact.sides[0]
-    if isinstance(contact.master, PartitionBody) or contact.law.gaps.carried or result.method == "static":
+    if isinstance(contact.master, PartitionBody) or contact.mechanics.gaps.carried or result.method == "static":
         return
     open_samples = np.flatnonzero(contact.force(result) == 0.0)
     if not len(open_samples) or contact.edge_reached(result) is not None:
@@ -291,12 +291,12 @@ def _warn_of_ringing(rings: dict[str, Ringing], result: Result) -> None:
 
 def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
     """Facets that pass by excite a body near its frequency on the contact; returns whether they do."""
-    if result.method == "static" or not any(side.surface.wanders for side in contact.law.gaps.sides):
+    if result.method == "static" or not any(side.surface.wanders for side in contact.mechanics.gaps.sides):
         return False
     if (speed := _sliding_speed(contact, result)) is None:
         return False
     force = contact.force(result)
-    for (item, _), side in zip(contact.sides, contact.law.gaps.sides, strict=True):
+    for (item, _), side in zip(contact.sides, contact.mechanics.gaps.sides, strict=True):
         rate = speed / side.surface.facet_size
         if (frequency := rings_by_facets(result.t, force, rate)) is not None:
             spans = contact.closed_samples(result)
@@ -323,7 +323,7 @@ def _sliding_speed(contact: PartitionContact, result: Result) -> float | None:
         return None
     some = pressed[np.unique(np.linspace(0, len(pressed) - 1, _LOOKED_AT).astype(int))]
     now = result.at(result.t[some])
-    nodes = contact.law.gaps.slave.surface.nodes
+    nodes = contact.mechanics.gaps.slave.surface.nodes
     weights = contact.row_forces(now).toarray()[:, : len(nodes)]
     places = contact.slave.kinematics.at(nodes).place(contact.slave.coordinates(now))
     centres = np.einsum("mk,mkd->md", weights, places) / weights.sum(axis=1)[:, None]

@@ -53,8 +53,8 @@ def residual(mbs: MainSystem) -> float:
     bodies, contacts = partition_items(mbs)
     goal = max((_RESIDUAL * _by_size(item) for item in bodies), default=0.0)
     for contact in contacts:
-        gaps = contact.law.gaps
-        if not contact.law.compliant or any(side.flexibility is None for side in gaps.sides):
+        gaps = contact.mechanics.gaps
+        if not contact.mechanics.compliant or any(side.flexibility is None for side in gaps.sides):
             continue
         n = len(gaps.row_nodes)
         yielding = float(gaps.flexibility(np.arange(n)).sum())
@@ -226,7 +226,7 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     exu = require("exudyn")
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
-    contacts = [contact for contact in partition_items(mbs)[1] if not contact.law.gaps.carried]
+    contacts = [contact for contact in partition_items(mbs)[1] if not contact.mechanics.gaps.carried]
 
     def after_newton(mbs: MainSystem, t: float) -> list[float]:
         start, now = (
@@ -320,7 +320,7 @@ def _with_spring(
 
 def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now: Array) -> float:
     """Share of a step, from coordinates `start` to `now`, (n,), after which the slave's patch is a facet too deep."""
-    gaps = contact.law.for_run("static").gaps
+    gaps = contact.mechanics.for_run("static").gaps
     q_start, q = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (start, now))
     moved = [(end - begin).mean(axis=0) for begin, end in zip(gaps.places(q_start), gaps.places(q), strict=True)]
     way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.approach)
@@ -332,7 +332,7 @@ def unsettled(mbs: MainSystem, said: str) -> str:
     """What to add to the cause of a stop if Exudyn tells none, as where Newton's method of implicit steps fails."""
     if _TERMINATED not in said:
         return ""
-    ahead = [contact for contact in partition_items(mbs)[1] if contact.law.ahead]
+    ahead = [contact for contact in partition_items(mbs)[1] if contact.mechanics.ahead]
     names = ", ".join(repr(contact.name) for contact in ahead)
     of_contacts = f" with the multipliers of contact {names}" if ahead else ""
     rows = ", rows='integrated' (their normals jump less)" if ahead else ""

@@ -87,7 +87,7 @@ def _warn_of_depth(contact: PartitionContact, result: Result) -> None:
         return
     formulation, said = getattr(contact.formulation, "half", contact.formulation), ""
     if isinstance(formulation, Penalty) and formulation.stiffness is not None:
-        usual = formulation.usual_stiffness(contact.law.gaps)
+        usual = formulation.usual_stiffness(contact.mechanics.gaps)
         if formulation.stiffness < _SOFT * usual:
             said = f"the penalty stiffness of {formulation.stiffness:.4g} N/m3 is too soft, the default is {usual:.3g}"
     if said or pressed[deepest] > _DEEP * radius:
@@ -103,7 +103,7 @@ def _warn_of_depth(contact: PartitionContact, result: Result) -> None:
 
 def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     """A corner or edge sinks into a rigid surface before a mean gap around it closes."""
-    gaps = contact.law.gaps
+    gaps = contact.mechanics.gaps
     if not isinstance(gaps, RigidGaps) or gaps.carried or gaps.points.nodal:
         return
     try:

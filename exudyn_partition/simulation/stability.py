@@ -50,7 +50,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        stiffness = contact.law.closed_stiffness()  # of the pairs at the start, which are all that can close
+        stiffness = contact.mechanics.closed_stiffness()  # of the pairs at the start, which are all that can close
         if stiffness is not None:
             items = [item for item, _ in contact.sides]
             to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")

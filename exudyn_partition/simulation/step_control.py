@@ -74,17 +74,17 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     n = sum(item.body.n_dofs for item, _ in contact.sides)
     q, q_t = validate_array("q", q, (n,)), validate_array("q_t", q_t, (n,))
     q_tt = None if q_tt is None else validate_array("q_tt", q_tt, (n,))
-    law = contact.law.for_run("explicit")
-    if law.gaps.at(q).min(initial=0.0) < 0.0:
+    mechanics = contact.mechanics.for_run("explicit")
+    if mechanics.gaps.at(q).min(initial=0.0) < 0.0:
         return 0.0
-    return _first_touch(law, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
+    return _first_touch(mechanics, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
 
 
-def _first_touch(law: PatchContact, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
+def _first_touch(mechanics: PatchContact, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
     """Time to contact [s] and speed of approach then [m/s]."""
-    if law.index.size:
+    if mechanics.index.size:
         return 0.0, 0.0
-    gap, rate, acceleration = law.closing(q, q_t, q_tt)
+    gap, rate, acceleration = mechanics.closing(q, q_t, q_tt)
     times = first_root(gap, rate, acceleration)
     first = int(times.argmin()) if len(times) else 0
     if not len(times) or not math.isfinite(times[first]):
@@ -105,23 +105,23 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     limit : callable
         Returns the stability limit [s].
     """
-    if not contact.compliant or contact.law.needs_motion:
+    if not contact.compliant or contact.mechanics.needs_motion:
         return math.inf  # nothing of the contact's own yields
-    law = contact.law.for_run("explicit")
-    time, speed = _first_touch(law, q, q_t, q_tt)
+    mechanics = contact.mechanics.for_run("explicit")
+    time, speed = _first_touch(mechanics, q, q_t, q_tt)
     # Rows that follow the motion are few, as forces need no more; a deep impact closes all that can touch next.
-    gap = law.closing(q, q_t, q_tt)[0][: len(law.gaps.row_nodes)]
+    gap = mechanics.closing(q, q_t, q_tt)[0][: len(mechanics.gaps.row_nodes)]
     if not math.isfinite(time) or speed <= 0 or not len(gap):
         return math.inf
-    H = dense(law.gaps.jacobian(np.arange(len(gap))))
+    H = dense(mechanics.gaps.jacobian(np.arange(len(gap))))
     rate = H @ (q_t + time * q_tt)
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)
 
     def mobility(rows: Array) -> float:
-        weights = rows * law.gaps.area if (rows @ law.gaps.area) else rows  # single nodes may have no area
+        weights = rows * mechanics.gaps.area if (rows @ mechanics.gaps.area) else rows  # single nodes may have no area
         return _mobility(contact, weights @ H / weights.sum())
 
-    return resolving_step(touching, rate, mobility, law.press, size=law.gaps.size, limit=limit)
+    return resolving_step(touching, rate, mobility, mechanics.press, size=mechanics.gaps.size, limit=limit)
 
 
 def _mobility(contact: PartitionContact, row: Array) -> float:
@@ -196,7 +196,7 @@ class StepControl:
     def _allowed_step(self, last: float) -> float:
         limit = self.longest
         for i, contact in enumerate(self.contacts):
-            self._was_open[i] = not self._run_of(contact).law.index.size
+            self._was_open[i] = not self._run_of(contact).mechanics.index.size
             limit = min(limit, self._until_contact(contact) if self._was_open[i] else self.step)
         if limit > self.step:
             limit = max(self.step, min(limit, self._resolving_step()))
@@ -211,16 +211,16 @@ class StepControl:
         """
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
             run = self._run_of(contact)
-            law = run.law
-            if was_open and law.index.size and run.forward is None:
-                depth, tolerance = -law.least_gap, self.gap_tolerance
+            mechanics = run.mechanics
+            if was_open and mechanics.index.size and run.forward is None:
+                depth, tolerance = -mechanics.least_gap, self.gap_tolerance
                 if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
                     return 0.5 * taken
         return None
 
     def _until_contact(self, contact: PartitionContact) -> float:
         q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
-        time, speed = _first_touch(self._run_of(contact).law, q, q_t, q_tt)
+        time, speed = _first_touch(self._run_of(contact).mechanics, q, q_t, q_tt)
         touching = self.step
         if self.gap_tolerance is not None and speed > 0:
             touching = min(touching, self.gap_tolerance / speed)

@@ -120,11 +120,11 @@ class StoredContactRun:
     @classmethod
     def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
         """That of a contact of a model, or of one that was stored."""
-        law = contact.law
+        mechanics = contact.mechanics
         return cls(
             name=contact.name,
             sensors={key: int(number) for key, number in contact.items() if key.startswith("s")},
-            ahead=law.ahead,
+            ahead=mechanics.ahead,
             elastic=contact.elastic,
             compliant=contact.compliant,
             yields=bool(contact.plastic),
@@ -250,7 +250,7 @@ class StoredContact(PartitionContact):
 
     def __init__(self, run: StoredContactRun) -> None:
         dict.__init__(self, run.sensors)  # there are no sides, and what a contact has of them
-        self.name, self.law = run.name, StoredLaw(run)  # type: ignore[assignment]
+        self.name, self.mechanics = run.name, StoredLaw(run)  # type: ignore[assignment]
 
     def _gap_of_surface(self, result: Any) -> None:
         """None, for surfaces are not known: then gaps are those of rows."""
@@ -341,9 +341,11 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
         marks.append(ItemMark.of(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
     for contact in contacts:
         of = [(item.name, patch) for item, patch in contact.sides]
-        said = f"contact {contact.name!r} of {of}, {type(contact.law.law).__name__}, sensor {int(contact['sForce'])}"
-        law = {"friction": contact.friction.coulomb, "areas": np.array(contact.law.node_areas)}
-        marks.append(ItemMark.of(said, law))
+        said = (
+            f"contact {contact.name!r} of {of}, {type(contact.mechanics.law).__name__}, sensor {int(contact['sForce'])}"
+        )
+        mechanics = {"friction": contact.friction.coulomb, "areas": np.array(contact.mechanics.node_areas)}
+        marks.append(ItemMark.of(said, mechanics))
     return tuple(marks)
 
 

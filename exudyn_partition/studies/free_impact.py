@@ -166,7 +166,7 @@ def _centre(contact: PartitionContact, peak: Result, normal: Array) -> Array:
     item = contact.slave
     weights = abs(contact.nodal_forces(peak)[0][0] @ normal)
     q = item.coordinates(peak)[0]
-    centre: Array = weights @ item.kinematics.at(contact.law.gaps.slave.surface.nodes).place(q) / weights.sum()
+    centre: Array = weights @ item.kinematics.at(contact.mechanics.gaps.slave.surface.nodes).place(q) / weights.sum()
     return centre
 
 

@@ -48,7 +48,7 @@ def with_elements(marble, *options):
     _, (first, *_) = chain(marble, *options)
     contacts = first.group
     mbs, balls = row_of_balls(marble, *options)
-    laws = [contact.law.for_run("explicit") for contact in contacts]
+    laws = [contact.mechanics.for_run("explicit") for contact in contacts]
     together = first.together.for_run(laws)
     places = [[round(item.kinematics.position[2] / (2 * R)) for item, _ in contact.sides] for contact in contacts]
     size = sum(balls[0].node_sizes)
@@ -110,12 +110,12 @@ def test_forces_are_those_of_an_element_for_each_contact(marble, aside, plate, f
     other, laws = with_elements(marble, aside, plate, frame)
     run_by_exudyn(other)
     assert min(contact.force(result).max() for contact in contacts) > 10.0
-    moving = [run.law.gaps.moving for run in result.runs]
+    moving = [run.mechanics.gaps.moving for run in result.runs]
     assert moving == [any(aside) or frame == "floating"] * len(moving)
     assert_same_motion(mbs, other)
     for run, law in zip(result.runs, (laws[0, 1], laws[1, 2], *([] if plate is None else [laws[0,]])), strict=True):
-        np.testing.assert_array_equal(run.law.index, law.index)
-        np.testing.assert_allclose(run.law.resultant(), law.resultant(), rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(run.mechanics.index, law.index)
+        np.testing.assert_allclose(run.mechanics.resultant(), law.resultant(), rtol=1e-9, atol=1e-9)
 
 
 def test_the_jacobian_is_the_derivative_of_the_forces(marble):
@@ -194,7 +194,7 @@ def grouped(marble):
     """Laws of a chain to be evaluated alone and in a group, the former together, runs, group, and size of facets."""
     mbs, (first, _) = chain(marble)
     contacts = first.group
-    laws = [[contact.law.for_run("explicit") for contact in contacts] for _ in range(2)]
+    laws = [[contact.mechanics.for_run("explicit") for contact in contacts] for _ in range(2)]
     alone, together = (contacts[0].together.for_run(some) for some in laws)
     each = zip(laws[1], contacts, strict=True)
     runs = [ContactRun("", law, contact.slices(mbs), 0.0, "explicit") for law, contact in each]
@@ -229,8 +229,8 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
     assert all(law.gaps.searches for law in laws[0])
     # Somebody moves the pairs of a law: then the laws find the present state themselves.
     laws[1][0].gaps.at(runs[0].of(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]])))
-    assert runs[0].law.gaps.moving
-    np.testing.assert_allclose(runs[0].law.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
+    assert runs[0].mechanics.gaps.moving
+    np.testing.assert_allclose(runs[0].mechanics.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
     assert group.values is None
 
 
@@ -251,7 +251,7 @@ def test_contacts_that_fly_tell_the_smallest_gap(marble, monkeypatch):
         gaps = [law.least_gap for law in laws[0]]
         np.testing.assert_allclose(group.values[:, 5], gaps, rtol=1e-9)
         if step == 200:
-            assert [run.law.least_gap for run in runs] == pytest.approx(gaps, rel=1e-9)
+            assert [run.mechanics.least_gap for run in runs] == pytest.approx(gaps, rel=1e-9)
     assert counted == [0, *range(100, 121), 200]
 
 

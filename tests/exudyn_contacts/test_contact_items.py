@@ -74,7 +74,9 @@ def test_what_a_contact_reports(mbs, marble, rows, first_gap):
     np.testing.assert_array_equal(np.diff(on_rows.indptr), contact.closed_rows(result))
     top = int(force.argmax())
     if rows == "integrated":
-        np.testing.assert_allclose(contact.pressure(result)[top] @ contact.law.gaps.node_areas, force[top], rtol=1e-12)
+        np.testing.assert_allclose(
+            contact.pressure(result)[top] @ contact.mechanics.gaps.node_areas, force[top], rtol=1e-12
+        )
     radius = contact.radius(result)[top]
     effective = 1 / (1 / R + 1 / 0.02)
     stiffness = ep.STEEL.plane_strain_modulus
@@ -210,7 +212,7 @@ def test_multipliers_follow_a_sliding_tip(mbs, pair_of):
     contact = ep.CreatePartitionContact(mbs, tip, target, formulation="lagrange")
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=1e-6, sample_period=1e-8)
-    assert result.kept(contact).law.gaps.moving
+    assert result.kept(contact).mechanics.gaps.moving
     assert contact.force(result).max() > 10
     momentum = tip.momentum(result) + target.momentum(result)
     np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0]).max())
@@ -333,7 +335,7 @@ def test_a_body_that_faces_away_turns_until_it_hits(round_body, flat_body, surfa
         )  # fmt: skip
         contact = ep.CreatePartitionContact(mbs, slave, surface or ep.CreatePartitionBody(mbs, flat_body))
         mbs.Assemble()
-        assert contact.law.gaps.faced == (angle == late)
+        assert contact.mechanics.gaps.faced == (angle == late)
         assert any("do not face" in sentence for sentence in contact.left_out) == (angle != late)
         limit = ep.stability_limit(mbs)
         result = ep.solve_dynamic(mbs, end_time=wait + 0.65e-3, step=0.4e-6)

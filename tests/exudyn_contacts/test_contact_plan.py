@@ -38,7 +38,7 @@ def test_a_plan_leaves_the_model_as_it_is(mbs, items):
         partial(plan_contact, mbs, *items, name="contact"),  # a name is free until the contact is built
         partial(plan_contact, mbs, items[0], ep.RigidPlane(), masterBody=carrier),
     ):
-        assert planned().law.lam.sum() == 0.0
+        assert planned().mechanics.lam.sum() == 0.0
     for wrong in (
         {"passes": "two"},
         {"rows": "nodes"},
@@ -58,14 +58,15 @@ def test_a_plan_leaves_the_model_as_it_is(mbs, items):
 def test_the_finer_body_is_the_slave_if_nothing_else_is_said(mbs, items):
     ball, block = items
     sizes = [
-        plan_contact(mbs, *pair, passes="given").law.gaps.slave.surface.facet_size for pair in (items, items[::-1])
+        plan_contact(mbs, *pair, passes="given").mechanics.gaps.slave.surface.facet_size
+        for pair in (items, items[::-1])
     ]
     finer = ball if sizes[0] < sizes[1] else block
     assert max(sizes) > 1.2 * min(sizes)
     for pair in (items, items[::-1]):
         plan = plan_contact(mbs, *pair)
         assert plan.sides[0][0] is finer
-        assert plan.law.gaps.slave.surface.facet_size == min(sizes)
+        assert plan.mechanics.gaps.slave.surface.facet_size == min(sizes)
         assert plan_contact(mbs, *pair, passes="given").sides[0][0] is pair[0]
 
 
@@ -74,11 +75,11 @@ def test_gaps_are_those_of_the_master(mbs, items):
     floor, carrier = ep.RigidPlane(), mbs.CreateRigidBody(inertia=InertiaCuboid(1.0, [1.0, 1.0, 1.0]))
     to_block, to_floor = plan_contact(mbs, ball, block), plan_contact(mbs, ball, floor, formulation="penalty")
     carried = plan_contact(mbs, ball, floor, masterBody=carrier)
-    assert [type(plan.law.gaps) for plan in (to_block, to_floor, carried)] == [PatchGaps, RigidGaps, RigidGaps]
+    assert [type(plan.mechanics.gaps) for plan in (to_block, to_floor, carried)] == [PatchGaps, RigidGaps, RigidGaps]
     assert [plan.rigid for plan in (to_block, to_floor)] == [None, floor]
     assert [plan.carrier is None for plan in (to_block, to_floor, carried)] == [True, True, False]
     assert [len(plan.sides) for plan in (to_block, to_floor)] == [2, 1]
-    assert [plan.law.gaps.n - ball.body.n_dofs for plan in (to_block, to_floor)] == [block.body.n_dofs, 0]
+    assert [plan.mechanics.gaps.n - ball.body.n_dofs for plan in (to_block, to_floor)] == [block.body.n_dofs, 0]
 
 
 def test_bodies_that_overlap_are_named(mbs, bodies):

@@ -99,7 +99,7 @@ def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
     """That of the clip between its ends: of modes, of both patches, and across from one patch to the other."""
     fem, partition = clip
     body = ep.reduce(fem, partition, f_cut=20e3)
-    gaps = model(body)[2].law.gaps
+    gaps = model(body)[2].mechanics.gaps
     every = np.arange(len(gaps.row_nodes))
     H = gaps.jacobian(every).reshape(len(every), 2, -1).sum(axis=1)  # both sides have the same coordinates
     found = H @ np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True) @ H.T + gaps.flexibility(every)
@@ -175,8 +175,8 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     # The mouth is closed a little later than the foot, which is pressed on the ball here.
     q = item.coordinates(result)[forces[0].argmax()]
     down = item.kinematics.from_basis @ body.rigid[:, 2]
-    q = item.kinematics.moved(q, -(3e-6 + other.law.for_run().gaps.at(q).min()) * down)
-    group = own.together.for_run([member.law.for_run() for member in own.group])
+    q = item.kinematics.moved(q, -(3e-6 + other.mechanics.for_run().gaps.at(q).min()) * down)
+    group = own.together.for_run([member.mechanics.for_run() for member in own.group])
     states = [np.concatenate([q] * len(member.sides)) for member in own.group]
     group.forces(states)
     rows = [[dense(law.gaps.side_rows(side)) for side in range(len(law.gaps.sides))] for law in group.contacts]
@@ -203,7 +203,7 @@ def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip):
     face = ep.Partition.ball(fem, FACE, 1e-3, direction=(0, 0, -1), axes="xyz")
     for f_cut in (20e3, 200e3):
         body = ep.reduce(fem, tip | face, f_cut=f_cut)
-        law = model(body, friction=0.3)[2].law
+        law = model(body, friction=0.3)[2].mechanics
         every = np.arange(len(law.gaps.row_nodes))
         H = law.rows.jacobian(every)
         H = H.reshape(len(H), 2, -1).sum(axis=1)
@@ -235,7 +235,7 @@ def test_the_stability_limit_counts_both_ends_on_the_same_coordinates(body):
     """Both arms are moved by the stiffness of one contact; what moves one of them alone would be told from it."""
     mbs, _, contact = model(body)
     n, modes = body.n_dofs, np.diag(body.basis.omega**2)
-    by_both = contact.law.closed_stiffness().reshape(2, n, 2, n).sum(axis=2)
+    by_both = contact.mechanics.closed_stiffness().reshape(2, n, 2, n).sum(axis=2)
     limits = [2 / np.sqrt(np.linalg.eigvals(modes + K).real.max()) for K in (by_both.sum(axis=0), *by_both)]
     assert ep.stability_limit(mbs) == pytest.approx(limits[0], rel=3e-4)
     assert (abs(np.array(limits[1:]) / limits[0] - 1) > 1e-3).all()

@@ -41,7 +41,7 @@ def hit(plate, marble, patches, speeds=(0.2, 0.1), frame="inertial"):
 
 def test_forces_are_those_of_the_whole_problem(plate_of, marble):
     _, _, contacts = hit(plate_of(True), marble, ["top", "top"])
-    laws, together = [contact.law for contact in contacts], contacts[0].together
+    laws, together = [contact.mechanics for contact in contacts], contacts[0].together
     together = together.for_run(laws)
     n, m = laws[0].gaps.n, marble.n_dofs
     F_plate, F_marble = contacts[0].sides[1][0].body.flexibility(), marble.flexibility("south")
@@ -95,7 +95,7 @@ def test_implicit_steps_know_how_the_contacts_push_each_other(plate_of, marble):
 def test_rows_are_made_once_while_they_stay(plate_of, marble, monkeypatch):
     """All neighbours of a contact ask for its rows, in each sweep of each evaluation."""
     _, _, contacts = hit(plate_of(True), marble, ["top", "top"])
-    laws, made, rows_of = [contact.law for contact in contacts], [], NormalRows.side_rows
+    laws, made, rows_of = [contact.mechanics for contact in contacts], [], NormalRows.side_rows
     monkeypatch.setattr(NormalRows, "side_rows", lambda rows, side: made.append(rows) or rows_of(rows, side))
     together = contacts[0].together.for_run(laws)
     still = np.zeros(laws[0].gaps.n - marble.n_dofs)
@@ -144,7 +144,7 @@ def test_a_contact_that_another_one_closes(mbs):
     contacts = [ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0), normal)) for normal in normals]
 
     def run():
-        return contacts[0].together.for_run([contact.law.for_run("explicit") for contact in contacts])
+        return contacts[0].together.for_run([contact.mechanics.for_run("explicit") for contact in contacts])
 
     both, one = (body.rigid[:, 0] * x + body.rigid[:, 2] * z for x, z in ((-1e-6, -1e-6), (1e-9, -3e-6)))
     later, first = run(), run()

@@ -114,7 +114,7 @@ def test_static_answer_closes_the_contact_and_stresses_what_is_beneath(run, ball
         ]
         for key in (True, False)
     }
-    gaps = contact.law.gaps
+    gaps = contact.mechanics.gaps
     lam = contact.row_forces(result.at([peak])).toarray()[0][gaps.row_nodes]
     left = {}
     for key, fields in meshes.items():

@@ -88,7 +88,7 @@ def test_questions_change_no_run(impact):
         contact.energy(first)
         contact.nodal_forces(first)
         ep.stability_limit(mbs)
-        q = np.zeros(contact.law.gaps.n)
+        q = np.zeros(contact.mechanics.gaps.n)
         ep.time_to_contact(contact, q, q)
 
     second = ep.solve_dynamic(mbs, end_time=20e-6, progress=ask)

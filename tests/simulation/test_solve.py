@@ -41,7 +41,7 @@ def test_exudyn_integrates_what_numpy_does(impact, bodies):
     assert result.status == "finished"
     assert result.steps == 120
     start = np.concatenate([-bodies[0].rigid[:, 2], np.zeros(bodies[1].n_dofs)])
-    q, v, force = verlet(contact.law, bodies, start, 0.5e-6, 120)
+    q, v, force = verlet(contact.mechanics, bodies, start, 0.5e-6, 120)
     assert contact.force(result).max() > 1e3
     np.testing.assert_allclose(contact.force(result), force, atol=1e-8 * force.max())
     got = np.hstack([striker.coordinates(result)[-1], target.coordinates(result)[-1]])
@@ -122,7 +122,7 @@ def test_plain_solve_dynamic_gives_the_same(impact):
 
 def test_stability_limit_against_dense_eigenvalues(impact, bodies):
     mbs, _, _, contact = impact
-    K = scipy.linalg.block_diag(*(body.stiffness.toarray() for body in bodies)) + contact.law.closed_stiffness()
+    K = scipy.linalg.block_diag(*(body.stiffness.toarray() for body in bodies)) + contact.mechanics.closed_stiffness()
     assert ep.stability_limit(mbs) == pytest.approx(2 / np.sqrt(np.linalg.eigvalsh(K)[-1]), rel=1e-3)
 
 

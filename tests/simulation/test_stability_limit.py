@@ -50,7 +50,7 @@ def dense_limit(contact):
         M = scipy.linalg.block_diag(
             *(M for b in bodies for M in (b.total_mass * np.eye(3), b.inertia.tensor, np.eye(b.n_dofs - 6)))
         )
-    K += closed_stiffness(contact.law)
+    K += closed_stiffness(contact.mechanics)
     return 2 / np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[-1])
 
 

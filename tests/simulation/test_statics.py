@@ -173,7 +173,7 @@ def test_frequencies_about_the_equilibrium_are_those_of_its_stiffness(mbs, bodie
     item, contact, K = pressed(mbs, bodies[0])
     result = ep.solve_static(mbs, load_steps=2, update_initial=True)
     found, _ = mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)
-    q, law = item.coordinates(result)[-1], contact.law.for_run("static")
+    q, law = item.coordinates(result)[-1], contact.mechanics.for_run("static")
     small = 1e-9 * np.eye(len(q))
     tangent = np.array([(law.force(q - way) - law.force(q + way)) / 2e-9 for way in small])
     stiffness = item.body.stiffness.toarray() + K + (tangent + tangent.T) / 2

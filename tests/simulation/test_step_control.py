@@ -43,7 +43,7 @@ def overshoots(contact, result):
     """Depth to which each first touch closes the gap [m]."""
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
     touched = [first for first, _ in contact.closed_samples(result)]
-    gaps = contact.law.gaps.fresh()
+    gaps = contact.mechanics.gaps.fresh()
     return np.array([-gaps.at(x).min() for x in q[touched]])
 
 
@@ -134,8 +134,8 @@ def test_time_to_contact_of_moving_pairs(body, bodies, height):
     target = ep.CreatePartitionBody(mbs, bodies[1], frame="floating")
     contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
     mbs.Assemble()
-    q_t = np.zeros(contact.law.gaps.n)
-    contact.law.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
+    q_t = np.zeros(contact.mechanics.gaps.n)
+    contact.mechanics.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
     time = ep.time_to_contact(contact, np.zeros_like(q_t), q_t)
     assert (0.99 if height < 1e-3 else 0.5) * height / 0.5 < time < 1.001 * height / 0.5
 

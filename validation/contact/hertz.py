@@ -144,7 +144,7 @@ def static(level=0.15):
         mbs = exu.SystemContainer().AddSystem()
         ball = ep.CreatePartitionBody(mbs, body)
         contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), rows=rows)
-        law, begin = contact.law.for_run("explicit"), time.perf_counter()
+        law, begin = contact.mechanics.for_run("explicit"), time.perf_counter()
         elastic = body.basis.omega > 0
         approach, q = a**2 / radius, np.zeros(body.n_dofs)
         for _ in range(20):

@@ -55,7 +55,7 @@ def pressed(fems, bodies, options):
     mbs = exu.SystemContainer().AddSystem()
     upper, lower = (ep.CreatePartitionBody(mbs, body) for body in bodies)
     contact = ep.CreatePartitionContact(mbs, upper, lower, **options)
-    law, begin = contact.law.for_run("explicit"), time.perf_counter()
+    law, begin = contact.mechanics.for_run("explicit"), time.perf_counter()
     sides = [item.body for item, _ in contact.sides]
     load = np.concatenate(
         [body.interface_rows("end").T[:, 2] * (FORCE if body is bodies[1] else -FORCE) for body in sides]

@@ -53,7 +53,7 @@ class Drag:
         mbs = exu.SystemContainer().AddSystem()
         tip, block = (ep.CreatePartitionBody(mbs, body) for body in bodies)
         contact = ep.CreatePartitionContact(mbs, tip, block, **{"passes": "given", **options})
-        self.law, self.body, self.n_rows = contact.law.for_run("explicit"), bodies[0], contact.n_rows
+        self.law, self.body, self.n_rows = contact.mechanics.for_run("explicit"), bodies[0], contact.n_rows
         self.elastic = np.concatenate([body.basis.omega > 0 for body in bodies])
         self.q, self.at_edge = np.zeros(len(self.elastic)), False
         self.q[: self.body.n_dofs] += self._rigid(-WAY / 2, APPROACH)
@@ -94,7 +94,7 @@ def drag(bodies, options):
         "jump_step_m": WAY / (STATES - 1) / SUBSTEPS,
         "rows": run.n_rows,
         "at_edge": run.at_edge,
-        "nodes_across": 4 * A / run.law.gaps.size,
+        "nodes_across": 4 * A / run.mechanics.gaps.size,
         "state_ms": 1e3 * run_s / STATES,
         "x_m": list(x),
         "force_N": list(force),

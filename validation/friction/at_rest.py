@@ -35,7 +35,7 @@ class Mirrored(Squares):
         body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.12 * a, axes="xyz"), f_cut=20e3)
         mbs = exu.SystemContainer().AddSystem()
         contact = ep.CreatePartitionContact(mbs, ep.CreatePartitionBody(mbs, body), ep.RigidPlane(), friction=MU)
-        law = contact.law.for_run("explicit")
+        law = contact.mechanics.for_run("explicit")
         F = regularised(law.tangential.flexibility())
         F[::3] *= np.arange(F.shape[1]) % 3 == 0  # normal forces alone move rows along the normal ...
         F[:, ::3] *= (np.arange(F.shape[0]) % 3 == 0)[:, None]  # ... and nothing else

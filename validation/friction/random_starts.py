@@ -39,7 +39,7 @@ def patch():
     mbs = exu.SystemContainer().AddSystem()
     ball = ep.CreatePartitionBody(mbs, body)
     contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.3)
-    law = contact.law.for_run("explicit")
+    law = contact.mechanics.for_run("explicit")
     gap = law.gaps.at(np.zeros(body.n_dofs))
     places = law.gaps.slave.surface.points[law.gaps.row_nodes, :2]
     return gap - gap.min(), places, regularised(law.tangential.flexibility())

@@ -81,7 +81,7 @@ def told(items, contact, result):
         "plastic_share": work[-1] / total[0],
         "falls_by": max(0.0, -np.diff(work).min()) / total[0],
         "largest_strain": contact.plastic.strain(result)[-1],
-        "iterations_a_step": result.kept(contact).law.zones.iterations / plastic_steps,
+        "iterations_a_step": result.kept(contact).mechanics.zones.iterations / plastic_steps,
         "finished": result.status == "finished",
         "online_s": result.time_s,
         "steps": result.steps,

@@ -466,7 +466,7 @@ CALLS = {
         mbs=Made(Scene.apart),
         slave=v.item.but(**v.foreign_item)(the.striker),
         master=v.item.but(**v.foreign_item, itself=the.striker)(PLANE),
-        formulation=v.choice.but(**{"a class": Penalty, "a law": the.contact.law})("penalty"),
+        formulation=v.choice.but(**{"a class": Penalty, "a law": the.contact.mechanics})("penalty"),
         rows=v.choice.or_none,
         passes=v.choice.but(**{"two passes": "two"})("finer"),
         masterBody=Kind({"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "True": True, "a body": the.item}),

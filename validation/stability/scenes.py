@@ -181,7 +181,7 @@ def complementarity(run):
     """
     worst = 0.0
     for contact in run.contacts:
-        gaps, result = contact.law.gaps.fresh(), run.result
+        gaps, result = contact.mechanics.gaps.fresh(), run.result
         q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
         forces, total = contact.row_forces(result), contact.force(result)
         closed = np.flatnonzero(total > 1e-3 * total.max())
@@ -205,7 +205,7 @@ def penetration(run):
     """Deepest gap of rows at the stored coordinates [m]."""
     contact = run.contacts[0]
     q = np.hstack([item.coordinates(run.result) for item, _ in contact.sides])
-    gaps = contact.law.gaps.fresh()
+    gaps = contact.mechanics.gaps.fresh()
     return float(max(-gaps.at(x).min(initial=0.0) for x in q))
 
 
@@ -231,7 +231,7 @@ def kept(run, *, energy=2e-3, momentum=None, solve=True):
     if len(contact.sides) == 2 or contact.elastic:
         drift = abs(total - total[0])[:, 2].max() / run.scale
         checks["momentum"] = (float(drift), default if momentum is None else momentum)
-    if solve and hasattr(contact.law, "problem") and contact.elastic:
+    if solve and hasattr(contact.mechanics, "problem") and contact.elastic:
         checks["complementarity"] = (complementarity(run), 1e-6)
     return checks
 

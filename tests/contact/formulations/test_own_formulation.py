@@ -36,7 +36,7 @@ def test_springs_on_rows_conserve_and_are_springs(bodies, method, frame):
     force = contact.force(result)
     assert force.max() > 100
     # What each row's force is, by the coordinates alone.
-    gaps = contact.law.gaps.fresh()
+    gaps = contact.mechanics.gaps.fresh()
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
     depths = [np.maximum(-gaps.at(x), 0.0) for x in q]
     np.testing.assert_allclose(force, [STIFFNESS * depth.sum() for depth in depths], rtol=1e-6, atol=1e-6 * force.max())
@@ -57,7 +57,7 @@ def test_the_stability_limit_knows_the_springs(bodies):
     free = ep.stability_limit(mbs)
     contact = ep.CreatePartitionContact(mbs, *items, formulation=Springs())
     K = scipy.linalg.block_diag(*(item.body.stiffness.toarray() for item, _ in contact.sides))
-    H = contact.law.gaps.jacobian(np.arange(contact.n_rows))
+    H = contact.mechanics.gaps.jacobian(np.arange(contact.n_rows))
     highest = np.linalg.eigvalsh(K + STIFFNESS * H.T @ H)[-1]
     assert ep.stability_limit(mbs) == pytest.approx(2 / np.sqrt(highest), rel=1e-6)
     assert ep.stability_limit(mbs) < free

@@ -35,7 +35,7 @@ def multipliers(method):
       warns=("ModelLimitWarning",))  # fmt: skip
 def stiff_penalty(method):
     layer = {"formulation": "penalty"}
-    gaps = strike(method, ball(), contact=layer, end_time=1e-6).contacts[0].law.gaps
+    gaps = strike(method, ball(), contact=layer, end_time=1e-6).contacts[0].mechanics.gaps
     layer["stiffness"] = 1e4 * bed_stiffness(gaps)
     run = strike(method, ball(), contact=layer, end_time=80e-6, step=0.02e-6 if method == "implicit" else None)
     return kept(run, energy=0.02, momentum=0.02) | {"speed after": error(run.velocity()[-1, 2], 1.0, 0.05)}
