@@ -1,4 +1,4 @@
-"""What contacts on common bodies push each other by: the flexibility between their rows, whole or by few fields."""
+"""Flexibility between the rows of contacts on common bodies, in full or through a few fields."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .side import Standing
 
-SAME = 0.02  # of a facet's size, or change of normals: below it, patches push each other's rows as before
+SAME = 0.02  # of a facet's size, or change of normals: below it, the flexibility between patches is kept
 
 # Numbers of a contact and its side, of another and its side, and the body's flexibility between the patches [m/N].
 Link = tuple[int, int, int, int, Array]
 
 
 class HasRows(Protocol):
-    """Rows of a contact, as far as they are needed here."""
+    """The part of a contact's rows that is needed here."""
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
@@ -31,9 +31,9 @@ class HasRows(Protocol):
 
 
 class FlexibilityBetween:
-    """Gaps of the rows of one contact by forces on those of another.
+    """Changes of the gaps of one contact that forces on the rows of another cause.
 
-    Rows of a side are kept while they move little: each contact has many neighbours, which all ask for them.
+    Rows of a side are kept while they move little, because the many neighbours of a contact all need them.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class FlexibilityBetween:
         return [*self._links]
 
     def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
-        """Gaps of some rows of contact j by unit forces on some of contact k, (na, nb) [m/N]."""
+        """Changes of gaps of some rows of contact j due to unit forces on some rows of contact k, (na, nb) [m/N]."""
         result = np.zeros((len(rows), len(others)))
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
@@ -63,7 +63,7 @@ class FlexibilityBetween:
         return result
 
     def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
-        """Gaps of all present rows of contact j by forces on some rows of contact k, (nr,) [m]."""
+        """Changes of gaps of all present rows of contact j due to forces on some rows of contact k, (nr,) [m]."""
         result: Array = np.zeros(1)
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
@@ -71,7 +71,7 @@ class FlexibilityBetween:
         return result
 
     def _rows(self, j: int, side: int) -> tuple[Array, Array]:
-        """Present rows of a side on the coordinates that they need, (nr, m), and the numbers of these, (m,)."""
+        """Present rows of a side on the coordinates that they need, (nr, m), and these coordinates' numbers, (m,)."""
         standing, kept = self._contacts[j].standing(), self._kept.get((j, side))
         if kept is None or not standing.nearly(kept[0], SAME):
             found = sp.csr_matrix(self._contacts[j].side_rows(side))
@@ -82,15 +82,15 @@ class FlexibilityBetween:
 
 @dataclass(frozen=True, eq=False)
 class Exchange:
-    """Fields by which patches of common bodies move each other.
+    """Displacement fields through which patches of common bodies move each other.
 
     Parameters
     ----------
     fields : dict of int to list of (int, (d np, m) array)
-        Of each contact, the number of a side and the fields of its patch. All sides of a contact count together:
-        the columns of a side have zeros where those of the other side have their fields.
+        For each contact, the number of a side and the fields of its patch. The fields of both sides of a contact are
+        numbered together: the columns of a side are zero where the other side has its fields.
     core : dict of (int, int) to (m, m) array
-        Amplitudes of the fields of one contact by unit amplitudes of another [m/N].
+        Amplitudes of the fields of one contact due to unit amplitudes of another [m/N].
     neighbours : dict of int to list of int
         Contacts that move the rows of each.
     """
@@ -101,7 +101,7 @@ class Exchange:
 
     @classmethod
     def of(cls, links: Sequence[Link]) -> Exchange:
-        """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are looked at once."""
+        """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are computed once."""
         blocks: dict[tuple[int, int], list[Array]] = {}
         for j, side, _, _, between in links:
             blocks.setdefault((j, side), []).append(between)
@@ -138,5 +138,5 @@ class Exchange:
 
 
 def _identity(block: Array) -> tuple[int, tuple[int, ...]]:
-    """What tells whether two views of a flexibility are the same."""
+    """Key that is equal for two views of the same flexibility."""
     return block.__array_interface__["data"][0], block.shape

@@ -1,9 +1,9 @@
-"""Stages of two patches that slide: their points are followed over the facets, or the patches are apart.
+"""Stages of two patches that slide. Points are followed over the facets, unless the patches are far apart.
 
 Between searches only rows that can close are followed. To choose them, all points are projected, and the rows with
 small gaps are taken. The choice is repeated when another row could close. The gap of such a row is estimated from the
-rigid motion of the patches since the choice, less twice the error that this estimate has for followed rows. While the
-patches are more than one facet apart, there are no rows.
+rigid motion of the patches since the choice. Twice the largest error of this estimate for followed rows is subtracted.
+While the patches are more than one facet apart, there are no rows.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed as CompiledRows
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
-NEAR = 1.0  # of a facet's size: larger gaps are not followed between searches, as closest points jump there
+NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
 SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 _NOT_ASKED = np.zeros((3, 3)), 0.0, np.empty(0, dtype=np.int64), *np.empty((2, 0, 0)), np.empty(0, dtype=np.int64)
@@ -44,9 +44,9 @@ class Apart(Stage):
     rows, normals, shares
         See `Stage`; empty.
     here : (3, 3) array
-        Where the slave was seen from the master when all points were searched [m].
+        Place of the slave relative to the master when all points were searched [m].
     reach : float
-        Motion after which they are searched again [m].
+        Motion after which all points are searched again [m].
     """
 
     def __init__(self, rows: PresentRows, normals: Array, shares: Shares, here: Array, reach: float) -> None:
@@ -70,7 +70,7 @@ class Search:
     x_s : (np, 3) array
         Places of the slave's nodes [m].
     here : (3, 3) array
-        Where the slave is seen from the master [m].
+        Place of the slave relative to the master [m].
     reach : float
         Motion after which all points are searched again [m].
     """
@@ -78,14 +78,15 @@ class Search:
     def __init__(self, pair: Pair, every: ContactRows, x_s: Array, here: Array, reach: float) -> None:
         self.every, self.here, self.reach = every, here, reach
         self.pairs = MovingPairs(pair.sides[1].surface, every.facet, every.local)
-        # Places of the slave's nodes in the frame of its three witness nodes: they tell how rigid motion changes pair.
+        # Places of the slave's nodes in the frame of its three witness nodes: rigid motion is found from them.
         origin, axes = triangle_frame(x_s[pair.witnesses[0]])
         self._arms = (x_s[every.points.row_nodes] - origin) @ axes
 
     def choose(self, pair: Pair, places: list[Array], here: Array, near: float | None = None) -> tuple[Followed, Array]:
         """Return the stage with the rows that may close next, or with gaps below `near` [m], and their gaps, (nr,) [m].
 
-        `places` are those of all nodes, (np, 3) for each side, `here` is where the slave is seen, (3, 3) [m].
+        `places` are those of all nodes, (np, 3) for each side, `here` is the place of the slave relative to the master,
+        (3, 3) [m].
         """
         (x_s, x_m), every, pairs, narrow = places, self.every, self.pairs, near is None
         pairs.rest()
@@ -97,7 +98,7 @@ class Search:
         points, index = every.points.of_rows(np.flatnonzero(chosen))
         nodes, weights = pairs.carriers
         shares = (points.nodes, points.weights), (nodes[index], -weights[index])
-        # Change of the gaps to first order in the slave's rigid motion as seen from the master.
+        # Change of the gaps to first order in the slave's rigid motion relative to the master.
         normals = every.points.average(normal) @ triangle_frame(x_m[pair.witnesses[1]])[1]
         turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
         order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
@@ -112,20 +113,20 @@ class Search:
 
 
 class FollowedRows(PresentRows):
-    """Rows that can close, chosen of those of a search.
+    """Rows that can close, chosen from those of a search.
 
     Parameters
     ----------
     present : tuple
-        What `PresentRows` needs.
+        Arguments of `PresentRows`.
     search : Search
     index : (p,) int array
-        Numbers of the points among those of the search.
+        Numbers of the points within the search.
     rigid : tuple of (n,), (n, 12), (12,) arrays
-        Gaps of all rows where these were chosen [m], first of those that were; how they change with the pose of the
-        slave, and that pose, see `witnesses.pose_of`.
+        Gaps of all rows when the choice was made [m], the chosen rows first. Their derivative with respect to the pose
+        of the slave. That pose, see `witnesses.pose_of`.
     witnesses : list of (3,) int arrays
-        Nodes by which each side is seen.
+        Nodes that give the pose of each side.
     """
 
     def __init__(
@@ -141,12 +142,12 @@ class FollowedRows(PresentRows):
 
     @cached_property
     def compiled(self) -> CompiledRows:
-        """What compiled loops need to follow them."""
+        """Data with which compiled loops follow the rows."""
         search = self.search
         return search.pairs.followed(self.points, self.index, *self._witnesses, search.here, *self._rigid)
 
     def twin(self, known: Known) -> FollowedRows:
-        """See `support.twins`; what compiled loops follow is set up anew."""
+        """See `support.twins`; the data of compiled loops are set up again."""
         result = copied(self, known)
         vars(result).pop("compiled", None)
         return result
@@ -154,8 +155,8 @@ class FollowedRows(PresentRows):
     def others_close(self, gap: Array, here: Array, size: float) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.
 
-        Their gaps are estimated from rigid motion. Deformation and curvature make an error. For rows that are not
-        followed, the error is taken as twice the largest error of the followed rows.
+        Their gaps are estimated from rigid motion. Deformation and curvature make this estimate inexact. For
+        rows that are not followed, the error is taken as twice the largest error of the followed rows.
         """
         start, rigidly, pose = self._rigid
         estimated = start + rigidly @ (pose_of(here) - pose)
@@ -165,20 +166,20 @@ class FollowedRows(PresentRows):
 
 
 class Followed(Stage):
-    """Rows whose points are followed over the master's facets, at some coordinates.
+    """Rows at some coordinates, whose points are followed over the master's facets.
 
-    Closest points are found from the last ones, which `Search.pairs` holds. So a stage goes on from the newest alone.
+    Closest points are found from the last ones, which `Search.pairs` holds. So only the newest stage can advance.
 
     Parameters
     ----------
     rows : FollowedRows
     normals : (p, 3) array
     here : (3, 3) array
-        Where the slave is seen from the master [m].
+        Place of the slave relative to the master [m].
     shares : Shares, optional
-        See `Stage`. Default: found from `Search.pairs` when they are asked for, which holds those of `rows` alone then.
+        See `Stage`. Default: found from `Search.pairs` when they are needed first; these must be those of `rows` then.
     narrow : bool
-        Whether only those rows are present that forces need.
+        Whether only the rows that forces need are present.
     """
 
     rows: FollowedRows
@@ -211,7 +212,7 @@ class Followed(Stage):
         return loops.generalised(moving, lam, self.normals, slave, master)
 
     def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
-        """See `Stage.advance`; other rows are chosen where these may not be all that can close."""
+        """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search
         if not self.narrow:
             here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
@@ -225,7 +226,7 @@ class Followed(Stage):
         return (stage, gap) if enough else search.choose(pair, pair.places(q), stage.here)
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
-        """See `Stage.keep_rows`; wherever the points go."""
+        """See `Stage.keep_rows`; the points may move any distance."""
         found = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q)) if self.narrow else None
         return None if found is None else found[:2]
 
@@ -236,10 +237,11 @@ class Followed(Stage):
     def _follow(
         self, pair: Pair, q: Array, reach: float, places: list[Array] | None, asked: tuple[Any, ...] | None = None
     ) -> tuple[Followed, Array, bool] | None:
-        """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether these are all that can close.
+        """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
 
         None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
-        not followed. `places` are those of the nodes of both sides, by default those that are followed.
+        not followed. `places` are those of the nodes of both sides. By default, they are computed for the followed
+        nodes.
         """
         if loops.at_once():
             return self._follow_at_once(pair, q, reach, places, asked)
@@ -258,7 +260,7 @@ class Followed(Stage):
     def _follow_at_once(
         self, pair: Pair, q: Array, reach: float, places: list[Array] | None, asked: tuple[Any, ...] | None
     ) -> tuple[Followed, Array, bool] | None:
-        """Do the same as `_follow` in one call."""
+        """Do the same as `_follow` in one compiled call."""
         rows, bounds, pressed = self.rows, (BULGE, NEAR * pair.size), None
         how = reach, FOLLOWED, STEPS, pair.size, *bounds
         slave, master = (side.fixed for side in rows.sides)
@@ -286,6 +288,6 @@ class Followed(Stage):
 
 
 def needed(gap: Array) -> float:
-    """Gap up to which rows must be present [m]: the smallest gap if open, what bulging may close if in contact."""
+    """Gap up to which rows must be present [m]. Open: the smallest gap. In contact: what bulging may close."""
     least = float(gap.min(initial=np.inf))
     return max(least, -BULGE * least)

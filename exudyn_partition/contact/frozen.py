@@ -1,4 +1,4 @@
-"""Many contacts whose pairs are all frozen, evaluated at once by compiled loops over flat arrays."""
+"""Many contacts with frozen pairs, evaluated together by compiled loops over flat arrays."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from .linear_gaps import FlatRows, LowestRows
 
 
 class FrozenContacts:
-    """Frictionless contacts with frozen pairs on common bodies, evaluated at once where `loops.at_once`.
+    """Frictionless contacts with frozen pairs on common bodies, evaluated in one call if `loops.at_once()`.
 
     Parameters
     ----------
     gaps : sequence of Gaps
-        Of the contacts.
+        Gaps of the contacts.
     dofs : sequence of (n,) int arrays
         Numbers of their coordinates in the model.
     blocks : FlatBlocks
-        The problem of their forces, with guesses of the active rows.
+        The problem for their forces, with guesses of the active rows.
 
     Attributes
     ----------
     starts : (n + 1,) int array
         Where the rows of each contact begin.
     h, pushed, lam : (nr,) arrays
-        Of all rows: gaps, gaps where the forces of the other contacts have moved them [m], and forces [N].
+        For all rows: gaps, gaps with the displacements that other contacts cause [m], and forces [N].
     force : (nq,) array
         Generalised forces on the model's coordinates.
     row_nodes : (nr,) int array
-        Node of the slave's patch for each row of all.
+        Node of the slave's patch for each row of all contacts.
     at_edge : (nr,) bool array
         Rows at the edge of their patch.
     values : (n, 6) array
-        Of the sensor of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N],
+        Sensor values of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N],
         and the smallest gap of the rows, without the contact's own flexibility [m].
     stored : (n,) array
         Energy that each contact stores [J].
     whole : bool
-        Whether `h` and `pushed` are those of the last evaluation: the lowest rows of open contacts do without them.
+        Whether `h` and `pushed` belong to the last evaluation. They are not computed while all contacts stay open.
     pushes : bool
-        Whether there are forces.
+        Whether any force acts.
     kept : (k,) int array or None
-        Closed rows that results were kept of last.
+        Closed rows for which results were kept last.
     """
 
     kept: Array | None = None
@@ -67,8 +67,9 @@ class FrozenContacts:
     def evaluate(self, q: Array) -> bool:
         """Find forces at the model's coordinates q, (nq,), and the values of sensors.
 
-        Return False if pairs begin to slide, or forces do not settle soon; then each contact must be evaluated. While
-        all contacts stay open, their lowest rows are enough; `evaluate_rows` finds the gaps of all.
+        Return False if pairs begin to slide, or if forces do not converge soon. Then each contact must be evaluated
+        alone. While all contacts stay open, only their lowest rows are evaluated; `evaluate_rows` finds the gaps of all
+        rows.
         """
         if not self.pushes and loops.fly_on(self._rows, self._lowest, q, self.h, self.values):
             self.whole = False
@@ -87,11 +88,11 @@ class FrozenContacts:
         return True
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:
-        """Whether these gaps of the contacts still have the pairs that they had at first."""
+        """Whether these gaps of the contacts still have their first pairs."""
         return [each.stage for each in gaps] == self._stages
 
     def guess(self, active: Array) -> None:
-        """Begin with some active rows, (nr,) bool."""
+        """Start the next solution from these active rows, (nr,) bool."""
         self._blocks.active[:], self._blocks.n_closed[:] = active, -1
 
     def take_iterations(self) -> Array:

@@ -1,4 +1,4 @@
-"""Gap rows of a patch in motion, and the generalised forces that forces on the rows make.
+"""Gap rows of a patch in motion, and the generalised forces that follow from forces on the rows.
 
 `Gaps.jacobian` is G_C of the paper (eq. 25-27).
 
@@ -34,12 +34,12 @@ from .stages import NOTHING, Frozen, Pressed, Shares, Stage
 if TYPE_CHECKING:
     from typing import Self
 
-MANY = 50_000  # of what can be spared, see `Side.spares`: then only the nodes needed are followed
+MANY = 50_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
 class Gaps:
-    """Present gap rows of a patch, and the effects of forces on them. Subclasses say what the gaps lead to.
+    """Present gap rows of a patch, and the effects of forces on them. Subclasses define the counterpart.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ class Gaps:
     size : float
         Size of the facets, the scale of motion [m].
     stage : Stage
-        The present rows, and what follows from them.
+        The present rows, and quantities derived from them.
     approach : (3,) array
         Unit vector along which the slave approached at the start.
     faced : bool
         Whether the slave faced its counterpart at the start. If not, the first rows are those of a pose in which it
-        does. They give flexibility and stiffness; the first evaluation replaces them.
+        does. They give flexibility and stiffness. The first evaluation replaces them.
     searches : int
         Number of searches for the pairs of all points since the start of the run.
     carried : bool
@@ -97,9 +97,9 @@ class Gaps:
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """Gap of the slave's lowest point, among its nodes and contact points, at coordinates q, (n,) [m].
 
-        It does not include the contact's own flexibility and does not depend on the present rows. It is negative where
-        the surfaces, as the coordinates move them, lie within each other, and infinite if no point faces the master.
-        `dents` are those of each side, see `Side.dent`.
+        It does not include the contact's own flexibility and does not depend on the present rows. It is
+        negative where the surfaces overlap in the motion that the coordinates describe. It is infinite if no
+        point faces the master. `dents` are those of each side, see `Side.dent`.
         """
         raise NotImplementedError
 
@@ -109,9 +109,9 @@ class Gaps:
         return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
 
     def pressed_at(self, q: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
-        """Gaps as `at` finds them, and the forces that the law would find from them, where one call can do both.
+        """Gaps as `at` finds them, and the forces that the law would find from them, if one call can find both.
 
-        `problem` are the rows that can close, and the problem of `regularised_flexibility` of these.
+        `problem` has the rows that can close, and the problem with their `regularised_flexibility`.
         """
         return self.at(q), None
 
@@ -130,7 +130,7 @@ class Gaps:
 
     @property
     def points(self) -> ContactPoints:
-        """Points of the present rows. While rows move, only those are present that can touch soon."""
+        """Points of the present rows. While rows move, only rows that can touch soon are present."""
         return self.stage.rows.points
 
     @property
@@ -170,7 +170,7 @@ class Gaps:
 
     @property
     def near_sides(self) -> tuple[Side, ...]:
-        """The sides; while rows are followed, only with the nodes that these need."""
+        """The sides; while rows are followed, only with the nodes that the rows need."""
         return self.stage.rows.sides
 
     @property
@@ -179,7 +179,7 @@ class Gaps:
         return None if self.moving else self.stage
 
     def holds(self, held: object) -> bool:
-        """Whether rows are frozen, and have stayed so since this was `held`."""
+        """Whether rows are frozen, and have stayed frozen since `held` was this object."""
         return not self.moving and self.stage is held
 
     @property
@@ -189,12 +189,12 @@ class Gaps:
 
     @property
     def carrier_pose(self) -> Array:
-        """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if nothing carries it."""
+        """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if no body carries it."""
         return NOTHING
 
     @property
     def carrier_motion(self) -> Array:
-        """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s], if one does."""
+        """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s]."""
         return NOTHING
 
     @property
@@ -204,7 +204,7 @@ class Gaps:
 
     @property
     def linear(self) -> LinearGaps | None:
-        """Gaps of the present rows as long as these are frozen; None if they move."""
+        """Gaps of the present rows as linear functions while the rows are frozen; None if they move."""
         return self.stage.linear if isinstance(self.stage, Frozen) else None
 
     @property
@@ -230,7 +230,7 @@ class Gaps:
         return [side.kinematics.body for side in self.sides]
 
     def with_nodes(self, nodes: Sequence[Array]) -> tuple[Side, ...]:
-        """The sides with only some nodes of each, (k,) int arrays, where that saves time."""
+        """The sides with only some nodes of each, (k,) int arrays, if that saves time."""
         both = zip(self.sides, nodes, strict=True)
         return tuple(side.following(some) if side.spares(some) > MANY else side for side, some in both)
 
@@ -245,7 +245,7 @@ class Gaps:
         return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
 
     def moved(self, q: Array, way: Array) -> Array:
-        """Coordinates, (n,), after an increment `way`, (n,), velocity times time, from q, (n,)."""
+        """Coordinates, (n,), after an increment `way`, (n,), from q, (n,); `way` is velocity times time."""
         parts = zip(self.sides, self.split(q), self.split(way), strict=True)
         return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
 
@@ -255,12 +255,12 @@ class Gaps:
         return np.concatenate([side.kinematics.rigid_part(part) for side, part in parts])
 
     def way(self, q: Array, end: Array) -> Array:
-        """Way, (n,), that leads from coordinates q to `end`, (n,): the inverse of `moved`."""
+        """Increment, (n,), that leads from coordinates q to `end`, (n,): the inverse of `moved`."""
         parts = zip(self.sides, self.split(q), self.split(end), strict=True)
         return np.concatenate([side.kinematics.way(*part) for side, *part in parts])
 
     def accelerations(self, rows: Rows) -> Rows:
-        """Accelerations of the coordinates, (n, nr), by unit forces on rows, (nr, n); csr if the rows are csr."""
+        """Accelerations of the coordinates, (n, nr), due to unit forces on rows, (nr, n); csr if the rows are csr."""
         slices = consecutive([side.n for side in self.sides])
         parts = [
             side.kinematics.accelerations(q, rows[:, own].T)
@@ -280,7 +280,7 @@ class Gaps:
         return [side.place(part) for side, part in zip(sides, self.split(q), strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], pairs held.
+        """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], for fixed pairs.
 
         Parameters
         ----------
@@ -308,13 +308,13 @@ class Gaps:
         return self._places
 
     def jacobian(self, index: Array) -> Rows:
-        """Derivative of the gaps of some present rows by the coordinates, (na, n), pairs held."""
+        """Derivative of the gaps of some present rows with respect to the coordinates, (na, n), for fixed pairs."""
         if isinstance(self.stage, Frozen):
             return self.stage.linear.H[index]
         return self.rows_on_coordinates(self.stage, self._q, index)
 
     def rows_on_coordinates(self, stage: Stage, q: Array, index: Array | None = None) -> Rows:
-        """Derivative of the gaps of a stage's rows by the coordinates, (na, n), at coordinates q, (n,), pairs held."""
+        """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
         mean, parts = stage.rows.points.mean, []
         mean = mean if index is None else mean[index]
         for (nodes, weights), side, own in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
@@ -323,7 +323,7 @@ class Gaps:
         return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
-        """Derivative of the rates of some gaps by the velocities of the body that carries the surface, (na, 6)."""
+        """Derivative of gap rates of some rows with respect to the velocities of the surface's carrier, (na, 6)."""
         raise NotImplementedError
 
     def nodal_forces(self, lam: Array) -> list[Array]:
@@ -370,17 +370,17 @@ class Gaps:
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility between some present rows, (na, na) [m/N].
 
-        It changes slowly with the places of the points on their facets. So it is kept while the points move little, and
-        the same array is returned for the same rows.
+        It changes slowly with the places of the points on their facets. So it is kept while the points move little. For
+        the same rows, the same array is returned.
         """
         return self._row_flexibility().of(index)
 
     def regularised_flexibility(self, index: Array) -> Array:
-        """The same, regularised as in `problem`; it, too, is the same array for the same rows."""
+        """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
         return self._row_flexibility().regularised_of(index)
 
     def is_known(self, regularised: Array) -> bool:
-        """Whether this is what `regularised_flexibility` has returned for the present rows where they are known."""
+        """Whether `regularised_flexibility` has returned this array for the present rows."""
         known = self.stage.rows.known("flexibility")
         return known is not None and known[1].regularised is regularised
 
@@ -391,7 +391,7 @@ class Gaps:
         return RowFlexibility(self._all_flexibility())
 
     def problem(self) -> Complementarity:
-        """Return the problem of the forces on all present rows, regularised: rows on few points may be redundant.
+        """Return the regularised problem of the forces on all present rows. Rows on few points may be redundant.
 
         Runs in which the same rows stay frozen share its matrix.
 
@@ -410,7 +410,7 @@ class Gaps:
         return Standing(self.stage.rows, self.stance())
 
     def stance(self) -> Array:
-        """Values that the flexibility of the rows depends on, scaled by the size of a facet or by one."""
+        """Values on which the flexibility of the rows depends: places divided by a facet's size, or directions."""
         raise NotImplementedError
 
     def _all_flexibility(self) -> Array:
@@ -425,7 +425,7 @@ class Gaps:
         return F
 
     def loaded_nodes(self, place: int) -> LoadedNodes:
-        """One side's nodes that carry the present rows, and perhaps some more that have carried others."""
+        """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
         side, nodes = self.sides[place], self.shares[place][0]
         known = self._loaded.get(place)
         if known is None or not known.carry(nodes):
@@ -455,7 +455,7 @@ class RowFlexibility:
     Attributes
     ----------
     regularised : (na, na) array or None
-        What `regularised_of` has returned for the rows that were asked for last.
+        Last return value of `regularised_of`.
     """
 
     def __init__(self, F: Array) -> None:
@@ -464,14 +464,14 @@ class RowFlexibility:
         self.regularised: Array | None = None
 
     def of(self, index: Array) -> Array:
-        """That between some rows, (na, na); for the same rows it is the same array."""
+        """Flexibility between some rows, (na, na); the same array for the same rows."""
         if not np.array_equal(index, self._index):
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some
 
     def regularised_of(self, index: Array) -> Array:
-        """That between some rows, regularised, (na, na); for the same rows it is the same array."""
+        """Regularised flexibility between some rows, (na, na); the same array for the same rows."""
         some = self.of(index)
         if self.regularised is None:
             self.regularised = regularised(some)

@@ -33,7 +33,7 @@ def followed_gaps(
 
 @compiled
 def same_rows(h: Array, limit: float, index: Array) -> bool:
-    """Whether the rows with h below a limit are these, in ascending order."""
+    """Whether `index` has exactly the rows with h below a limit, in ascending order."""
     found = 0
     for row in range(len(h)):
         if h[row] < limit:
@@ -49,7 +49,7 @@ def answer_again(
 ) -> tuple[Array, float, bool]:
     """Forces on all rows and the least gap, if the rows that can close, `near`, and the closed ones stay the same.
 
-    F, `factor` and `index` are as in `check_active`. The last result tells whether they do; else forces are wrong.
+    F, `factor` and `index` are as in `check_active`. The last result is whether they do; if not, the forces are wrong.
     """
     least, total, lam = np.inf, 0.0, np.zeros(len(gap))
     for row in range(len(gap)):
@@ -67,7 +67,7 @@ def answer_again(
 
 @compiled
 def generalised(m: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
-    """Generalised forces of both bodies, (n,), of forces on rows that are followed, along their points' normals."""
+    """Generalised forces on both bodies, (n,), from forces on followed rows, along their points' normals."""
     rows_s, rows_m = slave.rows, master.rows
     of_slave, of_master = forces_on_nodes(m, lam, normals, len(rows_s) // 3, len(rows_m) // 3)
     n = rows_s.shape[1]
@@ -88,13 +88,13 @@ def pressed_at(
     ----------
     q : (n,) array
     stood : (3, 3) array
-        Where the slave was seen, by `size`, when the flexibility was found; it may move by `same`.
+        Place of the slave, divided by `size`, when the flexibility was found; it may change by `same`.
     near, F, factor, index, rounding
-        See `answer_again`; `near` is empty if no forces are asked for.
+        See `answer_again`; `near` is empty if no forces are needed.
 
     Returns
     -------
-    What `follow_rows` returns, forces on the rows, (nr,), generalised forces, (n,), and whether these two are right.
+    The results of `follow_rows`, forces on the rows, (nr,), generalised forces, (n,), and whether these two are right.
     """
     place_active(slave, q, 0)
     place_active(master, q, slave.rows.shape[1])
@@ -114,7 +114,7 @@ def pressed_at(
 
 @compiled
 def pushes(starts: Array, columns: Array, shares: Array, lam: Array, normals: Array) -> Array:
-    """Forces at points, (p, 3), of forces on rows, (nr,), along the normals of their points."""
+    """Forces at points, (p, 3), from forces on rows, (nr,), along the normals of their points."""
     result = np.zeros((len(normals), 3))
     for row in range(len(lam)):
         if lam[row] != 0.0:
@@ -149,7 +149,7 @@ def directed_rows(
 ) -> Array:  # fmt: skip
     """Rows of some normals and tangents on n nodes of a side, (3 na, 3 n), see `TangentialRows.side_rows`.
 
-    The first three are those of the csr matrix of the rows' means; normals belong to points, tangents to rows.
+    The first three arguments are the csr matrix of the rows' means. Normals belong to points, tangents to rows.
     """
     result = np.zeros((3 * len(index), 3 * n))
     for i in range(len(index)):
@@ -192,7 +192,7 @@ def along(tangents: Array, vectors: Array) -> Array:
 
 @compiled
 def at_points(starts: Array, columns: Array, shares: Array, lam: Array, tangents: Array, normals: Array) -> Array:
-    """Forces at points, (p, 3), of forces along the directions of rows, (nr, 3), see `TangentialRows.at_points`."""
+    """Forces at points, (p, 3), from forces along the directions of rows, (nr, 3), see `TangentialRows.at_points`."""
     result = np.zeros((len(normals), 3))
     for row in range(len(lam)):
         push, u, v = lam[row, 0], lam[row, 1], lam[row, 2]
@@ -267,7 +267,7 @@ def gaps_of_contact(rows: FlatRows, j: int, own: Array, gap: Array) -> None:
 
 @compiled
 def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
-    """Set h to the gaps at coordinates q; whether all pairs stay frozen, see `frozen.FrozenContacts`."""
+    """Set h to the gaps at coordinates q; return whether all pairs stay frozen, see `frozen.FrozenContacts`."""
     for j in range(len(rows.reach)):
         own = coordinates_of(rows, j, q)
         if not slid(rows, j, own) <= rows.reach[j]:
@@ -307,7 +307,7 @@ def choose_lowest(rows: FlatRows, lowest: LowestRows, j: int, own: Array, gap: A
 
 @compiled
 def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
-    """Tell the smallest gap of each contact; False if one is closed or pairs slide. See `linear_gaps.LowestRows`."""
+    """Write the smallest gaps to `told`; return False if a contact closes or slides. See `linear_gaps.LowestRows`."""
     few, gap = lowest.start.shape[1], np.empty(lowest.start.shape[1])
     for j in range(len(told)):
         own, place, turned, slides, least = coordinates_of(rows, j, q), rows.places[j], 0.0, 0.0, np.inf
