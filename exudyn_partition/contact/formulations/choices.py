@@ -1,4 +1,4 @@
-"""The formulations that a user can choose by name: the bases that each takes, its law, and how contacts couple."""
+"""The formulations that a user can choose by name: the bases each accepts, its law, and how contacts couple."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
 FormulationName = Literal["compliance", "lagrange", "penalty"]
 NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
 
-_COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; contacts are not coupled below it
-_MOVED = 1e-9  # the same for accelerations: those that multipliers of one contact give to rows of another
+_COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; below it, contacts are not coupled
+_MOVED = 1e-9  # the same for accelerations that multipliers of one contact cause in rows of another
 _SIZES: WeakKeyDictionary[ReducedBody, dict[tuple[int, int], float]] = WeakKeyDictionary()  # see `_size`
 _STIFFEST = 1e6  # times the default penalty; explicit steps are then a thousandth of those with the default
 
@@ -93,7 +93,7 @@ class Lagrange(Formulation):
         if not isinstance(other.formulation, Lagrange):
             return False
         if shared.patches[0] == shared.patches[1]:
-            if contact.zones is not None or other.zones is not None:  # each would count the zone's forces
+            if contact.zones is not None or other.zones is not None:  # both contacts would count the zone's forces
                 super().couples(contact, other, shared)
             return True
         inverse_mass = sp.diags(1 / shared.mass)
@@ -109,7 +109,7 @@ class Penalty(Formulation):
     ----------
     stiffness : float, optional
         Stiffness of the layer [N/m3]. Default: the layer yields under uniform pressure as much as the residual
-        flexibility does. Where patches have mass, it adds at most a tenth to their highest squared frequency.
+        flexibility. Where patches have mass, it adds at most a tenth to their highest squared frequency.
     """
 
     friction = True
@@ -130,7 +130,7 @@ class Penalty(Formulation):
 
     @staticmethod
     def usual_stiffness(gaps: Gaps) -> float:
-        """Stiffness of the layer that is taken by default [N/m3]."""
+        """Default stiffness of the layer [N/m3]."""
         if any(side.flexibility is not None for side in gaps.sides):
             return bed_stiffness(gaps)
         inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
@@ -169,7 +169,7 @@ def _coupling(shared: SharedBody) -> float:
 
 
 def _size(body: ReducedBody, patch: int, other: int) -> float:
-    """Largest singular value of the residual flexibility between two patches [m/N]; found once for a body."""
+    """Largest singular value of the residual flexibility between two patches [m/N]; computed once for a body."""
     known = _SIZES.setdefault(body, {})
     if (patch, other) not in known:
         known[patch, other] = float(np.linalg.norm(body.flexibility(patch, other), 2))

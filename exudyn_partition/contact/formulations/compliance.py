@@ -19,8 +19,8 @@ from ..followed import BULGE
 from ..gaps import Gaps
 from ..law import Forces, Law, Places, RowDirections
 
-_MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps are taken, so that the problem seldom changes
-_SPARE = 10  # rows that are taken though they are far, before others are chosen
+_MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter, so that the problem seldom changes
+_SPARE = 10  # far rows that may stay in the problem before rows are chosen again
 
 
 def compliance(rows: RowDirections) -> Law:
@@ -41,10 +41,10 @@ class NormalCompliance(Law):
     As long as the pairs stay the same, the forces are a continuous, piecewise linear function of q. They are the
     gradient of the potential 1/2 lambda' F lambda: contact stores energy and returns it, but creates none.
 
-    While pairs slide, F is projected on the present normals and facets. It is computed again when the patches have
-    slid by 1 % of a facet. Only rows that can close enter: rows with a negative gap, and rows whose gap is below a
-    quarter of the deepest row's depth, as the surface bulges around a contact. The change of F itself makes no force,
-    because rows are frictionless.
+    While pairs slide, F is projected on the present normals and facets. It is computed again when the patches have slid
+    by 1 % of a facet. Only rows that can close enter. These are rows with a negative gap, and rows whose gap is below a
+    quarter of the deepest row's depth, because the surface bulges around a contact. The change of F itself causes no
+    force, because rows are frictionless.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class NormalCompliance(Law):
         return self._on_rows(h, near, self.problem.solve(h if len(near) == len(h) else h[near], least))
 
     def closed_problem(self) -> tuple[Array, ...] | None:
-        """See `Law`; while rows are followed and stay the same."""
+        """See `Law`; None unless rows are followed and stay the same."""
         if not self.gaps.moving or self._near is None or not self.gaps.is_known(self.problem.F):
             return None
         return self._near, *self.problem.compiled
@@ -96,7 +96,7 @@ class NormalCompliance(Law):
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
 
-        `least` is the smallest gap. Of frozen rows, these are all.
+        `least` is the smallest gap. If rows are frozen, all of them enter.
         """
         if not self.gaps.moving:
             self.hold()
@@ -109,13 +109,13 @@ class NormalCompliance(Law):
         return near
 
     def hold(self) -> None:
-        """Set up the problem of rows that have been frozen since the last answer."""
+        """Set up the problem of rows that became frozen after the last answer."""
         if not self.gaps.holds(self._held):
             self._counted += self.problem.iterations
             self._take_held()
 
     def found(self, h: Array, near: Array, lam: Array) -> Forces:
-        """Forces on all rows, for forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
+        """Forces on all rows, from forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
         self.problem.take(lam > 0.0)
         return self._on_rows(h, near, lam)
 
@@ -148,14 +148,15 @@ class NormalCompliance(Law):
 class FrictionalCompliance(Law):
     """Massless contact with Coulomb friction between two bodies whose rows have a residual flexibility.
 
-    h(q) are the gaps of the kept shapes, s(q) the ways that rows have slid along their tangents since the last accepted
-    step. With F of normals and tangents, and lambda* the forces at the end of that step, the forces lambda solve::
+    h(q) are the gaps that the kept shapes give. s(q) is how far rows have slid along their tangents since the last
+    accepted step. lambda* are the forces at the end of that step. With F for normals and tangents, the forces lambda
+    solve::
 
         w_n = h + (F lambda)_n,    0 <= lambda_n,    0 <= w_n,    lambda_n w_n = 0,
         w_t = s + (F (lambda - lambda*))_t,    |lambda_t| <= mu lambda_n,    w_t = 0 where |lambda_t| < mu lambda_n,
 
     and where |lambda_t| = mu lambda_n, the slip w_t is opposite to lambda_t. There is no potential. The answer is
-    unique for moderate coefficients only; beyond, it is the one found from that of the step before.
+    unique for moderate coefficients only. For larger ones, the solver finds one answer, starting from the step before.
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ class FrictionalCompliance(Law):
         self._near, self._row_nodes = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
         self._F, self._guess = np.empty((0, 0)), np.zeros(n, dtype=np.int8)
         self._since = -math.inf
-        self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, by the slave's nodes
+        self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, at the slave's nodes
         self._moved = np.empty((0, 3))
 
     def fresh(self, rows: RowDirections) -> FrictionalCompliance:
@@ -191,7 +192,7 @@ class FrictionalCompliance(Law):
         """See `Law`."""
         gap, last, nodes = at.gap, at.last, self.rows.gaps.row_nodes
         problem, near = self._take(gap, last)
-        if at.since != self._since:  # another step: guess that forces go on changing
+        if at.since != self._since:  # a new step: guess that forces change as they did
             before, self._since = self._last[nodes], at.since
             self._last[:] = 0.0
             self._last[nodes] = last
@@ -207,7 +208,7 @@ class FrictionalCompliance(Law):
         return Forces(forces, near[problem.index], state, slips)
 
     def _take(self, gap: Array, last: Array) -> tuple[FrictionProblem, Array]:
-        """Set up the problem of rows that may close, and of those that were closed; return it and their numbers."""
+        """Set up the problem of rows that may close or were closed; return it and the rows' numbers."""
         least, row_nodes = float(gap.min()), self.rows.gaps.row_nodes
         needed = (gap < -BULGE * least) | (last[:, 0] > 0)
         many, kept = needed.sum(), self._row_nodes is row_nodes

@@ -22,8 +22,8 @@ from ..side import Standing
 from .compliance import NormalCompliance
 
 _SWEEPS = 100
-_SETTLED = 1e-11  # change of the forces in a sweep, relative
-_SETTLED_WITH_FRICTION = 1e-9  # forces with friction are known to a tenth of it
+_SETTLED = 1e-11  # relative change of the forces in a sweep
+_SETTLED_WITH_FRICTION = 1e-9  # forces with friction are computed to a tenth of it
 _UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
 
 
@@ -31,22 +31,22 @@ class CoupledContacts:
     """Compliance contacts that share bodies, solved together.
 
     Without friction and yield, the forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over
-    lambda >= 0, with F of all rows; see `BlockComplementarity`. Contacts enter that are closed, or that the others
-    close.
+    lambda >= 0, with F of all rows; see `BlockComplementarity`. A contact enters if it is closed, or if the others
+    close it.
 
-    With friction or yield there is no potential. Then each contact in turn answers what the others push, by block
-    Gauss-Seidel. It converges fast, because one patch moves another only a little. Tangential forces push too, and
-    tangential places are pushed by what the forces have changed since the last accepted step.
+    With friction or yield there is no potential. Then each contact in turn finds its forces for the displacements that
+    the others cause (block Gauss-Seidel). This converges fast, because one patch moves another only a little.
+    Tangential forces count too. Tangential places move by the change of the forces since the last accepted step.
 
-    A patch moves the others of its body by few smooth fields, so that only their amplitudes are exchanged.
+    A patch moves the others of its body by few smooth fields. Only their amplitudes are exchanged.
 
     Parameters
     ----------
     contacts : list of PatchContact
-        By formulation 'compliance'.
+        Contacts with formulation 'compliance'.
     links : callable
-        Returns numbers of a contact and its side, of another and its side, and the body's flexibility between the
-        patches, (d np, d np) [m/N], for each two sides that move each other.
+        For each two sides that move each other, returns the numbers of a contact and its side, of the other contact and
+        its side, and the body's flexibility between the patches, (d np, d np) [m/N].
     """
 
     def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
@@ -63,7 +63,7 @@ class CoupledContacts:
         return Exchange.of(self._links())
 
     def _begin(self) -> None:
-        """Forget the forces of the last accepted step, which frictionless contacts do not keep themselves."""
+        """Forget the forces of the last accepted step; frictionless contacts do not keep them."""
         if self._jointly:
             self._begin_jointly()
         self._remembering = [contact for contact in self.contacts if contact.remembers]
@@ -72,14 +72,14 @@ class CoupledContacts:
         self._last = [np.zeros(len(contact.node_areas)) for contact in self.contacts]
 
     def _prepare(self) -> None:
-        """Find what all runs share."""
-        self._exchange  # noqa: B018 - it is kept
+        """Compute the data that all runs share."""
+        self._exchange  # noqa: B018 - the property keeps its value
 
     def _begin_jointly(self) -> None:
         self._joint = BlockComplementarity(len(self.contacts), self._exchange.core)
 
     def for_run(self, contacts: Sequence[PatchContact]) -> CoupledContacts:
-        """Return the same object for the contacts of a run; what patches push each other by is shared."""
+        """Return the same object for the contacts of a run; the flexibility between patches is shared."""
         self._prepare()
         result = copy.copy(self)
         result.contacts, result._at, result._inverse = [*contacts], None, None
@@ -94,7 +94,7 @@ class CoupledContacts:
     def forces_at(self, state: Array, coordinates: Callable[[], Sequence[Array]]) -> list[Array]:
         """Generalised forces of each contact, (n,), in a state of the model.
 
-        Every contact asks for its forces in the same state; they are computed once. Where a body carries a rigid
+        Every contact needs its forces in the same state, but they are computed once. Where a body carries a rigid
         surface, its place is part of the state.
 
         Parameters
@@ -118,14 +118,14 @@ class CoupledContacts:
         return self._forces
 
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
-        """All contacts at once in compiled loops, which go on from here; None if pairs move, or there are no loops.
+        """All contacts for compiled loops, starting from the present forces; None if pairs move, or without such loops.
 
         Parameters
         ----------
         dofs : sequence of (n,) int arrays
             Numbers of each contact's coordinates in the model.
         last : FrozenContacts or None
-            What this returned before. It is used again if it has the same pairs.
+            Last return value. It is used again if it has the same pairs.
         """
         gaps = [contact.gaps for contact in self.contacts]
         if not self._jointly or not loops.at_once() or any(each.linear is None for each in gaps):
@@ -141,13 +141,14 @@ class CoupledContacts:
 
     @property
     def _laws(self) -> list[NormalCompliance]:
-        """Laws of contacts that are all elastic."""
+        """Laws of the contacts, if all of them are elastic."""
         return cast("list[NormalCompliance]", [contact.law for contact in self.contacts])
 
     def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """Let the contacts take the state of `frozen`, whose last evaluation was at these coordinates of each.
 
-        Return False if pairs have changed since, as somebody asked for gaps. Then contacts find the state themselves.
+        Return False if pairs have changed since then, because gaps were evaluated elsewhere. Then contacts find the
+        state themselves.
         """
         self._at = self._inverse = None
         if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
@@ -164,7 +165,7 @@ class CoupledContacts:
     def _take(self, j: int, gap: Array, moved: Array, near: Array | None, lam: Array) -> None:
         """Let a contact have forces on the rows `near`, (k,) [N], that were found together with those of the others.
 
-        Its gaps are `gap`, (nr,) [m], and `moved` where the forces of the others have moved them.
+        Its gaps are `gap`, (nr,) [m]. `moved` are the gaps with the displacements that the other contacts cause.
         """
         contact, law = self.contacts[j], self._laws[j]
         contact.h, contact.least_gap = gap, moved.min(initial=np.inf)
@@ -174,9 +175,9 @@ class CoupledContacts:
             contact.take(law.found(moved, near, lam))
 
     def stiffness(self, contact: PatchContact, other: PatchContact) -> Array:
-        """Change of forces on closed rows of a contact by places of closed rows of another, (d na, d nb) [N/m].
+        """Derivative of forces on a contact's closed rows with respect to places of another's, (d na, d nb) [N/m].
 
-        All other places are held.
+        All other places are fixed.
         """
         if self._inverse is None:
             self._closed = consecutive([each.rows.d * len(each.index) for each in self.contacts])
@@ -192,7 +193,7 @@ class CoupledContacts:
         return F
 
     def _flexibility_between(self) -> Array:
-        """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero blocks for each contact's own."""
+        """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero diagonal blocks."""
         F = np.zeros((self._closed[-1].stop,) * 2)
         fields = [self._rows_by_fields(j)[each.rows.directions(each.index)] for j, each in enumerate(self.contacts)]
         for (j, k), core in self._exchange.core.items():
@@ -200,7 +201,7 @@ class CoupledContacts:
         return F
 
     def _frictional_stiffness(self) -> Array:
-        """Changes of all forces by gaps and tangential places: d lambda = -D (dh + F_between d lambda)."""
+        """Derivative of all forces with respect to all places: d lambda = -D (dh + F_between d lambda)."""
         D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
         value: Array = np.linalg.solve(np.eye(len(D)) + D @ self._flexibility_between(), D)
         return value
@@ -222,7 +223,7 @@ class CoupledContacts:
         return contact.index.size > 0 or bool(contact.memory.forces.any())
 
     def _answer_jointly(self, gaps: list[Array]) -> None:
-        """Find the forces of all contacts. Those enter that press, or that the others press."""
+        """Find the forces of all contacts. A contact enters if it presses, or if the others press it."""
         pushed, near, lam = [*gaps], dict[int, Array](), dict[int, Array]()
         for _ in range(_SWEEPS):
             entering = [j for j, h in enumerate(pushed) if _presses(h, near.get(j))]
@@ -240,7 +241,7 @@ class CoupledContacts:
             self._take(j, gap, moved, near.get(j), lam.get(j, np.empty(0)))
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
-        """Forces on the rows that are near, of each contact, (k,) [N]."""
+        """Forces on the near rows of each contact, (k,) [N]."""
         laws = self._laws
         return self._joint.solve(
             {j: laws[j].problem for j in near},
@@ -256,14 +257,14 @@ class CoupledContacts:
         return known[2]
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
-        """Gaps of the j-th contact, (nr,) [m], where the forces of the others have moved them."""
+        """Gaps of the j-th contact, (nr,) [m], with the displacements that the other contacts cause."""
         known, c = self._joint.pushed.get(j), self._joint.amplitudes[j]
         if known is not None and len(known) == len(gap):
             return known
         return np.asarray(gap + self._rows_by_fields(j) @ c) if c.any() else gap
 
     def _settle(self, gaps: list[Array]) -> None:
-        pushed_ever = [False] * len(self.contacts)  # the others already have their answer
+        pushed_ever = [False] * len(self.contacts)  # all but the first are answered
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
@@ -284,7 +285,7 @@ class CoupledContacts:
             )
 
     def _pushed(self, j: int, k: int) -> Array:
-        """What the forces of the k-th contact add to the places of the j-th, in the shape of its forces [m].
+        """Displacements that the forces of contact k add to the places of contact j, in the shape of its forces [m].
 
         These are gaps, and with friction also tangential places since the last accepted step.
         """
@@ -300,9 +301,9 @@ class CoupledContacts:
         return np.asarray(self._rows_by_fields(j) @ amplitudes)
 
     def _rows_by_fields(self, j: int) -> Array:
-        """How the fields of its patches move the rows of a contact, (nr, m) or with friction (3 nr, m).
+        """Displacements of a contact's rows in the fields of its patches, (nr, m) or with friction (3 nr, m).
 
-        It changes slowly, and is kept while the rows move little.
+        The matrix changes slowly. It is kept while the rows move little.
         """
         rows, kept = self.contacts[j].rows, self._rows.get(j)
         standing = rows.standing()
@@ -314,10 +315,10 @@ class CoupledContacts:
 
 
 class SharedPatches(CoupledContacts):
-    """Frictionless contacts of which some share a patch, solved as one problem.
+    """Frictionless contacts, some of which share a patch, solved as one problem.
 
-    Rows of one patch push each other by all of its flexibility, not by a few fields. So the flexibility between all
-    rows that can close is set up, and is kept while these stay the same and move little.
+    Rows of one patch move each other through its full flexibility, not through a few fields. So the flexibility between
+    all rows that can close is set up. It is kept while these rows stay the same and move little.
     """
 
     @cached_property
@@ -325,10 +326,10 @@ class SharedPatches(CoupledContacts):
         return self._links()
 
     def _prepare(self) -> None:
-        self._all_links  # noqa: B018 - it is kept
+        self._all_links  # noqa: B018 - the property keeps its value
 
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> None:
-        """See `CoupledContacts.frozen`; there are no loops for whole flexibilities."""
+        """See `CoupledContacts.frozen`; there are no compiled loops for full flexibilities."""
 
     def _begin_jointly(self) -> None:
         self._between = FlexibilityBetween([contact.rows for contact in self.contacts], self._all_links)
@@ -347,7 +348,7 @@ class SharedPatches(CoupledContacts):
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """See `CoupledContacts._solve`."""
         laws = self._laws
-        near = {j: near[j] for j in sorted(near)}  # they enter in any order
+        near = {j: near[j] for j in sorted(near)}  # contacts enter in any order
         own = dict(zip(near, consecutive([len(rows) for rows in near.values()]), strict=True))
         if self._stale(near):
             F = np.zeros((sum(map(len, near.values())),) * 2)
@@ -367,11 +368,11 @@ class SharedPatches(CoupledContacts):
         return found
 
     def _stale(self, near: dict[int, Array]) -> bool:
-        """Whether other rows are near, or they have moved; if so, find the blocks between them again."""
+        """Whether other rows are near, or rows have moved; if so, compute the blocks between them again."""
         moved = set()
         for j in near:
             standing, own, known = self.contacts[j].rows.standing(), self._laws[j].problem.F, self._stood.get(j)
-            if known and standing.nearly(known[0], SAME) and known[1] is own:  # of the same rows, then
+            if known and standing.nearly(known[0], SAME) and known[1] is own:  # known for the same rows
                 continue
             moved.add(j)
             self._stood[j] = standing, own

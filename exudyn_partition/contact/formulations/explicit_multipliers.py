@@ -23,9 +23,9 @@ from ..law import Forces, Law, Places, RowDirections
 from ..patch_contact import PatchContact
 from ..tangential import TangentialRows
 
-_CLOSED = 1e-3  # of a facet's size, to which gaps stay closed where points cross edges between facets
-_SOONER = 10  # times sooner than it grew, the error of frozen pairs goes when they are followed
-_SOONEST = 20  # steps in which it goes
+_CLOSED = 1e-3  # of a facet's size: accuracy of closed gaps where points cross edges between facets
+_SOONER = 10  # the error of frozen pairs fades so many times faster than it grew, once pairs are followed
+_SOONEST = 20  # steps at least, in which it fades
 
 State = tuple[Array, Array, Array]  # coordinates, velocities, and accelerations without contact, (n,) each
 
@@ -34,11 +34,11 @@ class Multipliers(Law):
     """Multipliers for patches with mass: no gap is negative at the end of the step.
 
     Eq. 24 alone sets the relative acceleration to zero. A node that has just touched would keep its approach velocity
-    and drift into penetration. Here lambda_n >= 0 and g(q_{n+1}) >= 0 are complementary: this is the forward-increment
+    and drift into penetration. Here lambda_n >= 0 and g(q_{n+1}) >= 0 are complementary. This is the forward-increment
     form (Carpenter, Taylor, Katona 1991) of the same central differences. Pairs are those at the predicted q_{n+1}.
 
-    With friction, a row that sticks does not move along its tangents in the coming step. With s the way that a row
-    slides in it::
+    With friction, a row that sticks does not move along its tangents in the coming step. With s the displacement by
+    which a row slides in that step::
 
         |lambda_t| <= mu lambda_n,    s = 0 where |lambda_t| < mu lambda_n,
 
@@ -62,15 +62,15 @@ class Multipliers(Law):
 
 
 class ForwardRows:
-    """The rows of a contact in explicit steps: where they would be at the end of each without contact forces.
+    """The rows of a contact in explicit steps, and their places at the end of each step without contact forces.
 
-    Where frozen pairs have slid and are followed from now on, gaps jump. Multipliers would close a jump within one
-    step, by an impact that is none. So the difference to the frozen gaps is taken off, and fades in many steps.
+    When frozen pairs have slid and become followed pairs, gaps jump. Multipliers would close such a jump within one
+    step, with a false impact. So the difference from the frozen gaps is subtracted, and fades over many steps.
 
-    With friction, lambda acts at the start of the step. Friction takes its impulse times the mean of the slip rates
-    half a step before and after: the change of kinetic energy. That includes what nodes with mass lose along the
-    surface when they touch and stick at once. The coefficient follows from the step before. So do the places of a rigid
-    surface that a body carries.
+    With friction, lambda acts at the start of the step. Friction dissipates its impulse times the mean of the slip
+    rates half a step before and after. This is the change of kinetic energy. It includes the tangential energy that
+    nodes with mass lose when they touch and stick at once. The coefficient of friction, and the places of a carried
+    rigid surface, follow from the step before.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ class ForwardRows:
         n = len(contact.gaps.slave.surface.points)
         self._expected: Array | None = None
         self._held: object = None
-        self._jump, self._fading = np.zeros(n), 1.0  # what is left at the slave's nodes [m]
+        self._jump, self._fading = np.zeros(n), 1.0  # remaining jump at the slave's nodes [m], its factor in a step
         self._frozen_steps = 0
-        self._status = np.zeros(n, dtype=np.int8)  # of the last step, by the slave's nodes
+        self._status = np.zeros(n, dtype=np.int8)  # of the last step, at the slave's nodes
         self._pose: Array | None = None
         self.take()
 
@@ -102,7 +102,7 @@ class ForwardRows:
             return False
         self.G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
         self.push = gaps.accelerations(self.G)
-        self.F = regularised(dense(self.G @ self.push))  # between flat patches, rows may outnumber coordinates
+        self.F = regularised(dense(self.G @ self.push))  # between flat patches, there may be more rows than coordinates
         self._held = gaps.held
         return True
 
@@ -113,9 +113,9 @@ class ForwardRows:
         return self._status[nodes], self.contact.last
 
     def predict(self, state: State, step: float) -> Array:
-        """Places, (nr, d) [m], at the end of the coming step [s] without contact forces: gaps, and ways in the step.
+        """Places, (nr, d) [m], at the end of the coming step [s] without contact forces: gaps, and sliding in the step.
 
-        The ways of rows that are far away are not computed.
+        The sliding of rows that are far away is not computed.
         """
         q, q_t, q_tt = state
         gaps, rows = self.contact.gaps, self.rows
@@ -131,16 +131,16 @@ class ForwardRows:
         return places
 
     def _gaps(self, q: Array, to: Array) -> Array:
-        """Gaps, (nr,) [m], at the coordinates `to`, (n,), to which those now, q, lead without contact forces."""
+        """Gaps, (nr,) [m], at the coordinates `to`, (n,), to which q, (n,), leads without contact forces."""
         gaps, frozen, nodes = self.contact.gaps, self.contact.gaps.linear, self.contact.gaps.row_nodes
-        self._check_last_step(q)  # which may find that the pairs have slid out of reach
+        self._check_last_step(q)  # it may find that the pairs have slid too far
         gap = gaps.at(to)
         self._jump *= self._fading
         self._frozen_steps += 1
         if gaps.moving:
             if frozen is not None:
                 start, before = gaps.of_present(q), np.zeros(len(self._jump))
-                before[gaps.row_nodes] = np.maximum(start, 0.0)  # a row that was not there may be closed already
+                before[gaps.row_nodes] = np.maximum(start, 0.0)  # a new row may be closed already
                 before[nodes] = frozen.start + frozen.H @ q
                 self._jump[gaps.row_nodes] += start - before[gaps.row_nodes]
                 gap = gaps.at(to)
@@ -167,9 +167,9 @@ class ForwardRows:
         ----------
         forces : Forces
         places : (nr, d) array
-            Gaps at the end of the step, and ways along the tangents in it [m].
+            Gaps at the end of the step, and sliding along the tangents in it [m].
         scale : float
-            Largest change of a place by one multiplier [m].
+            Largest change of a place that one multiplier causes [m].
         """
         contact = self.contact
         contact.take(forces)
@@ -186,7 +186,7 @@ class ForwardRows:
     def _check_last_step(self, q: Array) -> None:
         """Raise unless the last step moved the gaps as central differences with these multipliers do.
 
-        With the pairs of that step: points that cross an edge between facets have other gaps than those.
+        The check uses the pairs of that step, because points that cross an edge between facets have other gaps.
         """
         if self._expected is None:
             return
@@ -201,13 +201,13 @@ class ForwardRows:
             )
 
     def check(self, q: Array) -> None:
-        """Raise if a gap at coordinates q, (n,), is deep."""
+        """Raise if a gap at coordinates q, (n,), is far below zero."""
         gaps = self.contact.gaps
         gap = gaps.of_present(q)
-        faded = (1 / self._fading - 1) * abs(self._jump).max(initial=0.0)  # since the step that ended here
+        faded = (1 / self._fading - 1) * abs(self._jump).max(initial=0.0)  # in the step that ended here
         gap = gap - self._jump[gaps.row_nodes]
         if self._expected is not None and len(self._expected) == len(gap):
-            gap = gap - np.minimum(self._expected, 0.0)  # what a law of a user's own lets rows yield
+            gap = gap - np.minimum(self._expected, 0.0)  # the depth that a user's own law allows
         deepest = gap.min(initial=0.0)
         if deepest < -_CLOSED * gaps.size - faded:
             raise RunError(
@@ -217,11 +217,11 @@ class ForwardRows:
 
 
 class ForwardIncrement:
-    """One problem for all rows of several contacts: their places at the end of a step, and the forces ahead of it.
+    """One problem for all rows of several contacts: places at the end of a step, and the forces before it.
 
     Without contact forces, rows would be at h at the end of a step s. Forces move them by F = s^2 G M^-1 G'. If any
     contact has friction, all rows have three directions. Rows of contacts without friction then have a coefficient of
-    zero, and their tangents move nothing.
+    zero, and forces along their tangents move nothing.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ class ForwardIncrement:
         return 0 if self._problem is None else self._problem.iterations
 
     def increment(self, states: Sequence[State], step: float) -> list[Array]:
-        """Accelerations by the forces, (n,) for each contact, that prevent penetration; empty if no gap closes.
+        """Accelerations, (n,) for each contact, due to the forces that prevent penetration; empty if no gap closes.
 
         Parameters
         ----------
@@ -310,7 +310,7 @@ class ForwardIncrement:
         return []
 
     def take_rows(self) -> bool:
-        """Find how the present rows move by forces; return whether the rows have changed."""
+        """Compute how forces move the present rows; return whether the rows have changed."""
         changed = [one.take() for one in self.rows]
         if self._problem is not None and not any(changed):
             return False
@@ -342,7 +342,7 @@ class ForwardIncrement:
         return expand @ one.G, one.push @ expand.T, F
 
     def yield_joints(self, by_joints: Array) -> None:
-        """Add accelerations of rows by unit forces on them, (d nr, d nr), through joints, whose forces answer."""
+        """Add the accelerations of rows, (d nr, d nr), that unit forces on rows cause through joint reactions."""
         self._by_joints = by_joints
         self._exchange()
 
@@ -374,7 +374,7 @@ class ForwardIncrement:
         return [forces.ravel()[own] for own in self._slices]
 
     def accelerations(self, forces: Array) -> list[Array]:
-        """Apply forces, (nr, d) [N], in the coming step; return the accelerations by them, (n,) for each contact."""
+        """Apply forces, (nr, d) [N], in the coming step; return the accelerations they cause, (n,) for each contact."""
         each = self.split(forces)
         scale = self._step**2 * (self._F.diagonal() * forces.ravel()).max()
         for one, own, reached, lam in zip(self.rows, self._slices, self.split(self._reached), each, strict=True):

@@ -1,4 +1,4 @@
-"""Interface of a formulation, which a user chooses for a contact. It does not change; its law finds the forces.
+"""Interface of a formulation, which a user chooses for a contact. It is immutable; its law finds the forces.
 
 A new formulation implements `Formulation` and a `law.Law`.
 """
@@ -27,7 +27,7 @@ Method = Literal[Integrator, "static"]
 
 
 class Together(Protocol):
-    """State of several contacts on common bodies. Their forces are computed together."""
+    """State of several contacts on common bodies, whose forces are computed together."""
 
     def forces_at(self, state: Array, coordinates: Callable[[], Sequence[Array]]) -> list[Array]:
         """Generalised forces of each contact, (n,), see `coupled.CoupledContacts.forces_at`."""
@@ -36,13 +36,13 @@ class Together(Protocol):
         """Generalised forces of each contact, (n,), at its coordinates."""
 
     def stiffness(self, contact: PatchContact, other: PatchContact) -> Array:
-        """Derivative of forces on closed rows of a contact by places of closed rows of another, (d na, d nb) [N/m]."""
+        """Derivative of forces on a contact's closed rows with respect to places of another's, (d na, d nb) [N/m]."""
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Together:
         """Return the state at the start of a run with these contacts."""
 
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
-        """All contacts at once in compiled loops, or None, see `coupled.CoupledContacts.frozen`."""
+        """All contacts for compiled loops, or None, see `coupled.CoupledContacts.frozen`."""
 
     def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """Let the contacts take the state that `frozen` has found, see `coupled.CoupledContacts.take`."""
@@ -61,7 +61,7 @@ class SharedBody:
     mass : (n_dofs,) array
         Diagonal mass matrix of its coordinates.
     columns : (slice, slice)
-        Place of its coordinates in those of each contact.
+        Place of its coordinates among those of each contact.
     other : str
         Name of the other contact.
     """
@@ -75,18 +75,18 @@ class SharedBody:
 
 
 class Links(Protocol):
-    """What the sides of several contacts push each other by."""
+    """Flexibility between the sides of several contacts."""
 
     @property
     def shared(self) -> bool:
         """Whether two of the contacts have the same patch of the same body."""
 
     def __call__(self) -> list[Any]:
-        """Flexibilities between the sides, see `coupled.CoupledContacts`. They are asked for once, at the first run."""
+        """Flexibilities between the sides, see `coupled.CoupledContacts`. They are computed once, at the first run."""
 
 
 class Formulation:
-    """How forces follow from gaps. A formulation of a user's own needs a `law` alone.
+    """How forces follow from gaps. A user's own formulation needs only a `law`.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Formulation:
     plastic = False
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
-        """Raise InputError if the bases of the bodies lack what the formulation needs; here nothing."""
+        """Raise InputError if the bases of the bodies do not suit the formulation; here all do."""
 
     def law(self, rows: RowDirections) -> Law:
         """Return the law of a contact with these rows; with friction, `rows.d` is 3."""
@@ -115,7 +115,7 @@ class Formulation:
         Raises
         ------
         InputError
-            If patches yield and the formulation, or its basis, knows no plastic zones.
+            If patches yield and the formulation, or its basis, has no plastic zones.
         """
         zones = [(n, side.zone) for n, side in enumerate(contact.gaps.sides) if side.zone is not None]
         if not zones:

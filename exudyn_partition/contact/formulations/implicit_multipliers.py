@@ -25,45 +25,46 @@ from ..side import Side
 from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
 from ..tangential import TangentialRows
 
-_AHEAD = 0.5  # of a step, by which gaps are predicted
-_ROUNDINGS = 8  # of the places, that gaps have
-_AGAIN = 3  # evaluation in a step after which pairs and normals stay: those before it bring bodies near to its end
-_ASTRAY = 0.1  # share by which rows may move otherwise than F says before F learns
-_FINE = 1e-2  # of the largest force: changes that teach F nothing
-_CURVATURE = 1e-3  # of what F says, that rows must move for F to learn it
-_STEPS_KEPT = 8  # number of step sizes whose flexibility is kept, for adaptive steps
+_AHEAD = 0.5  # of a step: time by which gaps are predicted
+_ROUNDINGS = 8  # rounding errors of the places, the accuracy of gaps
+_AGAIN = 3  # evaluation in a step after which pairs and normals stay; by then, bodies are near the end of the step
+_ASTRAY = 0.1  # relative error of motion predicted by F above which F is corrected
+_FINE = 1e-2  # of the largest force: smaller changes do not correct F
+_CURVATURE = 1e-3  # of the motion that F predicts: with less motion, F is not corrected
+_STEPS_KEPT = 8  # step sizes whose flexibility is kept, for adaptive steps
 
 
 class StepImpulses:
     """Forces of a contact that are constant within each step s of generalized-alpha.
 
     The forces lambda (Jean 1999; Brüls, Acary, Cardona 2014) are the impulses in the step, divided by s, see
-    `StepMean`. With q and q_t at its end, and gaps h predicted half a step further, they are multipliers of::
+    `StepMean`. With q and q_t at the end of the step, and gaps h predicted half a step further, they are multipliers
+    of::
 
         lambda >= 0,    h = g(q + s/2 q_t) >= 0,    lambda'h = 0 .
 
-    Forces at the ends of steps that keep gaps closed there would oscillate from step to step. Here, a row that has
-    closed moves as g' = (g + s/2 g_t) / 2, g_t' = -(g + s/2 g_t) / s: it stands still at zero after two steps,
-    whatever it did before. Nothing is regularised. A row that touches loses its kinetic energy as in a plastic impact,
-    with the mass that a step can reach; a row that stays closed does no work.
+    Forces that keep gaps closed at the ends of steps would oscillate from step to step. Here, a closed row moves as g'
+    = (g + s/2 g_t) / 2, g_t' = -(g + s/2 g_t) / s. So it rests at zero after two steps, from any earlier motion.
+    Nothing is regularised. A row that touches loses its kinetic energy as in a plastic impact, with the mass that
+    responds within a step. A row that stays closed does no work.
 
-    Newton's iteration finds q with the forces of the last iteration; new forces follow from
+    Newton's iteration finds q with the forces of the last iteration. New forces follow from
 
         w = h + F (lambda - lambda_last),    F = s g_t G (M / s'^2 + K)^-1 G' ,
 
-    where F is how rows move by their forces in a step: for linear bodies that is exact, so that two iterations end it,
-    and no row opens or closes to and fro. Joints, carriers and other contacts change F. Where rows move otherwise than
-    F says, it learns that from what they did.
+    where F is the displacement of rows due to unit forces on them in a step. For linear bodies, F is exact. Then two
+    iterations are enough, and no row alternates between open and closed. Joints, carriers and other contacts change F.
+    If rows move otherwise than F predicts, F is corrected from their observed motion.
 
     With friction, along the tangents of a row, with v its slip rate at the end of the step::
 
         |lambda_t| <= mu lambda_n,    s v = 0 where |lambda_t| < mu lambda_n,
 
-    and where |lambda_t| = mu lambda_n, v is opposite to lambda_t. F is that of all three directions. The rate enters,
-    not the place where a row stuck first: a place would need equations of index 3. Friction takes the forces times the
-    mean of the slip rates at both ends of the step: the work that they do on the bodies. That includes what nodes lose
-    along the surface when they touch and stick at once. Where a row turns back within a step, that work may be
-    negative, for the force opposes the later rate alone; there friction takes nothing.
+    and where |lambda_t| = mu lambda_n, v is opposite to lambda_t. F has all three directions. The condition uses the
+    rate, not the place where a row first stuck, because a place would need equations of index 3. Friction dissipates
+    the forces times the mean of the slip rates at both ends of the step, which is their work on the bodies. It includes
+    the tangential energy that nodes lose when they touch and stick at once. Where a row turns back within a step, that
+    work may be negative, because the force opposes only the later rate. Then the dissipation is zero.
 
     The contact's `least_gap` is the smallest predicted gap.
 
@@ -80,22 +81,22 @@ class StepImpulses:
         self._tangential = self.rows if isinstance(self.rows, TangentialRows) else None
         n = len(self.gaps.slave.surface.points)
         self._at: tuple[float, Array] | None = None  # step and state of the last evaluation
-        self._first: Array | None = None  # state at the first one in this attempt of the step
+        self._first: Array | None = None  # state at the first evaluation in this attempt of the step
         self._line: tuple[Array, Array, Rows] | None = None  # see `_linear`
-        self._evaluations, self._settled = 0, False  # evaluations in this attempt; whether pairs have been found again
-        self._cautious = False  # whether they must not be
+        self._evaluations, self._settled = 0, False  # evaluations in this attempt; whether pairs were found again
+        self._cautious = False  # whether pairs must not be found again
         self._end: tuple[Array, Array] | None = None  # coordinates and velocities at the last evaluation
         self._start: tuple[Array, Array] | None = None  # the same at the end of the last step
-        self._before: tuple[Array, Array] | None = None  # w and forces at the one before, which Newton's method made
+        self._before: tuple[Array, Array] | None = None  # w and forces at the evaluation before, in Newton's iteration
         self._mean = StepMean(self.gaps.n + (6 if self.gaps.carried else 0))
         self._pushed = self._applied = np.zeros(len(self._mean.lasting))
         self._flexibilities: dict[tuple[float, GeneralizedAlpha], list[Array]] = {}
         self._flexible: tuple[float, GeneralizedAlpha] | None = None  # step and weights that F belongs to
-        self._base: Array | None = None  # what F was before it learned
+        self._base: Array | None = None  # F before its corrections
         self._learned = False
-        self._given = np.zeros((n, 4 if self._tangential else 1))  # forces at the last evaluation, by the slave's nodes
+        self._given = np.zeros((n, 4 if self._tangential else 1))  # forces at the last evaluation, at the slave's nodes
         self._accepted = self._given.copy()  # the same at the end of the last step
-        self._status = np.zeros(n, dtype=np.int8)  # of the last answer, by the slave's nodes
+        self._status = np.zeros(n, dtype=np.int8)  # of the last answer, at the slave's nodes
         self._impulse = np.zeros(7)  # up to the start of the step
         self._problem: RowProblem | None = None
         self._rates_then = np.full((n, 3), np.nan)  # slip rates at the end of the last step, in the tangents' axes
@@ -130,9 +131,9 @@ class StepImpulses:
         q, q_t : (n,) arrays
             Coordinates of slave and master at the end of the step, and their velocities.
         step : float
-            Length of the step [s]; zero while the solver computes initial accelerations. Contact does not act on these.
+            Length of the step [s]; zero while the solver computes initial accelerations, on which contact does not act.
         weights : GeneralizedAlpha, optional
-            Of the solver.
+            Coefficients of the solver.
 
         Raises
         ------
@@ -154,7 +155,7 @@ class StepImpulses:
 
     def _find(self, q: Array, q_t: Array, step: float, weights: GeneralizedAlpha) -> None:
         """Find the forces on the present rows."""
-        # By the solver, as if nothing accelerated the bodies: in the first evaluation, or where it begins again.
+        # True in the first evaluation, or if the solver begins again: it then predicts q without accelerations.
         assert self._at is not None
         state = self._at[1]
         predicted = self._first is None or (self._given.any() and np.array_equal(state, self._first))
@@ -187,7 +188,7 @@ class StepImpulses:
         self._answer(problem, w, last)
 
     def _gaps_at(self, ahead: Array, step: float) -> Array:
-        """Gaps at coordinates `ahead`, (n,), and where the surface's carrier goes on to, (nr,)."""
+        """Gaps, (nr,), at coordinates `ahead`, (n,), and at the predicted place of the surface's carrier."""
         assert self._line is not None
         place, gap, rows = self._line
         gaps = self.gaps
@@ -200,9 +201,9 @@ class StepImpulses:
         return h
 
     def _ahead(self, ahead: Array, step: float) -> Array:
-        """Place, (n,), to which bodies go on rigidly as they are deformed now; in a first step, `ahead`.
+        """Coordinates, (n,), after predicted rigid motion with the present deformation; in a first step, `ahead`.
 
-        Deformations that are predicted too would let what steps do not resolve grow.
+        Predicted deformations would amplify vibrations that the steps do not resolve.
         """
         if self._start is None:
             return ahead
@@ -210,9 +211,9 @@ class StepImpulses:
         return self.gaps.moved(q, (1 + _AHEAD) * step * self.gaps.rigid_part(q_t))
 
     def _linear(self, place: Array) -> tuple[Array, Array, Rows]:
-        """Place, (n,), gaps there, (nr,), and their derivative, (nr, n), from which gaps are linear in this step.
+        """Place, (n,), gaps there, (nr,), and their derivative, (nr, n), about which gaps are linearised in this step.
 
-        Those of each iteration would go to and fro between facets whose normals differ.
+        Gaps found again in each iteration could alternate between facets whose normals differ.
         """
         gap = self.gaps.at(place)
         return place, gap, self.gaps.jacobian(np.arange(len(gap)))
@@ -225,7 +226,7 @@ class StepImpulses:
         return value
 
     def _fly(self, q_t: Array) -> None:
-        """Leave all rows open; with friction, those that may touch soon are watched."""
+        """Leave all rows open; with friction, record the slip rates of rows that may touch soon."""
         self.contact.open_rows()
         self._status[:] = OPEN
         if self._tangential is not None:
@@ -233,14 +234,14 @@ class StepImpulses:
             self._rates = self._tangential.rates(q_t) if near else None
 
     def _moves(self, gap: Array, step: float, q_t: Array) -> Array:
-        """How far rows are from where they must be, w, (nr, d) [m]: scaled gaps, (nr,), and ways of the slip rates."""
+        """Residual w of the rows' conditions, (nr, d) [m]: scaled gaps, and slip rates times the step."""
         if self._tangential is None:
             return gap[:, None]
         self._rates = self._tangential.rates(q_t)
         return np.column_stack([gap, step * self._rates])
 
     def _answer(self, problem: RowProblem, w: Array, last: Array) -> None:
-        """Find the forces from w and from the forces that it belongs to, (nr, d) each."""
+        """Find the forces from w and from the forces for which w was computed, (nr, d) each."""
         contact, h = self.contact, w - problem.moved_by(last)
         places = Places(
             h[:, 0],
@@ -266,30 +267,30 @@ class StepImpulses:
             self._given[nodes] = contact.forces
 
     def _same(self, problem: RowProblem, forces: Array, last: Array) -> bool:
-        """Whether other forces would move rows by no more than the rounding of places."""
+        """Whether the change of forces would move rows by no more than the rounding of places."""
         extent = max(float(abs(side.surface.points).max()) for side in self.gaps.sides)
         moved = problem.moved_by(forces - last)
         return bool(abs(moved).max() <= _ROUNDINGS * np.finfo(float).eps * extent)
 
     def _learn(self, problem: RowProblem, w: Array, last: Array) -> None:
-        """Correct F where rows have moved otherwise, as the formula of Broyden, Fletcher, Goldfarb and Shanno does."""
+        """Correct F where rows have moved otherwise, by the formula of Broyden, Fletcher, Goldfarb and Shanno."""
         if self._before is None:
             return
         F = problem.F
         change, moved = (last - self._before[1]).ravel(), (w - self._before[0]).ravel()
         if abs(change).max() <= _FINE * abs(last).max():
-            return  # what Newton's iteration leaves may be larger
+            return  # the residual of Newton's iteration may be larger
         expected = F @ change
         work, expected_work = change @ moved, change @ expected
         astray = np.linalg.norm(moved - expected) > _ASTRAY * np.linalg.norm(expected)
         if astray and work > _CURVATURE * expected_work:
-            more = max(work / expected_work, 1.0)  # rows that move more would open and close for ever
+            more = max(work / expected_work, 1.0)  # rows that move more than F predicts would open and close for ever
             learned = np.outer(moved, moved) / work - more * np.outer(expected, expected) / expected_work
             problem.exchange(more * F + learned)
             self._learned = True
 
     def _pushes(self) -> Array:
-        """Generalised forces, (n,), by the present forces on rows, and with a carrier force and moment on it, (6,)."""
+        """Generalised forces, (n,), from present forces on rows; with a carrier, also its force and moment, (6,)."""
         contact = self.contact
         push = contact.generalised()
         if not self.gaps.carried:
@@ -302,7 +303,7 @@ class StepImpulses:
         return np.concatenate([force, moment - np.cross(point, force)])
 
     def commit(self, start: float) -> None:
-        """Begin a new step at time `start` [s]: keep what the last one leaves."""
+        """Begin a new step at time `start` [s]; keep the results of the last one."""
         if self._tangential is not None and self._at is not None:
             self._remember(self._tangential)
         self._mean.end(self._pushed)
@@ -334,17 +335,17 @@ class StepImpulses:
             return np.zeros((len(self.gaps.row_nodes), 2))
         then = self._rates_then[self.gaps.row_nodes]
         before = rows.along(then @ rows.axes.T)
-        before = np.where(np.isnan(then).any(axis=1)[:, None], self._rates, before)  # of rows that were not there
+        before = np.where(np.isnan(then).any(axis=1)[:, None], self._rates, before)  # rows that are new in this step
         return 0.5 * self._at[0] * (before + self._rates)
 
     def _taken_in_step(self) -> float:
-        """Energy that friction takes in the present step [J]."""
+        """Energy that friction dissipates in the present step [J]."""
         if self._tangential is None or not self.contact.index.size:
             return 0.0
         return float(np.maximum(-np.sum(self._way() * self.contact.forces[:, 1:], axis=1), 0.0).sum())
 
     def dissipated(self) -> float:
-        """Energy that friction has taken since the start of the run [J]."""
+        """Energy that friction has dissipated since the start of the run [J]."""
         return self.contact.memory.dissipated + self._taken_in_step()
 
     def _take_rows(self, step: float, weights: GeneralizedAlpha) -> RowProblem:
@@ -357,7 +358,7 @@ class StepImpulses:
                 self._flexibilities[now] = [_in_step(side, *now) for side in gaps.sides]
             gaps.take_flexibility(self._flexibilities[now])
         base = self.rows.flexibility(np.arange(len(gaps.row_nodes)))
-        forget = self._learned and gaps.moving and self._evaluations == 1  # what other pairs have taught
+        forget = self._learned and gaps.moving and self._evaluations == 1  # corrections from other pairs
         if self._problem is None or base is not self._base or now != self._flexible or forget:
             self._base, self._flexible, self._learned = base, now, False
             F = regularised(step * weights.by_q_t(step) * weights.share * base)
@@ -368,7 +369,7 @@ class StepImpulses:
 
 
 def _in_step(side: Side, step: float, weights: GeneralizedAlpha) -> Array:
-    """Displacements of the patch's nodes per force on them at the end of a step, (3 np, 3 np) [m/N]."""
+    """Displacements of the patch's nodes at the end of a step due to unit forces on them, (3 np, 3 np) [m/N]."""
     body = side.kinematics.body
     rows = sp.csr_matrix(body.rows(side.kinematics.nodes))
     met = factorise(sp.csc_matrix(weights.by_q_tt(step) * body.mass + body.stiffness))

@@ -16,19 +16,19 @@ from ..law import Forces, Law, Places, RowDirections
 
 _POISSON = 0.3  # Poisson's ratio of the layer
 _SHEAR = 2 * (1 - _POISSON) / (2 - _POISSON)  # its tangential stiffness relative to its normal one
-_SOFT = 0.1  # share of the bodies' highest squared frequency that the layer may add
+_SOFT = 0.1  # the layer may add so much of the bodies' highest squared frequency
 
 
 class PenaltyLayer(Law):
     """An elastic layer: the force on a row is its area times the layer's stiffness times its depth, -gap.
 
-    With friction it also yields along the tangents, and its ends slip. Its tangential stiffness is
-    2 (1 - nu) / (2 - nu) times the normal one, Mindlin's ratio for equal bodies, with nu = 0.3. With A the area of a
-    row, s the way that it has slid since the last accepted step, and lambda_t* the tangential force then::
+    With friction it also yields along the tangents, and its ends slip. Its tangential stiffness is 2 (1 - nu) / (2 -
+    nu) times the normal one, Mindlin's ratio for equal bodies, with nu = 0.3. A is the area of a row, s how far it has
+    slid since the last accepted step, and lambda_t* the tangential force at the end of that step::
 
         lambda_n = k A max(0, -gap),    x = lambda_t* - k_t A s,    lambda_t = x min(1, mu lambda_n / |x|).
 
-    Each row has its own answer, which is unique for every coefficient.
+    The answer of each row is independent of the others, and unique for every coefficient.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class PenaltyLayer(Law):
         return Forces(forces, self._closed, state, slips)
 
     def stored(self, gap: Array, forces: Array) -> float:
-        """See `Law`; in the layer, which yields along the normal and the tangents."""
+        """See `Law`; the layer yields along the normal and the tangents."""
         normal = super().stored(gap, forces)
         if self.rows.d == 1:
             return normal
@@ -104,7 +104,7 @@ class PenaltyLayer(Law):
 
 
 def _yields(along: Array, shear: Array) -> Array:
-    """Ways by which a layer of stiffness `shear`, (nr,) [N/m], yields to tangential forces, (nr, 2) [N]: [m]."""
+    """Tangential deformation of a layer of stiffness `shear`, (nr,) [N/m], under forces, (nr, 2) [N]: (nr, 2) [m]."""
     each = shear[:, None]
     return np.divide(along, each, out=np.zeros(along.shape), where=each > 0)
 
@@ -116,7 +116,7 @@ def _springs(k: Array, H: Rows) -> Array:
 
 
 def bed_stiffness(gaps: Gaps) -> float:
-    """Stiffness of a layer that yields under uniform pressure as the bodies' residual flexibility does [N/m3].
+    """Stiffness of a layer that yields under uniform pressure as much as the residual flexibility [N/m3].
 
     A are the areas of the rows and F is their flexibility. A unit pressure moves the rows by F A. The layer yields by
     the mean of this motion.

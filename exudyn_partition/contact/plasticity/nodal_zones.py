@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 class NodalZone:
-    """State of one zone in a run, see `yielding_patches.Zone`. Strains are known from the body's coordinates.
+    """State of one zone in a run, see `yielding_patches.Zone`. Strains follow from the body's coordinates.
 
     Attributes
     ----------
     generalised : (n,) array
-        Forces of the present pseudo-forces on the last coordinates of the body [N].
+        Forces on the last coordinates of the body from the present pseudo-forces [N].
     """
 
     def __init__(self, motion: ZoneMotion) -> None:
@@ -42,7 +42,7 @@ class NodalZone:
         return result
 
     def enter(self, state: PlasticState) -> None:
-        """Take a state as that of the end of an accepted step."""
+        """Take a state as the end of an accepted step."""
         self.committed, self._flows = state, False
         self._strain = self._committed_strain = np.zeros_like(state.strain)
         self._displacement = np.zeros(3 * len(self.zone.nodes))
@@ -92,12 +92,12 @@ class NodalZones(Zones):
         self.zones = [(side, NodalZone(motion)) for side, motion in motions]
 
     def for_run(self, contact: Any, method: str) -> Self:
-        """See `Zones`; only explicit runs have them.
+        """See `Zones`; only explicit runs have such zones.
 
         Raises
         ------
         RunError
-            Of another method.
+            If the run has another method.
         """
         if method != "explicit":
             raise RunError(

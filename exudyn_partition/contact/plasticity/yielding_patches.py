@@ -17,11 +17,11 @@ from ...support.arrays import Array
 from .zone_run import ZoneMotion, ZoneRun
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
-# Plastic strain may be far above the strain that stress carries: their change is also at most so much of that, unless
-# it takes too many iterations.
+# Plastic strain may be far larger than elastic strain. So the change is also at most this share of elastic strain,
+# unless that takes too many iterations.
 _OF_STRESS, _PATIENT = 0.1, 30
 _SETTLED_FOR_NEWTON = 5e-8  # in implicit and static steps: Newton's method does not converge on rough forces
-_ROUGH, _STALLED = 2e-6, 4  # a change that is enough if it has not become less in so many iterations: rounding holds it
+_ROUGH, _STALLED = 2e-6, 4  # accept this change if it has not decreased in so many iterations, because of rounding
 _MOST = 60  # iterations
 
 
@@ -33,9 +33,9 @@ class Zone(Protocol):
     motion : ZoneMotion
     zone : PlasticZone
     committed, present : PlasticState
-        At the end of the last accepted step, and now.
+        States at the end of the last accepted step, and now.
     work : float
-        Plastic work since the start of the run, until now [J].
+        Plastic work since the start of the run [J].
     """
 
     motion: ZoneMotion
@@ -45,7 +45,7 @@ class Zone(Protocol):
     work: float
 
     def enter(self, state: PlasticState) -> None:
-        """Take a state as that of the end of an accepted step."""
+        """Take a state as the end of an accepted step."""
 
     def commit(self) -> None:
         """Accept the present state."""
@@ -55,7 +55,7 @@ class Zone(Protocol):
 
 
 class Zones:
-    """Plastic zones beneath the patches of a contact, and what all kinds of them tell.
+    """Plastic zones beneath the patches of a contact: interface of all kinds.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Zones:
         """
 
     def tangent(self, of_rows: Array) -> Array:
-        """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows while nothing flows."""
+        """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows if nothing flows."""
         return of_rows
 
     def for_run(self, contact: Any, method: str) -> Zones:
@@ -116,7 +116,7 @@ class Zones:
         return sum(int(np.count_nonzero(z.present.equivalent > z.committed.equivalent)) for _, z in self.zones)
 
     def resume(self, earlier: Zones) -> None:
-        """Go on from the present states of an earlier run."""
+        """Start from the present states of an earlier run."""
         for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
             zone.enter(last.present)
 
@@ -129,15 +129,15 @@ class YieldingPatches(Zones):
 
         lambda = LCP(h + G F p),    u_z = Phi_z q + F (p + G' lambda),    e_p from u_z by radial return,    p from e_p
 
-    by a fixed-point iteration on p with Anderson acceleration. The zones have no mass of their own, as the contact has
-    none. Generalised forces are Phi' (G' lambda + p).
+    by a fixed-point iteration on p with Anderson acceleration. Like the contact, the zones have no mass of their own.
+    Generalised forces are Phi' (G' lambda + p).
 
-    In implicit and static steps, the iteration may fail to settle in a state that Newton's method only tries, far from
-    the answer. Its last forces serve there, and `check` refuses a step that ends so. The stiffness of rows alone would
-    be too large where much flows: Newton's own last step corrects it.
+    In implicit and static steps, Newton's method also tries states far from the answer. There the iteration may not
+    converge. Then its last forces are used, and `check` refuses a step that ends in such a state. The stiffness of rows
+    alone would be too large where much material flows. It is corrected from the last step of Newton's method.
 
-    A step in which nothing yields costs one evaluation of the strains, or none if a bound of the stresses shows that
-    nothing yields.
+    A step in which nothing yields needs one evaluation of the strains. It needs none if a bound on the stresses shows
+    that nothing yields.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class YieldingPatches(Zones):
     def for_run(self, contact: Any, method: str) -> YieldingPatches:
         """See `Zones`."""
         result = copy.copy(self)
-        # Forces known to 1e-4 need no more than single precision, half of the bytes that products read.
+        # For forces accurate to 1e-4, single precision is enough. It halves the memory that products read.
         kind = np.float32 if method == "explicit" else np.float64
         result.zones = [(number, zone.for_run(kind)) for number, zone in self.zones]
         result._take(contact, method)
@@ -179,10 +179,10 @@ class YieldingPatches(Zones):
         Parameters
         ----------
         respond : callable
-            Finds the forces on the rows; its argument is what zones and other contacts add to their places, in the
-            shape of these forces [m].
+            Finds the forces on the rows. Its argument is the displacement of the rows due to zones and other contacts,
+            in the shape of these forces [m].
         pushed : array
-            What other contacts add.
+            Displacement of the rows due to other contacts.
         """
         self._unsettled = 0.0
         parts = self.contact.gaps.coordinates
@@ -198,8 +198,8 @@ class YieldingPatches(Zones):
                 pass
 
     def _iterate(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> bool:
-        """Find the pseudo-forces of the active points; whether no other point flows."""
-        self._unsettled = 0.0  # also after an answer that was rough, but left points out
+        """Find the pseudo-forces of the active points; return whether no other point flows."""
+        self._unsettled = 0.0  # also after a rough answer that left points out
         own = [zone.guess for _, zone in self.zones]
         p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
         least, stalled = math.inf, 0
@@ -224,7 +224,7 @@ class YieldingPatches(Zones):
         return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
 
     def _elastic_share(self) -> float:
-        """Strain that stress carries where a zone has flowed most, over its plastic strain; the least of all zones."""
+        """Elastic strain divided by plastic strain, where a zone has flowed most; the least of all zones."""
         least = math.inf
         for _, zone in self.zones:
             flow, most = zone.zone.flow, zone.committed.equivalent.max()
@@ -241,7 +241,7 @@ class YieldingPatches(Zones):
             )
 
     def _moved(self, rows: dict[int, Array], p: Sequence[Array] | None = None) -> Array:
-        """What pseudo-forces add to the places of the rows, (nr, d) [m].
+        """Displacements of the rows due to pseudo-forces, (nr, d) [m].
 
         Tangential places count from the end of the last accepted step.
         """
@@ -282,5 +282,5 @@ class YieldingPatches(Zones):
         return force
 
     def tangent(self, of_rows: Array) -> Array:
-        """See `Zones`; corrected by Newton's last step."""
+        """See `Zones`; corrected from Newton's last step."""
         return of_rows if self._broyden is None or not self.flowing() else self._broyden.corrected(of_rows)

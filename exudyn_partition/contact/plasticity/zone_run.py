@@ -24,9 +24,9 @@ from ...support.arrays import Array
 if TYPE_CHECKING:
     from typing import Self
 
-_NEAR = 0.2  # of the yield stress: points that lack less of flowing are looked at together with those that flow
-_FEW = 16  # points, and at most as many as flow, are looked at together with those that flow
-_SPARE = 4  # times as many active points as flow are too many
+_NEAR = 0.2  # of the yield stress: points that are nearer to flow are active together with those that flow
+_FEW = 16  # at most 2 * _FEW points, and as many as flow, are active besides those that flow
+_SPARE = 4  # points are chosen again if so many times the flowing points and _FEW are active
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class ZoneMotion:
     ----------
     zone : PlasticZone
     flexibility : ZoneFlexibility or None
-        Residual one; None if the zone's nodes are coordinates of the body (basis "free").
+        Residual flexibility; None if the zone's nodes are coordinates of the body (basis "free").
     kinematics : Kinematics
-        Of the zone's nodes.
+        Kinematics of the zone's nodes.
     start : PlasticState
-        At the start of each run.
+        State at the start of each run.
     """
 
     zone: PlasticZone
@@ -65,7 +65,7 @@ class ZoneMotion:
         return cls(zone, flexibility, kinematics.at(zone.nodes), start)
 
     def at_rest(self, state: PlasticState) -> Array:
-        """Displacements of the zone's nodes in the body's axes by plastic strain alone, at rest, (nz, 3) [m]."""
+        """Displacements of the zone's nodes due to plastic strain alone, at rest, in the body's axes, (nz, 3) [m]."""
         body, p = self.kinematics.body, self.zone.pseudo_forces(state.strain)
         rows = body.rows(self.zone.nodes)
         moved = np.asarray(rows @ deformed_at_rest(body, rows.T @ p))
@@ -75,7 +75,7 @@ class ZoneMotion:
 
 
 def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
-    """Coordinates of a body, (n_dofs,), that balanced forces on them, (n_dofs,), have deformed, at rest."""
+    """Coordinates of a body at rest, (n_dofs,), deformed by balanced forces on the coordinates, (n_dofs,)."""
     if not len(body.basis.nodal):
         elastic, found = body.basis.omega > 0, np.zeros(body.n_dofs)
         found[elastic] = force[elastic] / body.basis.omega[elastic] ** 2
@@ -85,22 +85,22 @@ def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
 
 
 class _Ordered:
-    """Flexibility of a zone with the nodes of active points first, so that the products of a step need no copy of it.
+    """Flexibility of a zone with the nodes of active points first, so that products in a step need no copy.
 
     Parameters
     ----------
     given : ZoneFlexibility
     kind : type
-        Of the numbers in the products.
+        Type of the numbers in the products.
 
     Attributes
     ----------
     nodes, place : (nz,) int arrays
-        Numbers of the nodes in their order, and the place of each node in it.
+        Numbers of the nodes in this order, and the place of each node in it.
     own : (3 nz, 3 nz) array
-        Flexibility in this order [m/N]. Only the rows of the first nodes are filled, so that others take no memory.
+        Flexibility in this order [m/N]. Only the rows of the first nodes are filled; the others take no memory.
     of_patch : (3 nz, r) array
-        Displacements of the nodes, in the zone's own order, by forces on the rows of the patch [m/N].
+        Displacements of the nodes, in the zone's own order, due to unit forces on the rows of the patch [m/N].
     """
 
     def __init__(self, given: ZoneFlexibility, kind: type) -> None:
@@ -110,7 +110,7 @@ class _Ordered:
         self.of_patch: Array = given.of_patch.astype(kind)
 
     def bring(self, nodes: Array) -> None:
-        """Let some nodes, (k,), be the first ones."""
+        """Move some nodes, (k,), to the front of the order."""
         front, places = np.arange(len(nodes)), self.place[nodes]
         leave, come = np.setdiff1d(front, places), places[places >= len(nodes)]
         now, then = np.concatenate([leave, come]), np.concatenate([come, leave])
@@ -133,7 +133,7 @@ class _Active:
     chosen : (g,) bool array
         The points.
     ordered : _Ordered
-        Flexibility of the zone. Its order serves one choice of points only.
+        Flexibility of the zone. Its order fits one choice of points only.
 
     Attributes
     ----------
@@ -154,43 +154,43 @@ class _Active:
         self._rows = motion.kinematics.rows[self.dofs]
 
     def moved(self, q: Array, before: Array) -> Array:
-        """Displacements of the nodes, (m,) [m], by the last coordinates, and those of the whole zone `before`."""
+        """Displacements of the nodes, (m,) [m], due to the last coordinates, plus those of the zone in `before`."""
         return np.asarray(self._rows @ q + before[self.dofs])
 
     def by_patch(self, force: Array) -> Array:
-        """Displacements of the nodes, (m,) [m], by forces on the rows of the patch, (r,) [N]."""
+        """Displacements of the nodes, (m,) [m], due to forces on the rows of the patch, (r,) [N]."""
         return np.asarray(self._of_patch @ force.astype(self._of_patch.dtype))
 
     def at_patch(self, change: Array) -> Array:
-        """Displacements of the rows of the patch, (r,) [m], by a change of the pseudo-forces, (m,) [N]."""
+        """Displacements of the rows of the patch, (r,) [m], due to a change of the pseudo-forces, (m,) [N]."""
         return np.asarray(change.astype(self._of_patch.dtype) @ self._of_patch)
 
     def _answer(self, change: Array, most: int | None) -> Array:
-        """Displacements of the first dofs in their order, at most so many, by a change of the pseudo-forces, (m,)."""
+        """Displacements of at most `most` first dofs in this order, due to a change of the pseudo-forces, (m,)."""
         own = self._ordered.own[: len(change), :most]
         force = np.empty(len(change), own.dtype)
         force[self._first] = change
         return np.asarray(force @ own)
 
     def answer(self, change: Array) -> Array:
-        """Displacements of the nodes, (m,) [m], by a change of the pseudo-forces on them, (m,) [N]."""
+        """Displacements of the nodes, (m,) [m], due to a change of the pseudo-forces on them, (m,) [N]."""
         return self._answer(change, len(change))[self._first]
 
     def push(self, change: Array) -> Array:
-        """Displacements of all nodes of the zone, (3 nz,) [m], by a change of the pseudo-forces, (m,) [N]."""
+        """Displacements of all nodes of the zone, (3 nz,) [m], due to a change of the pseudo-forces, (m,) [N]."""
         return self._answer(change, None)[self._back]
 
     def generalised(self, change: Array) -> Array:
-        """Forces on the last coordinates of the body, (n,), of a change of the pseudo-forces, (m,) [N]."""
+        """Forces on the last coordinates of the body, (n,), from a change of the pseudo-forces, (m,) [N]."""
         return np.asarray(self._rows.T @ change)
 
 
 class ZoneRun:
     """State of a plastic zone in a run.
 
-    `committed` is the state at the end of the last accepted step. `present` is that of the step which is computed; it
-    begins anew from `committed` with each evaluation. A step looks for the change of the pseudo-forces alone, on the
-    nodes of points that may flow in it: what earlier steps have left behind moves the zone by a constant.
+    `committed` is the state at the end of the last accepted step. `present` is the state of the step that is being
+    computed. Each evaluation starts again from `committed`. A step finds only the change of the pseudo-forces, on the
+    nodes of points that may flow in it. The pseudo-forces of earlier steps move the zone by a constant.
 
     Attributes
     ----------
@@ -199,26 +199,26 @@ class ZoneRun:
     flows : bool
         Whether points flow in the present state.
     generalised : (n,) array
-        Forces of the present pseudo-forces on the last coordinates of the body [N].
+        Forces on the last coordinates of the body from the present pseudo-forces [N].
     work : float
-        Plastic work since the start of the run, until now [J].
+        Plastic work since the start of the run [J].
     """
 
-    _begin: tuple[Array, PlasticState] | None  # of active points: without changes of this step
+    _begin: tuple[Array, PlasticState] | None  # of active points: without the changes of this step
     _strain: Array | None  # of active points, at the end of the last accepted step
     _found: tuple[PlasticState, Array]
-    _flows_on = False  # whether the same active points serve the step after the present state
+    _flows_on = False  # whether the step after the present state has the same active points
 
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
         self._ordered = _Ordered(self.flexibility, float)
-        # Von Mises stress is a norm: by the change of each coordinate and patch force it grows by no more than this.
+        # Von Mises stress is a norm. These bound its growth for a unit change of each coordinate and patch force.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
 
     def _largest(self, columns: Array) -> Array:
-        """Largest von Mises stress anywhere by each column of nodal displacements, (m,) [Pa]."""
+        """Largest von Mises stress anywhere for each column of nodal displacements, (m,) [Pa]."""
         squares = np.asarray(self.zone.strain @ columns).reshape(len(self.zone), 6, -1) ** 2
         value: Array = self.zone.flow.of_strain(np.sqrt(squares.sum(axis=1).max(axis=0, initial=0.0)))
         return value
@@ -236,7 +236,7 @@ class ZoneRun:
         self.enter(self.motion.start)
 
     def enter(self, state: PlasticState) -> None:
-        """Take a state as that of the end of an accepted step."""
+        """Take a state as the end of an accepted step."""
         self.committed = self.present = state
         self.flows = False
         self._choose(np.zeros(len(self.zone), dtype=bool))
@@ -253,7 +253,7 @@ class ZoneRun:
         return self.zone.own_energy(self.present) - 0.5 * float(self._p @ self._moved)
 
     def _hold(self, step: Array) -> None:
-        """Take the present state as the committed one, by a step of the pseudo-forces, (3 nz,) [N]."""
+        """Take the present state as the committed one, after a step of the pseudo-forces, (3 nz,) [N]."""
         self._last = self._p, self._moved, self.generalised, self._energy
         self._step_before, self._begin = step, None
 
@@ -278,7 +278,7 @@ class ZoneRun:
 
     @property
     def guess(self) -> Array:
-        """Change of the pseudo-forces on the active nodes, (m,) [N], if it is that of the step before."""
+        """Guess for the change of the pseudo-forces on the active nodes, (m,) [N]: that of the step before."""
         guess: Array = self._step_before[self._active.dofs]
         return guess
 
@@ -289,14 +289,14 @@ class ZoneRun:
         return float(np.linalg.norm(p))
 
     def moved_patch(self, change: Array | None = None) -> Array:
-        """Displacements of the patch's rows, (r,) [m], by the committed pseudo-forces, and a change on active nodes."""
+        """Displacements of the patch's rows, (r,) [m], due to committed pseudo-forces and a change on active nodes."""
         moved: Array = self._moved_patch if change is None else self._moved_patch + self._active.at_patch(change)
         return moved
 
     def stays_elastic(self, q: Array, force: Array) -> bool:
-        """Whether no point yields at coordinates q, (n,), and forces on the patch, (r,) [N]: known without its strains.
+        """Whether a bound shows that no point yields at coordinates q, (n,), and forces on the patch, (r,) [N].
 
-        True is certain. False means that strains must be looked at.
+        True is certain. False means that strains must be computed.
         """
         self._at, self._begin = (q[len(q) - len(self._by_q) :].copy(), force), None
         by_q, by_force = (abs(now - then) for now, then in zip(self._at, self._margin_at, strict=True))
@@ -316,7 +316,7 @@ class ZoneRun:
         return True
 
     def answer(self, force: Array, change: Array) -> Array:
-        """Change of the pseudo-forces on the active nodes, (m,) [N], that follows from a guess of it.
+        """Change of the pseudo-forces on the active nodes, (m,) [N], that follows from a guessed change.
 
         `force`, (r,) [N], are the forces on the patch.
         """
@@ -328,16 +328,16 @@ class ZoneRun:
         return led_to
 
     def _beginning(self) -> tuple[Array, PlasticState]:
-        """Displacements of the active nodes without patch forces and flow in this step, (m,) [m]; committed state."""
+        """Displacements of active nodes without patch forces and flow in this step, (m,) [m], and committed state."""
         if self._begin is None:
             active = self._active
             self._begin = active.moved(self._at[0], self._last[1]), self.committed.at(active.points)
         return self._begin
 
     def finish(self, change: Array) -> bool:
-        """Enter the state that `answer` has found, with its change of pseudo-forces. Whether no other point flows.
+        """Enter the state of `answer`, with its change of pseudo-forces; return whether no other point flows.
 
-        If one does, it is active from now on, and the answer must be found again.
+        If another point flows, it becomes active, and the answer must be found again.
         """
         active, (state, strain), before = self._active, self._found, self._beginning()[1]
         self.present, self.flows = self.committed.changed(active.points, state), True
@@ -359,11 +359,11 @@ class ZoneRun:
         return True
 
     def _committed_strain(self, before: PlasticState) -> Array:
-        """Deviatoric strains of the active points, (k, 6), at the end of the last accepted step, with their state."""
+        """Deviatoric strains of the active points, (k, 6), at the end of the last accepted step, in state `before`."""
         if self._strain is None:
             active, (q, by_patch) = self._active, self._committed_at
             moved = active.moved(q, self._last[1]) + active.by_patch(by_patch)
-            self._strain = active.part.answer(moved, before)[1]  # nothing flows; this is the quick way
+            self._strain = active.part.answer(moved, before)[1]  # nothing flows; so this gives the strains quickly
         return self._strain
 
     def _excess(self, state: PlasticState) -> Array:
@@ -374,7 +374,7 @@ class ZoneRun:
         return self.zone.excess(moved, state)
 
     def _near(self, excess: Array, flow: int) -> Array:
-        """Points that flow or are nearest to it, (g,) bool, by their stress beyond the flow stress, (g,) [Pa]."""
+        """Points that flow or are nearest to flow, (g,) bool, given their stress beyond the flow stress, (g,) [Pa]."""
         most = min(2 * (flow + _FEW), len(excess))
         least = max(np.partition(excess, -most)[-most], -_NEAR * self.zone.flow.yield_stress)
         near: Array = excess >= min(least, 0.0)
@@ -385,5 +385,5 @@ class ZoneRun:
         self._begin = self._strain = None
 
     def stored(self) -> float:
-        """Elastic energy that plastic strain adds, besides that of patch forces [J]."""
+        """Elastic energy that plastic strain adds to the energy of the patch forces [J]."""
         return self._energy - float(self.generalised @ self._at[0])
