@@ -1,7 +1,7 @@
 """Interface of a contact law: how the forces on the rows of a contact follow from where the rows are.
 
-A law is a function of rows and of what the contact remembers; `patch_contact.PatchContact` has the state. With friction
-a law has three directions a row, d = 3, else the normal alone, d = 1. Nothing else asks which law it is.
+A law is a function of the rows and of the contact's memory. `patch_contact.PatchContact` has the state. With friction,
+a row has three directions, d = 3. Without, it has its normal alone, d = 1. No other code asks which law a contact has.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Forces(NamedTuple):
     Parameters
     ----------
     on_rows : (nr, d) array
-        Forces on the rows [N]: along the normal, with friction also along both tangents.
+        Forces on the rows [N]: along the normal, and with friction also along both tangents.
     closed : (na,) int array
         Rows that are closed, in ascending order.
     state : (nr,) int8 array, optional
@@ -42,7 +42,7 @@ class Forces(NamedTuple):
 
 
 class Motion(Protocol):
-    """What a law can ask of the running solver. Each value is computed when it is asked for."""
+    """State of the running solver, for laws. Each value is computed when it is needed first."""
 
     @property
     def q(self) -> Array:
@@ -66,19 +66,19 @@ class Motion(Protocol):
 
 
 class Places:
-    """Where the rows are. What takes time is computed when it is asked for.
+    """Places of the rows. Expensive values are computed when they are needed first.
 
     Parameters
     ----------
     gap : (nr,) array
-        Gaps [m], including the displacements by other contacts and plastic zones.
+        Gaps [m], including the displacements due to other contacts and plastic zones.
     way, last, mu : callables
         Return the attributes of these names.
     problem : RowProblem, optional
-        How the rows move by their forces in the coming step; of laws that act ahead of steps. Their places are those at
-        the end of the step without forces.
+        How forces move the rows in the coming step, for laws that act ahead of steps. For these laws, places are those
+        at the end of the step without forces.
     motion : Motion, optional
-        State of the solver; None of laws ahead of steps, and where forces are found again after a run.
+        State of the solver. None for laws that act ahead of steps, and when forces are found again after a run.
     since : float
         Start of the present step [s].
     """
@@ -114,7 +114,7 @@ class Places:
 
     @property
     def problem(self) -> RowProblem:
-        """How the rows move by their forces in the coming step; only of laws that act ahead of steps."""
+        """How forces move the rows in the coming step; only for laws that act ahead of steps."""
         assert self._problem is not None, "only laws with ahead = True have a problem"
         return self._problem
 
@@ -122,15 +122,15 @@ class Places:
 class Law:
     """How forces on rows follow from where the rows are. This base stores no energy.
 
-    One object serves one contact in one run. It may keep what saves time, but forces follow from `Places` alone.
+    One object serves one contact in one run. It may keep data that save time, but forces follow from `Places` alone.
 
     Attributes
     ----------
     compliant : bool
-        Whether closed rows yield by a flexibility or layer of the contact itself.
+        Whether closed rows yield through a flexibility or layer of the contact itself.
     ahead : bool
-        Whether forces are found ahead of each step, from where rows would be at its end without them. They then are
-        constant within the step. Otherwise they belong to the time at which they are found.
+        Whether forces are found ahead of each step, from the places that rows would have at its end without forces.
+        Then forces are constant within the step. Otherwise they belong to the time at which they are found.
     elastic : bool
         Whether forces without friction follow from the coordinates alone and have a potential, so that they can be
         found again after a run.
@@ -144,26 +144,26 @@ class Law:
     iterations = 0
 
     def answer(self, at: Places) -> Forces:
-        """Forces on the rows. It is called only if a gap is negative.
+        """Return the forces on the rows. It is called only if a gap is negative.
 
-        A law that acts ahead of steps may be given the rows of several contacts at once: those that share bodies, and
-        in a model with joints all that have such a law. It then has no attributes of its own.
+        A law that acts ahead of steps may get the rows of several contacts at once. These contacts share bodies; in a
+        model with joints, they are all contacts with such a law. Such a law has no attributes of its own.
         """
         raise NotImplementedError
 
     def closed_problem(self) -> tuple[Array, ...] | None:
         """Data with which compiled loops find gaps and forces in one call, while the same rows stay closed.
 
-        See `Gaps.pressed_at`; of laws without friction. None if the law has none.
+        See `Gaps.pressed_at`; only for laws without friction. None if the law has no such data.
         """
         return None
 
     def stiffness(self) -> Array | sp.spmatrix:
-        """Derivative of the forces on the closed rows by their places, sign changed, (d na, d na) [N/m]."""
+        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]."""
         raise NotImplementedError(f"{type(self).__name__} has no stiffness")
 
     def closed_stiffness(self, rows: RowDirections) -> Array | None:
-        """Contact stiffness on the coordinates with all rows closed, and stuck, (n, n): it limits explicit steps.
+        """Contact stiffness on the coordinates, (n, n), with all rows closed and stuck. It limits explicit steps.
 
         None if the law sets no limit.
         """
@@ -172,7 +172,7 @@ class Law:
     def stored(self, gap: Array, forces: Array) -> float:
         """Energy stored in the last answer [J]; here half of the normal forces, (nr, d) [N], times the depths.
 
-        Laws that act ahead of steps are not asked.
+        It is not called for laws that act ahead of steps.
         """
         return -0.5 * float(forces[:, 0] @ gap)
 
@@ -191,14 +191,14 @@ class RowDirections(Protocol):
         """Gaps of the rows."""
 
     def jacobian(self, index: Array) -> Rows:
-        """Derivative of the places of some rows by the coordinates, (d na, n), pairs held."""
+        """Derivative of the places of some rows with respect to the coordinates, (d na, n), for fixed pairs."""
 
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility of some rows, (d na, d na) [m/N]."""
 
 
 class LawMaker(Protocol):
-    """What makes the law of a contact: a formulation, see `formulations.formulation.Formulation`."""
+    """Maker of the law of a contact: a formulation, see `formulations.formulation.Formulation`."""
 
     def law(self, rows: RowDirections) -> Law:
         """Return the law of a contact with these rows."""

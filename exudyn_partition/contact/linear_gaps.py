@@ -1,4 +1,4 @@
-"""Gaps of pairs that are frozen, linear in the coordinates: of one contact, and of many in flat arrays."""
+"""Gaps of frozen pairs, which are linear in the coordinates: of one contact, and of many in flat arrays."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ import numpy as np
 from ..algebra.block_complementarity import pooled
 from ..support.arrays import Array
 
-_CLEARLY = 1 - 1e-6  # rounding of what pairs have slid, relative to their reach
+_CLEARLY = 1 - 1e-6  # margin for the rounding of how far pairs have slid, relative to their reach
 _FEW = 8  # lowest rows
 
 
 @dataclass(frozen=True, eq=False)
 class LinearGaps:
-    """Gaps of pairs that are frozen, as long as three of them slide less than `reach`.
+    """Gaps of frozen pairs. They hold while three of the pairs slide less than `reach`.
 
     Parameters
     ----------
     H : (nr, n) array
-        Gaps by the coordinates.
+        Derivative of the gaps with respect to the coordinates.
     start : (nr,) array
         Gaps at zero coordinates [m].
     drift : (6, n) array
-        Sliding of three pairs along two tangents, by the coordinates; empty if pairs never change.
+        Derivative of the sliding of three pairs along two tangents with respect to the coordinates; empty if pairs
+        never change.
     drift_start : (6,) array
-        That where the pairs were found [m].
+        Sliding at the coordinates at which the pairs were found [m].
     reach : float
         [m]
     """
@@ -50,12 +51,12 @@ class FlatRows(NamedTuple):
     dofs : array of int
         Numbers of each contact's coordinates in the model.
     numbers : array
-        Matrices of all contacts; equal ones are there once.
+        Matrices of all contacts; equal ones are stored once.
     H, drift, normals : (n,) int arrays
-        Where these of each contact begin in `numbers`; H is transposed.
+        Where the matrices of each contact begin in `numbers`; H is transposed.
     start, drift_start : arrays
     reach : (n,) array
-        A little less, so that pairs that stay frozen here do so in their laws too.
+        A little less than `LinearGaps.reach`, so that pairs that stay frozen here also stay frozen in `Gaps`.
     """
 
     starts: Array
@@ -91,7 +92,7 @@ class FlatRows(NamedTuple):
 
 
 class LowestRows(NamedTuple):
-    """Rows with the smallest gaps of each contact: one of them keeps the smallest while the contact moves a little.
+    """Rows with the smallest gaps of each contact. While it moves little, one of them has its smallest gap.
 
     Parameters
     ----------
@@ -99,14 +100,15 @@ class LowestRows(NamedTuple):
         Transposes of the rows, (n, k), one contact after the other.
     start : (nc, k) array
     at : array
-        Coordinates of each contact where they were chosen.
+        Coordinates of each contact at which its rows were chosen.
     numbers : array
-        `turn` and `slide` of all contacts; equal ones are there once.
+        Bounds of all contacts, (n,) each, see `turn` and `slide`; equal ones are stored once.
     turn, slide : (nc,) int arrays
-        Where these begin, (n,) each: how much the gaps of two rows change against each other, and pairs slide, at most
-        with each coordinate.
+        Where the two bounds of each contact begin in `numbers`. The first bounds the change of the difference of two
+        gaps with each coordinate. The second bounds the sliding of pairs with each coordinate.
     room, slack : (nc,) arrays
-        How much they may from there, so that the rows hold and pairs stay frozen [m].
+        Limits from the coordinates `at` on [m]. The chosen rows are valid while the difference of two gaps changes by
+        less than `room`. Pairs stay frozen while they slide by less than `slack`.
     """
 
     H: Array
@@ -120,7 +122,7 @@ class LowestRows(NamedTuple):
 
     @classmethod
     def of(cls, frozen: Sequence[LinearGaps]) -> LowestRows:
-        """Return none chosen yet."""
+        """Return the rows before any is chosen."""
         nc, k, n = len(frozen), min(_FEW, *(len(g.start) for g in frozen)), sum(g.H.shape[1] for g in frozen)
         turns = {id(g.H): np.ptp(g.H, axis=0) for g in frozen}
         numbers, at = pooled([turns[id(g.H)] for g in frozen] + [abs(g.drift).max(axis=0, initial=0) for g in frozen])

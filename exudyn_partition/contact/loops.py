@@ -1,6 +1,6 @@
-"""The loops over the rows of contacts: compiled if numba is there, else by NumPy.
+"""The loops over the rows of contacts: compiled if numba is installed, else in NumPy.
 
-This is the only module of `contact` that knows which. `kernels` beside it has the compiled loops.
+No other module of `contact` knows which of them run. Module `kernels` has the compiled loops.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ _Pressed: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool, Arra
 
 
 def at_once() -> bool:
-    """Whether one call does several steps of an evaluation, or evaluates several contacts; only compiled loops do.
+    """Whether one call can do several steps of an evaluation, or several contacts; only compiled loops can.
 
-    The functions at the end of this module are only for these.
+    The functions at the end of this module are only for compiled loops.
     """
     return kernels("contact") is not None
 
 
 def pushes(points: ContactPoints, lam: Array, normals: Array) -> Array:
-    """Forces at points, (p, 3) [N], of forces on the rows, (nr,) [N], along the normals of their points, (p, 3)."""
+    """Forces at points, (p, 3) [N], from forces on the rows, (nr,) [N], along the normals of their points, (p, 3)."""
     if compiled := kernels("contact"):
         mean = points.mean
         found: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, normals)
@@ -44,7 +44,7 @@ def pushes(points: ContactPoints, lam: Array, normals: Array) -> Array:
 
 
 def rows_along(points: ContactPoints, nodes: Array, weights: Array, along: Array, n: int) -> Array:
-    """Rows on d values of each of n nodes, (nr, d n): means of points, along a vector of each point.
+    """Rows on d values of each of n nodes, (nr, d n): means over points, along a vector of each point.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def along(tangents: Array, vectors: Array) -> Array:
 
 
 def at_points(points: ContactPoints, lam: Array, tangents: Array, normals: Array) -> Array:
-    """Forces at points, (p, 3) [N], of forces on the rows along their normals and tangents, (nr, 3) [N].
+    """Forces at points, (p, 3) [N], from forces on the rows along their normals and tangents, (nr, 3) [N].
 
     Tangents belong to rows, (nr, 2, 3), normals to points, (p, 3).
     """
@@ -137,14 +137,14 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
 
 
 def rows_below(h: Array, limit: float, known: Array | None) -> Array:
-    """Numbers of the rows with gaps h, (nr,), below a limit [m], ascending; `known` itself if these are its numbers."""
+    """Numbers of the rows with gaps h, (nr,), below a limit [m], ascending; `known` itself if it has the same."""
     if known is not None and (compiled := kernels("contact")):
         return known if compiled.same_rows(h, limit, known) else np.flatnonzero(h < limit)
     found = np.flatnonzero(h < limit)
     return known if known is not None and np.array_equal(found, known) else found
 
 
-# Several steps in one call, only where loops do them `at_once`.
+# Several steps in one call, only if `at_once()`.
 
 
 def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:
@@ -168,7 +168,7 @@ def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> t
 
 
 def generalised(points: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
-    """Generalised forces of both bodies, (n,), of forces on rows, (nr,) [N], along their points' normals, (p, 3)."""
+    """Generalised forces on both bodies, (n,), from forces on rows, (nr,) [N], along their points' normals, (p, 3)."""
     found: Array = _compiled().generalised(points, lam, normals, slave, master)
     return found
 
@@ -179,9 +179,9 @@ def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
 
 
 def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
-    """Write the smallest gap of each contact to `told`, (n, 6); False if one is closed or pairs slide.
+    """Write the smallest gap of each contact to `told`, (n, 6); return False if one is closed or pairs slide.
 
-    `h`, (nr,), is room to work in. See `linear_gaps.LowestRows`.
+    `h`, (nr,), is work space. See `linear_gaps.LowestRows`.
     """
     return bool(_compiled().fly_on(rows, lowest, q, h, told))
 
@@ -189,7 +189,7 @@ def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) 
 def forces_of_frozen(
     rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
 ) -> None:
-    """Set `force`, `values` and `stored` by gaps and forces of all rows, see `frozen.FrozenContacts`."""
+    """Set `force`, `values` and `stored` from gaps and forces of all rows, see `frozen.FrozenContacts`."""
     _compiled().forces_of_frozen(rows, h, lam, pushed, force, values, stored)
 
 

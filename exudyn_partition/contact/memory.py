@@ -1,4 +1,4 @@
-"""What a contact with friction remembers of the last accepted step, as one value."""
+"""Memory of a contact with friction after the last accepted step, as one value."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from .tangential import TangentialRows
 
 @dataclass(frozen=True, eq=False)
 class FrictionMemory:
-    """Forces on the rows at the end of the last accepted step, stored by the slave's nodes, because rows come and go.
+    """Forces on rows, and their slip, at the end of the last accepted step.
+
+    They are stored for the slave's nodes, because rows appear and vanish.
 
     Parameters
     ----------
     forces : (np, 4) array
-        Normal forces, and tangential ones as vectors in the axes that turn with the master [N].
+        Normal forces, and tangential forces as vectors in axes that turn with the master [N].
     slipped : (np,) bool array
-        Which rows slipped.
+        Whether the row of each node slipped.
     speed : (np,) array
         Their slip speed [m/s].
     path : (np,) array
         Path that each row has slipped so far [m].
     dissipated : float
-        Energy that friction has taken so far [J].
+        Energy that friction has dissipated so far [J].
     """
 
     forces: Array
@@ -38,25 +40,25 @@ class FrictionMemory:
 
     @classmethod
     def none(cls, n: int) -> FrictionMemory:
-        """Return that of n nodes at the start of a run."""
+        """Return the memory of n nodes at the start of a run."""
         return cls(np.zeros((n, 4)), np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n))
 
     def after(
         self, rows: TangentialRows, forces: Array, status: Array, slips: Array, speeds: Array, taken: float
     ) -> FrictionMemory:
-        """Return what is remembered of the step after.
+        """Return the memory after the next step.
 
         Parameters
         ----------
         rows : TangentialRows
         forces, status : (nr, 3), (nr,) arrays
-            At the end of the step [N].
+            Forces [N] and status at the end of the step.
         slips : (nr, 2) array
             How far the rows have slipped in the step [m].
         speeds : (nr,) array
-            Slip speed of the rows at its end [m/s].
+            Slip speed of the rows at the end of the step [m/s].
         taken : float
-            Energy that friction took in it [J].
+            Energy that friction dissipated in the step [J].
         """
         nodes, slides, n = rows.gaps.row_nodes, status == SLIP, len(self.path)
         slipped, speed, path = np.zeros(n, dtype=bool), np.zeros(n), self.path
@@ -68,16 +70,16 @@ class FrictionMemory:
         return FrictionMemory(by_nodes(rows, forces, n), slipped, speed, path, self.dissipated + taken)
 
     def resumed(self, forces: Array) -> FrictionMemory:
-        """Return the memory of a run that begins with these forces by nodes, (np, 4) [N]."""
+        """Return the memory of a run that begins with these forces at the nodes, (np, 4) [N]."""
         return replace(self, forces=forces)
 
     def coefficients(self, friction: Coulomb, nodes: Array) -> Array:
-        """Coefficients of friction of some nodes' rows in the step after, (k,)."""
+        """Coefficients of friction of some nodes' rows in the next step, (k,)."""
         return coefficients(friction, self.slipped[nodes], self.speed[nodes])
 
 
 def by_nodes(rows: TangentialRows, forces: Array, n: int) -> Array:
-    """Forces by the n nodes of the slave's patch, (n, 4) [N], of those on the present rows, (nr, 3) [N]."""
+    """Forces stored for the n nodes of the slave's patch, (n, 4) [N], from forces on present rows, (nr, 3) [N]."""
     found, nodes = np.zeros((n, 4)), rows.gaps.row_nodes
     found[nodes, 0] = forces[:, 0]
     found[nodes, 1:] = rows.tractions(forces) @ rows.axes
@@ -85,7 +87,7 @@ def by_nodes(rows: TangentialRows, forces: Array, n: int) -> Array:
 
 
 def on_rows(rows: TangentialRows, remembered: Array) -> Array:
-    """Forces on the present rows, (nr, 3) [N], of those by the slave's nodes, (np, 4) [N]."""
+    """Forces on the present rows, (nr, 3) [N], from those stored for the slave's nodes, (np, 4) [N]."""
     found = remembered[rows.gaps.row_nodes]
     forces = np.empty((len(found), 3))
     forces[:, 0], forces[:, 1:] = found[:, 0], rows.along(found[:, 1:] @ rows.axes.T)

@@ -24,15 +24,15 @@ class NormalRows:
         self.gaps = gaps
 
     def fresh(self, gaps: Gaps) -> NormalRows:
-        """Return the rows for another run; `gaps` are the same in their start state."""
+        """Return the rows for another run; `gaps` are the same gaps in their start state."""
         return NormalRows(gaps)
 
     def jacobian(self, index: Array) -> Rows:
-        """Derivative of the gaps of some rows by the coordinates, (na, n), pairs held."""
+        """Derivative of the gaps of some rows with respect to the coordinates, (na, n), for fixed pairs."""
         return self.gaps.jacobian(index)
 
     def carrier_rows(self, index: Array) -> Array:
-        """The same by the velocities of the body that carries the surface, (na, 6)."""
+        """Derivative of gap rates with respect to the velocities of the surface's carrier, (na, 6)."""
         return self.gaps.carrier_rows(index)
 
     def flexibility(self, index: Array) -> Array:
@@ -52,25 +52,25 @@ class NormalRows:
         return index
 
     def way(self) -> Array:
-        """How far rows have slid along their tangents, (nr, 0) [m]: they have none."""
+        """How far rows have slid along their tangents, (nr, 0) [m]: there are no tangents."""
         return np.empty((len(self.gaps.row_nodes), 0))
 
     def tractions(self, forces: Array) -> Array:
-        """Tangential forces in space, (nr, 3) [N], of forces on rows, (nr, 1) [N]: none."""
+        """Tangential forces in space, (nr, 3) [N], from forces on rows, (nr, 1) [N]: zero."""
         return np.zeros((len(forces), 3))
 
     def generalised(self, forces: Array) -> Array:
-        """Generalised forces, (n,), of forces on the present rows, (nr, 1) [N]."""
+        """Generalised forces, (n,), from forces on the present rows, (nr, 1) [N]."""
         return self.gaps.generalised(forces[:, 0])
 
     def nodal_forces(self, forces: Array) -> list[Array]:
-        """Forces on the nodes of the patches, (np, 3) for each side [N], of forces on the rows, (nr, 1) [N]."""
+        """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the rows, (nr, 1) [N]."""
         return self.gaps.nodal_forces(forces[:, 0])
 
     def resultant(self, forces: Array) -> Array:
-        """Force on the slave, (3,) [N], of forces on the rows, (nr, 1) [N]."""
+        """Force on the slave, (3,) [N], from forces on the rows, (nr, 1) [N]."""
         return self.gaps.resultant(forces[:, 0])
 
     def moment(self, forces: Array, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], of forces on the rows, (nr, 1) [N]."""
+        """Moment on the slave about a point in space, (3,) [N m], from forces on the rows, (nr, 1) [N]."""
         return self.gaps.moment(forces[:, 0], point)

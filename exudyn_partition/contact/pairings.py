@@ -20,10 +20,10 @@ from ..surfaces.witnesses import spread
 from .linear_gaps import LinearGaps
 from .side import Side
 
-_MOST = 16  # pairings that are kept with a body, those used last
+_MOST = 16  # pairings that are kept with a body: the last used
 _ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places that differ by less are the same
 
-# Pairings hold arrays alone. One that held a body would keep it, and so itself, for ever.
+# Pairings hold arrays alone. A pairing that held its body would keep both of them in memory for ever.
 KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = weakref.WeakKeyDictionary()
 
 
@@ -36,11 +36,11 @@ class Pairing:
     points : ContactPoints
         All points of the slave.
     rows : ContactRows
-        Those of the pose in which the patches face each other.
+        Rows in the pose in which the patches face each other.
     pose : (n,) array
         Coordinates of both sides in that pose; zero if the patches face each other at the start.
     places : (k, 3) array
-        The nodes of both patches, as seen from the first of the master [m].
+        The nodes of both patches, relative to the first node of the master [m].
     flexibility : (nr, nr) array or None
         Residual flexibility of the rows [m/N], once it is known.
     frozen : LinearGaps or None
@@ -59,9 +59,9 @@ class Pairing:
 
     @classmethod
     def of(cls, slave: Side, master: Side, kind: RowKind, itself: bool = False) -> Pairing:
-        """Pair two sides, or return what they were paired to in the same places to each other before.
+        """Pair two sides, or return their earlier pairing in the same relative place.
 
-        `itself` tells that both are patches of one body in the model, so that each moves the other's nodes.
+        `itself`: both are patches of one body in the model, so that each moves the other's nodes.
 
         Raises
         ------
@@ -110,7 +110,7 @@ def drift_rows(sides: Sequence[Side], shares: Sequence[tuple[Array, Array]], row
 
 
 def _attitude(side: Side) -> tuple[object, ...]:
-    """What distinguishes patches of a body, and their directions."""
+    """Key that distinguishes the patches of a body, and their directions."""
     surface, kinematics = side.surface, side.kinematics
     arrays = surface.nodes, surface.direction, kinematics.rotation, kinematics.node_axes
     return (kinematics.linear, surface.direction_given, *(array.tobytes() for array in arrays))

@@ -1,4 +1,4 @@
-"""The contact of a patch in a run: its rows, the forces on them, and what it remembers. Its law finds the forces."""
+"""The contact of a patch in a run: its rows, the forces on them, and its memory. Its law finds the forces."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 
 class PatchContact:
-    """A contact in a run: rows, forces on them, and what it remembers of the last accepted step.
+    """A contact in a run: its rows, the forces on them, and its memory of the last accepted step.
 
-    With friction, rows have three directions in place of one; plastic zones are a part that any law can have. What
-    forces depend on besides the coordinates changes in `commit` alone, when a step is accepted. So a step that is
-    repeated begins from the same memory.
+    With friction, rows have three directions instead of one. Plastic zones are a part that any law can have. Forces
+    depend on the coordinates and on a memory. Only `commit` changes this memory, when a step is accepted. So a repeated
+    step begins from the same memory.
 
     Parameters
     ----------
     gaps : Gaps
     formulation : Formulation
-        It has the law, and zones if bodies yield.
+        It makes the law, and the zones if bodies yield.
     friction : Coulomb, optional
 
     Attributes
@@ -54,7 +54,7 @@ class PatchContact:
     least_gap : float
         Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
     memory : FrictionMemory
-        Of the last accepted step.
+        Memory of the last accepted step.
     since : float
         Start of the present step [s].
     h : (nr,) array
@@ -79,7 +79,7 @@ class PatchContact:
         Raises
         ------
         RunError
-            If there are no such runs of this contact.
+            If this contact cannot run with this method.
         """
         if method == "static" and self.ahead:
             raise RunError(
@@ -101,7 +101,7 @@ class PatchContact:
         self.memory = FrictionMemory.none(self._n_nodes)
         self.least_gap, self.since = np.inf, -math.inf
         self._answered, self._closed_before = False, False
-        self._same = 0  # answers of compiled loops with the same closed rows
+        self._same = 0  # number of answers of compiled loops with the same closed rows
         self._evaluated_at = np.empty(0)
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
@@ -128,7 +128,7 @@ class PatchContact:
 
     @property
     def compliant(self) -> bool:
-        """Whether closed rows yield by a flexibility or layer of the contact itself."""
+        """Whether closed rows yield through a flexibility or layer of the contact itself."""
         return self.law.compliant
 
     @property
@@ -143,7 +143,7 @@ class PatchContact:
 
     @property
     def remembers(self) -> bool:
-        """Whether forces depend on those of earlier steps, within the steps. Then `commit` matters."""
+        """Whether forces within steps depend on those of earlier steps. Then `commit` must be called."""
         return self.zones is not None or (self.friction is not None and not self.ahead)
 
     @property
@@ -186,10 +186,10 @@ class PatchContact:
         return self.generalised()
 
     def answer(self, gap: Array, pushed: Array | None = None, motion: Motion | None = None) -> None:
-        """Find the forces on the present rows from their gaps, (nr,) [m], and from how far they have slid.
+        """Find the forces on the present rows from their gaps, (nr,) [m], and from their sliding.
 
-        `pushed`, (nr, d) [m], is what the forces of other contacts add to the gaps, and have added to the tangential
-        places since the last accepted step.
+        `pushed`, (nr, d) [m], are displacements due to the forces of other contacts. Tangential ones count from the
+        last accepted step.
         """
         self._answered = True
         if isinstance(self.rows, TangentialRows) and not self.rows.held:
@@ -226,7 +226,7 @@ class PatchContact:
         return way if pushed is None else way + pushed[:, 1:]
 
     def take(self, forces: Forces) -> None:
-        """Take forces on the present rows."""
+        """Set the forces on the present rows."""
         self.forces, self.index, self._state, self._slips = forces
         self._traction: Array | None = None
         self._slid: tuple[Array, float] | None = None  # see `_sliding`
@@ -237,7 +237,7 @@ class PatchContact:
         self.take(Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64)))
 
     def generalised(self) -> Array:
-        """Generalised forces, (n,), of the present forces on rows, and of zones."""
+        """Generalised forces, (n,), from the present forces on rows, and from zones."""
         force = self.rows.generalised(self.forces) if self.index.size else self._zero
         return force if self.zones is None else self.zones.generalised(force)
 
@@ -257,19 +257,19 @@ class PatchContact:
     # Stiffness and energy.
 
     def row_jacobian(self) -> Rows:
-        """Derivative of the places of closed rows by the coordinates, (d na, n)."""
+        """Derivative of the places of closed rows with respect to the coordinates, (d na, n)."""
         return self.rows.jacobian(self.index)
 
     def row_carrier(self) -> Array:
-        """The same by the velocities of the body that carries a rigid surface, (d na, 6)."""
+        """Derivative of the rates of closed rows with respect to the velocities of a surface's carrier, (d na, 6)."""
         return self.rows.carrier_rows(self.index)
 
     def row_stiffness(self) -> Array:
-        """Derivative of the forces on the closed rows by their places, sign changed, (d na, d na) [N/m]."""
+        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]."""
         return dense(self.law.stiffness()) if self.index.size else np.zeros((0, 0))
 
     def tangent(self) -> Array:
-        """Contact stiffness -d force / d q, (n, n), of closed rows and zones, with the pairs held."""
+        """Contact stiffness -d force / d q, (n, n), of closed rows and zones, for fixed pairs."""
         K = np.zeros((self.gaps.n,) * 2)
         if self.index.size and not self.ahead:
             H = self.row_jacobian()
@@ -303,14 +303,15 @@ class PatchContact:
         return own if self.zones is None else own + self.zones.stored()
 
     def dissipated(self) -> float:
-        """Energy that friction has taken since the start of the run [J]."""
+        """Energy that friction has dissipated since the start of the run [J]."""
         within = self._answered and self.friction is not None and not self.ahead and self.index.size > 0
         return self.memory.dissipated + (self._sliding()[1] if within else 0.0)
 
     def _sliding(self) -> tuple[Array, float]:
-        """How far rows have slipped since the last accepted step, (nr, 2) [m], and the energy that it takes [J].
+        """Slip of the rows since the last accepted step, (nr, 2) [m], and the energy that it dissipates [J].
 
-        By the trapezoid: the force at the end of the step alone would take too much or too little.
+        The energy is found by the trapezoidal rule. The force at the end of the step alone would give too much or too
+        little.
         """
         if self._slid is None:
             slips = self.slips
@@ -325,7 +326,7 @@ class PatchContact:
     # Memory.
 
     def commit(self, start: float) -> None:
-        """Begin a step at time `start` [s]: the step before was accepted. Remember its end."""
+        """Begin a step at time `start` [s]. The step before was accepted; remember its end."""
         if self._answered and start > self.since:
             if isinstance(self.rows, TangentialRows) and not self.ahead:
                 self._remember(self.rows, start - self.since)
@@ -347,9 +348,9 @@ class PatchContact:
         self.memory = self.memory.after(self.rows, self.forces, self.state, slips, speeds, taken)
 
     def flies_on(self, start: float) -> bool:
-        """If all rows are open now and were in the step before, begin a step at time `start` [s] without `commit`.
+        """Begin a step at time `start` [s] without `commit` if all rows are open now and were in the step before.
 
-        Return whether it did. The last evaluation is the end of the step before; only places are to be remembered.
+        Return whether it began. The last evaluation is the end of the step before. Only its places are remembered.
         """
         rows = self.rows
         if not self._answered or self.index.size or self._closed_before or self.zones is not None or self.ahead:
@@ -364,10 +365,10 @@ class PatchContact:
         return np.array_equal(self._evaluated_at if self.ahead else self.gaps.q, q)
 
     def resume(self, earlier: PatchContact, q: Array) -> bool:
-        """Go on from the end of an earlier run of this contact, `earlier`, if that ended at coordinates q, (n,).
+        """Start from the end of an earlier run of this contact, `earlier`, if that ended at coordinates q, (n,).
 
-        Plastic strains stay, and rows stick where they stuck, with the forces that they had; the dissipation begins
-        anew. Return whether it did.
+        Plastic strains stay. Rows that stuck still stick, with the same forces. The dissipation starts again at zero.
+        Return whether this run starts so.
         """
         sticks = self.friction is not None and not self.ahead and earlier.index.size > 0
         if not (sticks or self.zones is not None) or not earlier.ended_at(q):
@@ -381,7 +382,7 @@ class PatchContact:
             self.rows.hold()
         return True
 
-    # What rows tell.
+    # Results.
 
     @property
     def slips(self) -> Array:
@@ -438,15 +439,15 @@ class PatchContact:
         return self.rows.nodal_forces(self.forces)
 
     def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
-        """Forces on the nodes of the patches, as `nodal_forces`, of rows that were closed at coordinates q, (n,).
+        """Forces on the nodes of the patches, like `nodal_forces`, from rows that were closed at coordinates q, (n,).
 
         Parameters
         ----------
         q : (n,) array
         nodes : (na,) int array
-            Nodes of the slave's patch that the rows belong to.
+            Nodes of the slave's patch to which the rows belong.
         lam, traction : (na,), (na, 3) arrays
-            Normal forces on them, and tangential forces in space [N]; these are zero without friction.
+            Normal forces on the rows, and tangential forces in space [N]; the latter are zero without friction.
         """
         self.gaps.at(q)
         remembered = np.zeros((self._n_nodes, 4))

@@ -1,10 +1,10 @@
-"""Gaps between two patches in motion: pairs are frozen while the patches do not slide, and followed while they do.
+"""Gaps between two patches in motion. Pairs are frozen while the patches do not slide, else they are followed.
 
-Frozen pairs: gaps are linear, h = h0 + H q, and cost one product. When the patches have slid by 2 % of a facet, pairs
-are followed: every evaluation takes positions from the coordinates of the bodies and projects the contact points again,
-starting from their last closest points (`contact.followed`). When the patches have moved by a quarter of a facet, all
-points are searched with a tree. When the sliding stops, pairs are frozen again. So the motion itself decides, and users
-need not know it beforehand.
+The gaps of frozen pairs are linear, h = h0 + H q, and cost one product. When the patches have slid by 2 % of a facet,
+pairs are followed (`contact.followed`). Then every evaluation finds the positions of the nodes from the coordinates. It
+projects the contact points again, starting from their last closest points. When the patches have moved by a quarter of
+a facet, all points are searched with a tree. When the sliding stops, pairs are frozen again. So the motion decides, and
+users need not know it beforehand.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PatchGaps(Gaps):
         self._take(self._start, self._start_q)
 
     def follow(self) -> None:
-        """Follow the present rows from now on, though they may be frozen."""
+        """Follow the present rows from now on, even if they are frozen."""
         stage = self.stage
         self.stage = Stage(stage.rows, stage.normals, stage.shares)
 
@@ -86,7 +86,7 @@ class PatchGaps(Gaps):
         return Frozen(stage.rows, stage.normals, stage.shares, pairing.frozen, pairing)
 
     def _freeze(self, rows: ContactRows, q: Array) -> Frozen:
-        """The stage with these pairs, frozen; their gaps belong to coordinates q, (n,)."""
+        """The stage with these pairs frozen; their gaps belong to coordinates q, (n,)."""
         stage = self._stage_of(rows)
         return Frozen(stage.rows, stage.normals, stage.shares, self._linearised(stage, rows, q))
 
@@ -98,7 +98,7 @@ class PatchGaps(Gaps):
         """Gaps of these pairs while they are frozen; their present gaps belong to coordinates q, (n,)."""
         H, drift = self.rows_on_coordinates(stage, q), drift_rows(self.sides, stage.shares, rows)
         start = moved(rows.gap.copy(), H, -q)
-        _ = weighted_rows(start, H), stage.normal  # so that these loops, too, are compiled before a run begins
+        _ = weighted_rows(start, H), stage.normal  # so that these loops are compiled before a run begins
         return LinearGaps(H, start, drift, drift @ q, _HELD * self.size)
 
     def stance(self) -> Array:
@@ -135,7 +135,7 @@ class PatchGaps(Gaps):
             self._since = self._since + 1 if self.stage.moving else 1
             if self._since >= _PATIENCE and self._linear:
                 self._since = 0
-                # Only if they touch: patches that are apart may meet with other pairs.
+                # Freeze only if they touch, because patches that are apart may meet with other pairs.
                 if self._stands_still(stage.here) and gap.min(initial=np.inf) < _HELD * self.size:
                     rows = self.project(*self.places(q))[0]
                     stage, gap = self._freeze(rows, q), rows.gap
@@ -166,7 +166,7 @@ class PatchGaps(Gaps):
         return float(found.gap[facing(found, direction, self.size)].min(initial=np.inf))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """See `Gaps.closing`; the last entry bounds all points without rows: the least gap, the largest speed."""
+        """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""
         self.at(q)
         if not self.moving:
             return super().closing(q, q_t, q_tt)
@@ -184,7 +184,7 @@ class PatchGaps(Gaps):
         return np.append(gap, beyond), np.append(H @ q_t, -speed), np.append(H @ q_tt, 0.0)
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
-        """Least gap or a lower bound [m]; while the patches are apart, the cheap gap between balls around them."""
+        """Least gap, or a lower bound [m]: if the patches are apart, the gap between balls around them."""
         centres = x_s.mean(axis=0), x_m.mean(axis=0)
         radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
         between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
@@ -199,7 +199,7 @@ class PatchGaps(Gaps):
         return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
 
     def search(self, q: Array) -> tuple[Stage, Array]:
-        """Find the pairs of all points at coordinates q, (n,); return the stage of those that can close, with gaps."""
+        """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps."""
         self.searches += 1
         places = self.places(q)
         here = seen_from(places, self.witnesses)
@@ -214,7 +214,7 @@ class PatchGaps(Gaps):
         return Apart(rows, every.normals[index], shares, here, reach), NOTHING
 
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
-        """The sides with the nodes of these points, and those of the master around facets, (p,) int array."""
+        """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
         slave, master = (side.surface for side in self.sides)
         near = np.zeros(len(master.points), dtype=bool)
         near[master.facets[facets]] = True

@@ -18,37 +18,37 @@ from ..surfaces.surface import nearest_places
 
 _FEWEST = 8  # points of a curve
 _SAMPLED = 720  # points of a curve that is given as a function
-_STARTS = 8  # places between two points, from the nearest of which the closest point is found
+_STARTS = 8  # places between two points; the search for the closest point starts from the nearest place
 _STEPS = 8  # of Newton's method
-_CLOSE = 1e-7  # of the curve's length: last step, whose square is the error of the place, and that one's of the gap
-_CONVEX = 0.1  # of the squared tangent: below it Newton's method takes the curve as straight
+_CLOSE = 1e-7  # of the curve's length: last step; errors: of the place its square, of the gap its fourth power
+_CONVEX = 0.1  # of the squared tangent: below it, Newton's method takes the curve as straight
 
 
 @dataclass(frozen=True, eq=False)
 class RigidProfile:
     """Solid inside a closed planar curve, of infinite length along an axis.
 
-    The curve is a periodic cubic spline through its points, so that a circle through n points is right to its radius
-    times (1.4 / n)^4 or so. Gaps are right as far as each point of the patch has one closest point on the curve: where
-    the curve is hollow, within its radius of curvature.
+    The curve is a periodic cubic spline through its points. The error of a circle through n points is about its radius
+    times (1.4 / n)^4. Gaps are right if each point of the patch has one closest point on the curve. Where the curve is
+    hollow, this holds within its radius of curvature.
 
     Parameters
     ----------
     curve : (n, 2) array or callable
-        Points of the curve one after the other, in either sense, each once [m]; at least eight. Or a function that
-        returns them, (k, 2) [m], for angles from 0 to 2 pi, (k,) [rad]: it is asked for 720.
+        At least eight points of the curve in order, in either sense, each once [m]. Or a function that returns points,
+        (k, 2) [m], for angles from 0 to 2 pi, (k,) [rad]; it is called for 720 angles.
     point : (3,)
         Where the origin of the curve's plane is [m].
     axis : (3,)
-        Direction along which it is extruded; any length.
+        Direction along which the curve is extruded; any length.
     first : (3,), optional
-        Direction of the plane's first axis; what it has along `axis` is left out. The second one is axis x first.
+        Direction of the plane's first axis; its component along `axis` is removed. The second one is axis x first.
         Default: x, or y if the axis is parallel to x.
 
     Raises
     ------
     InputError
-        If the points are no such curve, or an argument has a wrong shape.
+        If the points do not make such a curve, or an argument has a wrong shape.
     """
 
     curve: Array
@@ -56,7 +56,7 @@ class RigidProfile:
     axis: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     first: Array | None = None
 
-    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+    if TYPE_CHECKING:  # any three numbers are accepted; they are kept as arrays
 
         def __init__(
             self,
@@ -98,7 +98,7 @@ class RigidProfile:
 
     @cached_property
     def _spline(self) -> CubicSpline:
-        """The curve by the length of its chords."""
+        """The curve as a function of the length of its chords."""
         closed = np.vstack([self.curve, self.curve[:1]])
         way = np.linalg.norm(np.diff(closed, axis=0), axis=1)
         return CubicSpline(np.concatenate([[0.0], np.cumsum(way)]), closed, bc_type="periodic")
@@ -129,7 +129,7 @@ class RigidProfile:
         return np.einsum("kd,kd->k", at - place, normal), normal @ self.plane.T
 
     def _along(self, s: Array) -> tuple[Array, Array, Array]:
-        """Places on the curve, (k, 2), and their first and second derivatives; the spline itself takes longer."""
+        """Places on the curve, (k, 2), and their first and second derivatives; faster than the spline itself."""
         knots, c = self._spline.x, self._spline.c
         s = s % knots[-1]
         span = np.minimum(np.searchsorted(knots, s, side="right"), len(knots) - 1) - 1
@@ -138,7 +138,7 @@ class RigidProfile:
 
 
 def _axes(axis: Vector, first: Vector | None) -> tuple[Array, Array]:
-    """Unit vectors along and across, (3,) each."""
+    """Unit vectors along and across the axis, (3,) each."""
     along = validate_vector("axis", axis)
     length = np.linalg.norm(along)
     if length == 0:

@@ -41,7 +41,7 @@ class RigidPlane:
     point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     normal: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
 
-    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+    if TYPE_CHECKING:  # any three numbers are accepted; they are kept as arrays
 
         def __init__(self, point: Vector = ..., normal: Vector = ...) -> None: ...
 
@@ -69,7 +69,7 @@ class RigidSphere:
     center: Array
     radius: float
 
-    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+    if TYPE_CHECKING:  # any three numbers are accepted; they are kept as arrays
 
         def __init__(self, center: Vector, radius: float) -> None: ...
 
@@ -95,7 +95,7 @@ class RigidCylinder:
     radius : float
         Radius [m].
     hollow : bool
-        Whether it is a bore, within which bodies move: a guide, the outer race of a bearing.
+        Whether it is a bore in which bodies move, such as a guide or the outer race of a bearing.
     """
 
     point: Array
@@ -103,7 +103,7 @@ class RigidCylinder:
     radius: float
     hollow: bool = False
 
-    if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
+    if TYPE_CHECKING:  # any three numbers are accepted; they are kept as arrays
 
         def __init__(self, point: Vector, axis: Vector, radius: float, *, hollow: bool = ...) -> None: ...
 
@@ -137,8 +137,8 @@ def _unit(name: str, vector: Array) -> Array:
 class RigidGaps(Gaps):
     """Gaps of a patch to a rigid surface, fixed or carried by a body.
 
-    Gaps of a body in an inertial frame to a fixed plane are linear in the coordinates. All others are projected in
-    every evaluation.
+    Gaps of a body in an inertial frame to a fixed plane are linear in the coordinates. All other gaps are found by
+    projection in every evaluation.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class RigidGaps(Gaps):
         return PresentRows(points, np.isin(points.row_nodes, self.slave.surface.rim), self.sides)
 
     def _stage_at(self, rows: PresentRows, places: list[Array]) -> tuple[Stage, Array]:
-        """Stage with some rows where the slave's nodes are at `places`, one (np, 3) array [m], and gaps, (nr,) [m]."""
+        """Stage of some rows with the slave's nodes at `places`, one (np, 3) array [m], and gaps, (nr,) [m]."""
         pose = self.carrier_pose
         gap, normals = self._projected(rows.points.at(places[0]), pose)
         stage = Stage(rows, normals, ((rows.points.nodes, rows.points.weights),))
@@ -225,7 +225,7 @@ class RigidGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage = self.stage
-        if isinstance(stage, Frozen):  # rows on a plane stay the same, however far they slide
+        if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
             self._take(stage, q)
             return stage.gap(q)
         found, gap = self._stage_at(stage.rows, self.places_of(stage.rows.sides, q))
@@ -243,14 +243,14 @@ class RigidGaps(Gaps):
         return self.slave
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """See `Gaps.closing`; without accelerations of the body that carries the surface, which are not known here."""
+        """See `Gaps.closing`; the accelerations of the surface's carrier are not known here, and left out."""
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
         if self._motion is not None:
             rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
         return gap, rate, acceleration
 
     def carrier_rows(self, index: Array) -> Array:
-        """Derivative of the rates of some gaps, (na, 6), by velocity and angular velocity of the surface's carrier."""
+        """Derivative of gap rates, (na, 6), with respect to velocity and angular velocity of the surface's carrier."""
         if self._pose is None:
             raise InputError("carrier_rows: nothing carries the surface")
         arms = self.points.at(self.places_now()[0]) - self._pose()[0]
@@ -270,7 +270,7 @@ class RigidGaps(Gaps):
         return gap, normals @ axes.T
 
     def _direction(self, node: int) -> Array:
-        """Outward normal of the patch by which it faces the surface, (3,)."""
+        """Outward normal with which the patch faces the surface, (3,)."""
         return self.slave.surface.direction
 
     def _check_start(self, gap: Array) -> None:

@@ -1,7 +1,8 @@
 """A rigid surface of triangles: an STL file, a STEP file, or a shape.
 
-The distance of a point is that of its closest triangle. Its sign comes from the normal of the face, the edge or the
-corner that is closest: at edges the sum of both faces' normals, at corners the sum weighted by the faces' angles.
+The distance of a point is the distance to its closest triangle. Its sign comes from the normal of the closest face,
+edge or corner. The normal of an edge is the sum of both faces' normals. The normal of a corner is their sum weighted by
+the faces' angles.
 
 References
 ----------
@@ -32,31 +33,32 @@ from ..support.checks import validate_array, validate_path, validate_positive
 from ..support.foreign import Shape
 from ..surfaces.surface import nearest_places
 
-_SAME = 1e-9  # of the size of the mesh: corners nearer than that are one
+_SAME = 1e-9  # of the size of the mesh: corners that are nearer to each other are merged
 _FLAT = 1e-10  # of the squared longest edge: triangles with a smaller area are left out
-_ON = 1e-9  # of the size of the mesh: points that near lie on an edge or a corner
-_LARGEST = 20.0  # [m], of a mesh whose file may be in millimetres
-_CHUNK = 4096  # points that are projected at once, which bounds the memory
+_ON = 1e-9  # of the size of the mesh: points that are nearer lie on an edge or a corner
+_LARGEST = 20.0  # [m]: files of larger meshes may be in millimetres
+_CHUNK = 4096  # points that are projected at once, to bound the memory
 
 
 @dataclass(frozen=True, eq=False)
 class RigidMesh:
     """Solid inside a closed surface of triangles, or behind an open one.
 
-    Triangles are flat: over a curved surface of radius R, edges of length d lie d^2 / 8 R beneath it, and a patch that
-    slides over them feels each edge. Take edges so short that this is a small part of the approach under the force.
+    Triangles are flat. On a curved surface of radius R, edges of length d lie d^2 / 8 R beneath it. A patch that slides
+    over them meets each edge. Choose edges so short that this depth is a small part of the approach under the force.
 
     Parameters
     ----------
     points : (n, 3) array
         Corners [m].
     triangles : (m, 3) int array
-        Corners of each triangle, counter-clockwise as seen from outside. Of a closed surface, either sense will do.
+        Corners of each triangle, counter-clockwise as seen from outside. For a closed surface, either sense is
+        accepted.
 
     Raises
     ------
     InputError
-        If arrays have wrong shapes, or triangles name corners that do not exist.
+        If arrays have wrong shapes, or triangles refer to corners that do not exist.
     MeshError
         If no triangle has an area, more than two share an edge, or two that share one have opposite senses.
 
@@ -69,7 +71,7 @@ class RigidMesh:
     points: Array
     triangles: Array
 
-    if TYPE_CHECKING:  # any sequences of numbers will do; they are kept as arrays
+    if TYPE_CHECKING:  # any sequences of numbers are accepted; they are kept as arrays
 
         def __init__(self, points: object, triangles: object) -> None: ...
 
@@ -135,7 +137,7 @@ class RigidMesh:
 
     @cached_property
     def _rounding(self) -> float:
-        """Distance of points that lie on an edge or a corner [m]."""
+        """Distance below which a point lies on an edge or a corner [m]."""
         return _ON * float(np.ptp(self.points, axis=0).max())
 
     @cached_property
@@ -145,7 +147,7 @@ class RigidMesh:
 
     @cached_property
     def _classes(self) -> list[tuple[float, Array, cKDTree]]:
-        """Triangles of like size: their largest radius about the centroid [m], their numbers, and their centroids."""
+        """Triangles of similar size: their largest radius about the centroid [m], their numbers, and centroids."""
         centroid = self._corners.mean(axis=1)
         radius = np.linalg.norm(self._corners - centroid[:, None], axis=2).max(axis=1)
         kind = np.floor(np.log2(radius.max() / radius)).astype(int)
@@ -191,8 +193,8 @@ class RigidMesh:
     def _closest(self, x: Array) -> tuple[Array, Array, Array]:
         """Closest triangle of each point, (k,), the closest place on it, (k, 3), and its feature, (k,), see `_normals`.
 
-        A triangle cannot be nearer than its centroid less its radius. So all are looked at that may be nearer than the
-        ones with the nearest centroids.
+        A triangle cannot be nearer than the distance to its centroid less its radius. So all triangles are tried that
+        may be nearer than the ones with the nearest centroids.
         """
         bound = np.full(len(x), np.inf)
         for _, group, tree in self._classes:

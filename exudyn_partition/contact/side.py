@@ -1,4 +1,4 @@
-"""A contact patch in motion: its surface, its kinematics, its residual flexibility and what may yield beneath it."""
+"""A contact patch in motion: its surface, kinematics, residual flexibility, and plastic zone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .plasticity.zone_run import ZoneMotion
 if TYPE_CHECKING:
     from ..frames.kernels import Fixed
 
-_SAME_ROWS = 1e-3  # change of the rows, of their largest entry, below which a side keeps its part of the flexibility
+_SAME_ROWS = 1e-3  # change of rows, relative to their largest entry, below which a side keeps its flexibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +37,12 @@ class Side:
     ----------
     surface : Surface
         The patch at the start.
-    kinematics : InertialKinematics or like it
+    kinematics : InertialKinematics or similar
         Kinematics of the patch's nodes.
     flexibility : (d np, d np) array or None
         Residual flexibility of the patch's nodes [m/N]: d = 1 along `surface.direction`, d = 3 along the body's axes.
     zone : ZoneMotion or None
-        What may yield beneath the patch.
+        Plastic zone beneath the patch.
     active : (k,) int array or None
         Nodes of the patch that are followed, as rows of `surface.points`. Default: all.
     """
@@ -70,7 +70,7 @@ class Side:
 
     @cached_property
     def fixed(self) -> Fixed | None:
-        """What compiled loops need to place its nodes; None if its frame moves or the rows of its body are sparse."""
+        """Data with which compiled loops place its nodes; None if its frame moves or its body's rows are sparse."""
         own = self.kinematics
         if not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
             return None
@@ -98,13 +98,17 @@ class Side:
     def part(self, facets: Array, nodes: Array) -> Side:
         """Return the side that follows some facets, (k,) int array, and some more nodes of its patch, (m,) int array.
 
-        Nodes keep their numbers. The time of its methods depends on the number of nodes that it follows.
+        Nodes keep their numbers. Its methods take time in proportion to the number of followed nodes.
         """
         own = self.surface.facets[facets]
         return replace(self, surface=replace(self.surface, facets=own)).following(np.union1d(own, nodes))
 
     def spares(self, nodes: Array) -> int:
-        """Entries of rows that need not be read if only some nodes are followed; ten times these if none are copied."""
+        """Measure of the work that is saved if only some nodes, (k,), are followed.
+
+        It is the number of row entries that need not be read. If compiled loops read the rows without a copy,
+        it is ten times that number.
+        """
         entries = 3 * (self.n_followed - len(nodes)) * self.n
         return entries if self.fixed is None else 10 * entries
 
@@ -122,9 +126,9 @@ class Side:
         return places
 
     def dent(self, strain: Array) -> Array:
-        """Displacements of the patch's nodes by plastic strain, (g, 6), beyond those by coordinates: (np, 3) [m].
+        """Displacements of the patch's nodes due to plastic strain, (g, 6), beyond the coordinates: (np, 3) [m].
 
-        They are in the body's axes, and zero where the nodes of the plastic zone are coordinates themselves.
+        They are in the body's axes. They are zero where the nodes of the plastic zone are coordinates themselves.
         """
         found = np.zeros(self.surface.points.shape)
         if self.zone is None or self.zone.flexibility is None:
@@ -136,18 +140,18 @@ class Side:
         return found
 
     def dented(self, q: Array, dent: Array | None) -> Array:
-        """Places of the patch's nodes, (np, 3) [m], as `place` has them, with a dent of `dent`, if there is one."""
+        """Places of the patch's nodes, (np, 3) [m], from `place`, plus the displacements of `dent`, if any."""
         places = self.place(q)
         return places if dent is None else places + dent @ self.kinematics.frame(q)[1].T
 
     def generalised(self, q: Array, forces: Array) -> Array:
-        """Generalised forces, (n,), of forces on the patch's nodes, (np, 3) [N]."""
+        """Generalised forces, (n,), from forces on the patch's nodes, (np, 3) [N]."""
         if self.near is None:
             return self.kinematics.generalised(q, forces)
         return self.near.generalised(q, forces[self.active])
 
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Rows:
-        """Rows on the coordinates' velocities, (m, n), of rows on those of the patch's nodes, (m, 3 np)."""
+        """Rows on the coordinates' velocities, (m, n), from rows on the velocities of the patch's nodes, (m, 3 np)."""
         if self.near is None or self.active is None:
             return self.kinematics.on_coordinates(q, rows)
         return self.near.on_coordinates(q, rows[:, node_dofs(self.active)])
@@ -163,8 +167,8 @@ class Side:
     def turned_to(self, point: Array, normal: Array, distance: float) -> Array:
         """Coordinates, (n,), at which the patch of a floating body faces a point of a surface.
 
-        `point`, (3,), lies on the surface, `normal`, (3,), is its normal there. The centre of the patch lies `distance`
-        [m] away from the point along the normal.
+        `point`, (3,), lies on the surface, and `normal`, (3,), is its normal there. The centre of the patch is placed
+        at `distance` [m] from the point along the normal.
         """
         way = np.zeros(self.n)
         turn = Rotation.align_vectors(-normal[None], self.surface.direction[None])[0]
@@ -185,7 +189,7 @@ class LoadedNodes:
         The number of each node of the patch among these nodes; -1 for others.
     nodes : (n,) int array
     F : (d n, d n) array
-        Their part of `side.flexibility` [m/N].
+        Part of `side.flexibility` for these nodes [m/N].
     """
 
     def __init__(self, side: Side, column: Array, nodes: Array, F: Array) -> None:
@@ -194,7 +198,7 @@ class LoadedNodes:
 
     @classmethod
     def of(cls, side: Side, nodes: Array) -> LoadedNodes:
-        """Those of points that some nodes carry, (p, k) int array."""
+        """Nodes that carry some points, (p, k) int array, as loaded nodes."""
         column = np.full(len(side.surface.points), -1)
         column[nodes] = 0
         used = np.flatnonzero(column == 0)
@@ -203,17 +207,17 @@ class LoadedNodes:
         return cls(side, column, used, np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
 
     def carry(self, nodes: Array) -> bool:
-        """Whether the nodes of some points, (p, k) int array, are among them."""
+        """Whether the nodes of some points, (p, k) int array, are among these nodes."""
         return bool(self.column[nodes].min(initial=0) >= 0)
 
     def flexibility(self, q: Array, points: ContactPoints, shares: tuple[Array, Array], normals: Array) -> Array:
-        """Part of this side in the flexibility of rows, (nr, nr) [m/N], at its coordinates q, (n_dofs,).
+        """Contribution of this side to the flexibility of rows, (nr, nr) [m/N], at its coordinates q, (n_dofs,).
 
         Parameters
         ----------
         q : (n_dofs,) array
         points : ContactPoints
-            Of the rows.
+            Points of the rows.
         shares : (p, k) int array, (p, k) array
             Nodes of the points, and their signed weights in the gap.
         normals : (p, 3) array
@@ -223,9 +227,10 @@ class LoadedNodes:
         return congruence(loops.rows_along(points, nodes, weights, along, len(self.nodes)), self.F)
 
     def directed_flexibility(self, rows: Array) -> Array:
-        """Part of this side in the flexibility of the directions of rows, (3 na, 3 na) [m/N]; kept for equal rows.
+        """Contribution of this side to the flexibility of rows with directions, (3 na, 3 na) [m/N].
 
-        `rows`, (3 na, 3 n), are those on the flexibility coordinates of these nodes. They may differ a little.
+        `rows`, (3 na, 3 n), act on the flexibility coordinates of these nodes. The result is kept while they change
+        little.
         """
         known, flexibility = self._directed
         same = known.shape == rows.shape
@@ -236,16 +241,16 @@ class LoadedNodes:
 
 
 class Standing(NamedTuple):
-    """Where the rows of a contact stand. What changes slowly with it is kept while it stays nearly the same.
+    """Pose of a contact's rows. Data that change slowly with the pose are kept while it is nearly the same.
 
     Parameters
     ----------
     rows : PresentRows
-        Others if other rows are present, or a side has another flexibility.
+        Another object if other rows are present, or a side has another flexibility.
     stance : array
-        Places of the sides to each other, see `Gaps.stance`.
+        Relative places of the sides, see `Gaps.stance`.
     axis : int
-        Which axis the tangents follow.
+        Number of the axis that the tangents follow.
     """
 
     rows: object

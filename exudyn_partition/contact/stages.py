@@ -1,7 +1,7 @@
-"""Stages of a contact: the rows that are present, and what follows from them.
+"""Stages of a contact: the rows that are present, and data derived from them.
 
-A stage does not change. `advance` gives the stage at other coordinates; while its rows stay frozen, it is the same one.
-What follows from a stage is kept on it, and goes with it. So nobody needs to ask whether it still holds.
+A stage is immutable. `advance` returns the stage at other coordinates. While rows stay frozen, it is the same stage.
+Data derived from a stage are kept on it, and vanish with it. So no code needs to check whether they are still valid.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Pressed = tuple[Array, Array, float]  # forces on rows, (nr,) [N], generalised f
 
 
 class Pair(Protocol):
-    """Two patches that may touch, as far as stages need them, see `patch_gaps.PatchGaps`.
+    """The part of `patch_gaps.PatchGaps` that stages need: two patches that may touch.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Pair(Protocol):
     size : float
         Size of the master's facets [m].
     witnesses : list of (3,) int arrays
-        Nodes by which each side is seen.
+        Nodes that give the pose of each side.
     """
 
     sides: tuple[Side, ...]
@@ -53,14 +53,14 @@ class Pair(Protocol):
         """See `Gaps.places_of`."""
 
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
-        """The sides with the nodes of these points, and those of the master around facets, (p,) int array."""
+        """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
 
     def search(self, q: Array) -> tuple[Stage, Array]:
-        """Find the pairs of all points at coordinates q, (n,); return the stage of those that can close, with gaps."""
+        """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps."""
 
 
 class PresentRows:
-    """Rows that are present for a while, in which the sides move.
+    """Rows that stay present while the sides move.
 
     Parameters
     ----------
@@ -80,19 +80,19 @@ class PresentRows:
         self._slow: dict[Hashable, tuple[Array, Any, Array]] = {}
 
     def slowly(self, what: Hashable, stance: Array, by: float, make: Callable[[], T], index: Array = NOTHING) -> T:
-        """Value that changes slowly with the places of the sides. It is kept while these change by at most `by`.
+        """Value that changes slowly with the relative places of the sides; kept while these change by at most `by`.
 
         Parameters
         ----------
         what : hashable
-            Which value.
+            Name of the value.
         stance : array
-            Places of the sides to each other, see `Gaps.stance`.
+            Relative places of the sides, see `Gaps.stance`.
         by : float
         make : callable
             Finds the value at the present places.
         index : int array, optional
-            Rows that the value is about.
+            Rows to which the value belongs.
         """
         known = self._slow.get(what)
         if known is None or not largest_change(stance, known[0]) <= by or not np.array_equal(index, known[2]):
@@ -105,7 +105,7 @@ class PresentRows:
         return self._slow.get(what)
 
     def on(self, sides: tuple[Side, ...]) -> Self:
-        """Return the same rows of sides with other flexibilities."""
+        """Return the same rows for sides with other flexibilities."""
         flexible = zip(self.sides, sides, strict=True)
         result = copy.copy(self)
         result.sides = tuple(replace(own, flexibility=side.flexibility) for own, side in flexible)
@@ -113,14 +113,14 @@ class PresentRows:
         return result
 
     def again(self) -> Self:
-        """Return the same rows for another run, with the values that are known so far."""
+        """Return the same rows for another run, with the values known so far."""
         result = copy.copy(self)
         result._slow = self._slow.copy()
         return result
 
 
 class Stage:
-    """Rows that move, of which it is not known where they go: the next coordinates give other ones.
+    """Rows whose motion is not known: other coordinates give another stage.
 
     Parameters
     ----------
@@ -137,13 +137,13 @@ class Stage:
     moving : bool
         Whether the rows follow the motion. If not, their gaps are linear in the coordinates.
     pressed : Pressed or None
-        Forces that were found together with the gaps.
+        Forces, if they were found together with the gaps.
     here : (3, 3) array
-        Where the slave is seen from the master [m], see `witnesses.seen_from`; zero while that changes nothing.
+        Place of the slave relative to the master [m], see `witnesses.seen_from`; zero if nothing depends on it.
     pose : (12,) array
-        `Gaps.carrier_pose` of the gaps; empty if nothing carries the surface.
+        `Gaps.carrier_pose` when the gaps were found; empty if no body carries the surface.
     places : list of arrays or None
-        Places of the nodes that are followed, (np, 3) for each side [m], where they were found together with the gaps.
+        Places of the followed nodes, (np, 3) for each side [m], if they were found together with the gaps.
     """
 
     moving = True
@@ -162,13 +162,13 @@ class Stage:
         return self.rows.points.average(self.normals)
 
     def on(self, sides: tuple[Side, ...]) -> Stage:
-        """Return the same stage of sides with other flexibilities."""
+        """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
         result.rows, result.pairing, result._made = self.rows.on(sides), None, {}
         return result
 
     def again(self) -> Stage:
-        """Return the same stage for another run; one whose rows stay frozen is the same."""
+        """Return the same stage for another run; a stage with frozen rows returns itself."""
         if not self.moving:
             return self
         result = copy.copy(self)
@@ -176,29 +176,29 @@ class Stage:
         return result
 
     def once(self, what: Hashable, make: Callable[[], T]) -> T:
-        """Value that follows from this stage alone; it is found when it is asked for first."""
+        """Value that follows from this stage alone; it is computed when it is needed first."""
         if what not in self._made:
             self._made[what] = make()
         value: T = self._made[what]
         return value
 
     def nodal_forces(self, lam: Array) -> list[Array] | None:
-        """See `Gaps.nodal_forces`; None if there is no short way."""
+        """See `Gaps.nodal_forces`; None if there is no faster way."""
         return None
 
     def generalised(self, lam: Array) -> Array | None:
-        """See `Gaps.generalised`; None if there is no way shorter than that by the nodes."""
+        """See `Gaps.generalised`; None if there is no faster way than through the nodes."""
         return None
 
     def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
         """Return the stage at coordinates q, (n,), and the gaps of its rows, (nr,) [m].
 
-        `asked` is what compiled loops need to find forces too, see `Gaps.pressed_at`.
+        `asked` has the data with which compiled loops find forces too, see `Gaps.pressed_at`.
         """
         return pair.search(q)
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
-        """Do as `advance` does, but with the same rows; None if that is not possible."""
+        """Advance with the same rows; None if that is not possible."""
         return None
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -207,7 +207,7 @@ class Stage:
 
 
 class Frozen(Stage):
-    """Rows whose pairs stay the same, in frames that do not turn: gaps are linear in the coordinates.
+    """Rows with fixed pairs, in frames that do not turn, so that gaps are linear in the coordinates.
 
     Parameters
     ----------

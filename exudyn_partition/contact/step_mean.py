@@ -1,4 +1,4 @@
-"""Forces that are constant within an implicit step, in generalized-alpha, whose forces belong to the ends of steps.
+"""Forces that are constant within implicit steps; generalized-alpha itself has forces at the ends of steps.
 
 Theory: examples/site/theory.md, "Implicit steps".
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..support.arrays import Array
 
-_GONE = 1e-12  # of the largest force so far, below which what is left of earlier steps counts as none
+_GONE = 1e-12  # of the largest force so far: a smaller remainder of earlier steps counts as zero
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class GeneralizedAlpha:
     gamma: float = 0.5
 
     def by_q_tt(self, step: float) -> float:
-        """Change of q_tt' with q' in Newton's iteration [1/s2]."""
+        """Derivative of q_tt' with respect to q' in Newton's iteration [1/s2]."""
         return (1 - self.alpha_m) / (step**2 * self.beta * (1 - self.alpha_f))
 
     def by_q_t(self, step: float) -> float:
-        """Change of q_t' with q' [1/s]."""
+        """Derivative of q_t' with respect to q' [1/s]."""
         return self.gamma / (step * self.beta)
 
     @property
     def share(self) -> float:
-        """Change of the force at the end of a step with the mean force within it."""
+        """Derivative of the force at the end of a step with respect to the mean force within it."""
         return (1 - self.alpha_m) / (self.gamma * (1 - self.alpha_f))
 
 
@@ -48,15 +48,15 @@ TRAPEZOIDAL = GeneralizedAlpha()
 
 
 class StepMean:
-    """What to apply at the end of each step, so that the velocities change by the mean force within the step.
+    """Forces to apply at the end of each step, so that the momentum changes by the mean force times the step.
 
     Generalized-alpha adds s ((1 - gamma) phi + gamma phi') to the momentum, where phi follows from the applied forces f
-    as algorithmic accelerations do from accelerations. So that this is s p, it takes
+    as algorithmic accelerations follow from accelerations. To make this equal to s p for the mean force p, set
 
         phi' = (p - (1 - gamma) phi) / gamma,    f' = ((1 - alpha_m) phi' + alpha_m phi - alpha_f f) / (1 - alpha_f) .
 
-    Where p is smooth, so is f. After a jump of p, f swings about it and decays by the spectral radius in a step;
-    velocities and places know p alone.
+    Where p is smooth, f is smooth too. After a jump of p, f oscillates about p, and the oscillation decays by the
+    spectral radius in each step. Velocities and places depend on p alone.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class StepMean:
     Attributes
     ----------
     lasting : (n,) array
-        Part of f' that earlier steps have left.
+        Part of f' that remains from earlier steps.
     """
 
     def __init__(self, n: int) -> None:
@@ -89,7 +89,7 @@ class StepMean:
         return result
 
     def end(self, mean: Array) -> None:
-        """End the step, in which these were the mean forces, (n,)."""
+        """End the step; `mean`, (n,), were the mean forces in it."""
         if self._weights is None:
             return
         weights, force = self._weights, self.applied(mean)

@@ -1,8 +1,8 @@
-"""Tangential directions of gap rows: how far the rows slide, and what forces along the tangents do.
+"""Tangential directions of gap rows: the sliding of the rows, and the effects of forces along the tangents.
 
-A row has its normal direction and two tangents, perpendicular to the row's mean normal. Its tangential place is the
-weighted mean of its points' places relative to the master, as its gap is the mean of their gaps. The directions of a
-row have the order normal, first tangent, second tangent; those of all rows are interleaved: 3 i + k.
+A row has its normal direction and two tangents, perpendicular to the row's mean normal. Its gap is the weighted mean of
+its points' gaps. Its tangential place is the same mean of their places relative to the master. The order of a row's
+directions is normal, first tangent, second tangent. Direction k of row i has the number 3 i + k.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from .gaps import Gaps
 from .side import LoadedNodes, Standing
 
 _SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
-_STEEP = 0.9  # cosine between a row's normal and the axis that its tangents are made from, above which others are made
+_STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
 
 
 class TangentialRows:
     """The present rows of a contact with their tangents.
 
-    How far rows slide is counted from the places that `hold` took. The offset between slave and master turns with the
-    master, so that a common motion of both is no sliding. Forces on the master act at the slave's points.
+    Sliding counts from the places that `hold` recorded. The offset between slave and master turns with the master, so
+    that a common motion of both is no sliding. Forces on the master act at the slave's points.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class TangentialRows:
     Raises
     ------
     InputError
-        If a side's flexibility is that of normal forces alone.
+        If a side has a flexibility for normal forces only.
     """
 
     def __init__(self, gaps: Gaps) -> None:
@@ -59,7 +59,7 @@ class TangentialRows:
         self.release()
 
     def fresh(self, gaps: Gaps) -> TangentialRows:
-        """Return the tangents of these rows for another run; `gaps` are the same in their start state."""
+        """Return the tangents of these rows for another run; `gaps` are the same gaps in their start state."""
         result = copy.copy(self)
         result.gaps = gaps
         result.release()
@@ -72,24 +72,24 @@ class TangentialRows:
         return directions(index)
 
     def tractions(self, forces: Array) -> Array:
-        """Tangential forces in space, (nr, 3) [N], of forces along the directions of rows, (nr, 3) [N]."""
+        """Tangential forces in space, (nr, 3) [N], from forces along the directions of rows, (nr, 3) [N]."""
         return self.in_space(forces[:, 1:])
 
     def resultant(self, forces: Array) -> Array:
-        """Force on the slave, (3,) [N], of forces along the directions of rows, (nr, 3) [N]."""
+        """Force on the slave, (3,) [N], from forces along the directions of rows, (nr, 3) [N]."""
         value: Array = self.gaps.resultant(forces[:, 0]) + self.tractions(forces).sum(axis=0)
         return value
 
     def moment(self, forces: Array, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], of forces along the rows, (nr, 3) [N]."""
+        """Moment on the slave about a point in space, (3,) [N m], from forces along the rows, (nr, 3) [N]."""
         return self.gaps.moment_of(self.at_points(forces), point)
 
     def release(self) -> None:
-        """Forget the places that `hold` took: nothing has slid."""
+        """Forget the places that `hold` recorded: nothing has slid."""
         self._from: Array | None = None  # coordinates
 
     def hold(self, *, soon: bool = True) -> None:
-        """Count sliding from the present places; unless it is asked for `soon`, places are found when it is."""
+        """Count sliding from the present places; unless sliding is needed `soon`, compute them when it is needed."""
         gaps = self.gaps
         self._from, self._pose = gaps.q, gaps.evaluated_pose
         self._places = gaps.places_now() if soon and gaps.moving else None
@@ -101,12 +101,12 @@ class TangentialRows:
 
     @property
     def held(self) -> bool:
-        """Whether `hold` has taken places."""
+        """Whether `hold` has recorded places."""
         return self._from is not None
 
     @property
     def axes(self) -> Array:
-        """Axes of the body whose motion the tangents follow, as columns, (3, 3): the master's, or else the slave's."""
+        """Axes of the body that the tangents follow, as columns, (3, 3): the master, or else the slave."""
         gaps = self.gaps
         return gaps.stage.once("axes", lambda: gaps.sides[-1].kinematics.frame(gaps.coordinates[-1])[1])
 
@@ -118,12 +118,12 @@ class TangentialRows:
 
     @property
     def axis(self) -> int:
-        """Which of the axes the tangents are made from."""
+        """Number of the axis from which the tangents are made."""
         self._axis, _ = self.gaps.stage.once("tangents", self._turned)
         return self._axis
 
     def _turned(self) -> tuple[int, Array]:
-        """Axis that tangents are made from, the last one as long as it serves, and tangents to the present normals."""
+        """Axis from which tangents are made, kept while it is suitable, and tangents to the present normals."""
         normals, axes = self.gaps.normal, self.axes
         tangents, cosines = loops.tangents_of(normals, axes[:, self._axis])
         if cosines.max(initial=0.0) > _STEEP:
@@ -147,7 +147,7 @@ class TangentialRows:
             return np.zeros((len(gaps.row_nodes), 2))
         if not gaps.moving:
             return np.asarray(self._all_rows() @ (gaps.q - self._from)).reshape(-1, 3)[:, 1:]
-        if self._places is None or self._places_of is not gaps.near_sides:  # others follow other nodes
+        if self._places is None or self._places_of is not gaps.near_sides:  # other sides follow other nodes
             self._places, self._places_of = gaps.places(self._from), gaps.near_sides
         now = gaps.places_now()
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
@@ -156,7 +156,7 @@ class TangentialRows:
         return self.along(self._offsets(now) - self._carried(self._offsets(self._places), gaps.split(self._from)))
 
     def rates(self, q_t: Array) -> Array:
-        """Rates at which the rows slide along their tangents, (nr, 2) [m/s], at velocities q_t, (n,), pairs held."""
+        """Sliding rates of rows along their tangents, (nr, 2) [m/s], at velocities q_t, (n,), for fixed pairs."""
         everything = np.arange(len(self.gaps.row_nodes))
         rates = self.jacobian(everything) @ q_t
         if self.gaps.carried:
@@ -171,7 +171,7 @@ class TangentialRows:
         return gaps.points.average(apart[0] if len(apart) == 1 else apart[0] + apart[1])
 
     def _carried(self, offsets: Array, then: list[Array]) -> Array:
-        """Where offsets, (nr, 3), of the coordinates `then` would be now if they had moved with the master."""
+        """Offsets, (nr, 3), from the coordinates `then`, carried to the present place by the master's motion."""
         gaps = self.gaps
         if len(gaps.sides) == 2:
             master = gaps.sides[1].kinematics
@@ -185,7 +185,7 @@ class TangentialRows:
         return value
 
     def jacobian(self, index: Array) -> Rows:
-        """Derivative of gaps and tangential places of some rows by the coordinates, (3 na, n), pairs held."""
+        """Derivative of some rows' places with respect to the coordinates, (3 na, n), for fixed pairs."""
         if not self.gaps.moving:
             return self._all_rows()[directions(index)]
         return self._rows_on_coordinates(index)
@@ -206,7 +206,7 @@ class TangentialRows:
         return _interleaved(gaps.jacobian(index), joined(parts))
 
     def _node_weights(self, place: int, index: Array) -> tuple[Array, Array]:
-        """Nodes of one side's patch that some rows have, (k,), and their signed weights in each row, (na, k)."""
+        """Nodes of one side's patch in some rows, (k,), and their signed weights in each row, (na, k)."""
         row, point, share = self.gaps.points.triplets
         nodes, weights = self.gaps.shares[place]
         n_rows, (used, column) = len(self.gaps.row_nodes), self._used(place)
@@ -215,7 +215,7 @@ class TangentialRows:
         return used, found.reshape(n_rows, len(used))[index]
 
     def _used(self, place: int) -> tuple[Array, Array]:
-        """Nodes of one side's patch that the present rows have, (k,), and the number among them of each node, (np,)."""
+        """Nodes of one side's patch in the present rows, (k,), and each node's number among them, (np,)."""
         nodes = self.gaps.shares[place][0]
         present = np.bincount(nodes.ravel(), minlength=len(self.gaps.sides[place].surface.points)) > 0
         return np.flatnonzero(present), np.cumsum(present) - 1
@@ -236,10 +236,10 @@ class TangentialRows:
         return loaded, loops.directed_rows(self.gaps.points, index, *carried, normals, in_body, len(loaded.nodes))
 
     def flexibility(self, index: Array | None = None) -> Array:
-        """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; of all by default.
+        """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; by default of all.
 
-        It is kept while the points move little, as that of the gaps is (`Gaps.flexibility`). A side whose rows have
-        hardly changed keeps its part.
+        It is kept while the points move little, like `Gaps.flexibility`. A side whose rows have hardly changed keeps
+        its contribution.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         gaps = self.gaps
@@ -251,7 +251,7 @@ class TangentialRows:
         return np.asarray(sum(parts, self._across(index)))
 
     def _across(self, index: Array) -> Array:
-        """What forces on one side of a body that touches itself move on the other, (3 na, 3 na) [m/N]; else zero."""
+        """Flexibility between both sides if one body touches itself, (3 na, 3 na) [m/N]; else zero."""
         result, between = np.zeros((3 * len(index), 3 * len(index))), self.gaps.between
         if between is not None:
             (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
@@ -260,17 +260,17 @@ class TangentialRows:
         return result
 
     def standing(self) -> Standing:
-        """Where the rows stand; tangents that follow another axis are other rows."""
+        """Where the rows stand; tangents that follow another axis count as other rows."""
         gaps = self.gaps
         return Standing(gaps.stage.rows, gaps.stance(), self.axis)
 
     def _part(self, place: int, index: Array) -> Array:
-        """Part of one side in the flexibility of some rows, (3 na, 3 na) [m/N]."""
+        """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
         loaded, rows = self._some_side_rows(place, index)
         return loaded.directed_flexibility(rows)
 
     def carrier_rows(self, index: Array) -> Array:
-        """Derivative of the rates of some rows by the velocities of the body that carries the surface, (3 na, 6)."""
+        """Derivative of the rates of some rows with respect to the velocities of the surface's carrier, (3 na, 6)."""
         gaps = self.gaps
         if len(gaps.carrier_pose) == 0:
             raise InputError("carrier_rows: nothing carries the surface")
@@ -281,11 +281,11 @@ class TangentialRows:
         return np.asarray(_interleaved(gaps.carrier_rows(index), of_tangents))
 
     def at_points(self, lam: Array) -> Array:
-        """Forces on the slave at the present points, (p, 3) [N], of forces along the directions of rows, (nr, 3)."""
+        """Forces on the slave at the present points, (p, 3) [N], from forces along the directions of rows, (nr, 3)."""
         return loops.at_points(self.gaps.points, lam, self.tangents, self.gaps.normals)
 
     def nodal_forces(self, lam: Array) -> list[Array]:
-        """Forces on the nodes of the patches, (np, 3) for each side [N], of forces along the rows, (nr, 3) [N]."""
+        """Forces on the nodes of the patches, (np, 3) for each side [N], from forces along the rows, (nr, 3) [N]."""
         forces = self.at_points(lam)
         on_nodes = self.gaps.on_nodes(forces)
         if len(on_nodes) == 2 and not self.gaps.sides[1].kinematics.linear:
@@ -294,10 +294,10 @@ class TangentialRows:
         return on_nodes
 
     def _couple_on_master(self, active: Array, forces: Array) -> Array:
-        """Forces on the master's nodes, (np, 3) [N]: a couple, by which its forces act at the slave's points.
+        """Couple on the master's nodes, (np, 3) [N], so that the master's forces act at the slave's points.
 
-        A tangential force on the slave and its opposite on the master are apart by the gap, so that alone they would
-        turn the pair. The couple acts on the patch as on a rigid body.
+        The gap separates a tangential force on the slave from its opposite on the master. Alone, both would turn the
+        pair. The couple acts on the patch as on a rigid body.
         """
         (nodes, weights), (master_nodes, master_weights) = self.gaps.shares
         x, x_m = self.gaps.places_now()
@@ -313,7 +313,7 @@ class TangentialRows:
         return couple
 
     def generalised(self, lam: Array) -> Array:
-        """Generalised forces, (n,), of forces along the directions of the present rows, (nr, 3) [N]."""
+        """Generalised forces, (n,), from forces along the directions of the present rows, (nr, 3) [N]."""
         gaps = self.gaps
         if not gaps.moving:
             return np.asarray(self._all_rows().T @ lam.ravel())
@@ -328,7 +328,7 @@ def directions(index: Array) -> Array:
 
 
 def _directed(weights: Array, along: Array) -> Array:
-    """Rows on nodal displacements, (2 nr, 3 np), of weights of the nodes, (nr, np), along two vectors, (nr, 2, 3)."""
+    """Rows on nodal displacements, (2 nr, 3 np), from node weights, (nr, np), along two vectors, (nr, 2, 3)."""
     n_rows, n = weights.shape
     return np.asarray((weights[:, None, :, None] * along[:, :, None, :]).reshape(2 * n_rows, 3 * n))
 

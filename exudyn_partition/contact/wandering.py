@@ -1,8 +1,8 @@
-"""Gaps between two patches over which contact wanders: only the parts that are near each other are followed.
+"""Gaps between two patches over which contact wanders. Only parts that are near each other are followed.
 
-The parts are found by trees of the patches' nodes. They are found again when the patches have moved by a facet, so
-that a step costs what is near, and not what the patches have. Several spots may be near at once; they appear and vanish
-as the patches move.
+The parts are found with trees of the patches' nodes. They are found again when the patches have moved by a facet. So
+the cost of a step depends on the near parts, not on the size of the patches. Several spots may be near at once. They
+appear and vanish as the patches move.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from .stages import PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
-_SOON = 0.15  # of a facet's size: gaps to rigid surfaces that may close, and motion after which rows are chosen again
+_SOON = 0.15  # of a facet's size: rows with smaller gaps are chosen, and after this motion chosen again
 
 
 class WanderingGaps(PatchGaps):
-    """Gaps between two patches of which contact wanders over one at least; see `Partition.surface`.
+    """Gaps between two patches; contact wanders over at least one of them, see `Partition.surface`.
 
     Pairs are never frozen.
 
@@ -94,7 +94,7 @@ class WanderingGaps(PatchGaps):
         return near_rows(self._near_points, slave, master, self.approach)
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
-        """See `Gaps.surface_gap`; of patches that are far apart, a lower bound."""
+        """See `Gaps.surface_gap`; a lower bound if the patches are far apart."""
         near = self._near_parts(q)
         if not len(near.nodes):
             return near.least
@@ -116,7 +116,7 @@ class WanderingGaps(PatchGaps):
 
 
 class WanderingRigidGaps(RigidGaps):
-    """Gaps of a patch over which contact wanders to a rigid surface; see `RigidGaps`.
+    """Gaps to a rigid surface of a patch over which contact wanders; see `RigidGaps`.
 
     Only rows that may close soon are present. They are chosen again when the patch has moved by a part of a facet.
     """
@@ -160,7 +160,7 @@ class WanderingRigidGaps(RigidGaps):
         return (x - place) @ axes
 
     def _choose(self, q: Array) -> None:
-        """Take the rows that may close until the patch has moved by `_reach`, and those that are nearest."""
+        """Choose the rows that may close until the patch has moved by `_reach`, and the nearest rows."""
         gap = self._projected(self._whole.place(q), self.carrier_pose)[0]
         least, soon = float(gap.min()), _SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
@@ -172,7 +172,7 @@ class WanderingRigidGaps(RigidGaps):
         self._chosen_at = self._here(q)
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """See `Gaps.closing`; the last entry bounds all points without rows: the least gap, the largest speed."""
+        """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
         kinematics = self._whole.kinematics
         velocity = kinematics.velocities(q, q_t)
