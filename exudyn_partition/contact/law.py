@@ -42,7 +42,7 @@ class Forces(NamedTuple):
 
 
 class Motion(Protocol):
-    """State of the running solver, for laws. Each value is computed when it is needed first."""
+    """State of the running solver, for laws. Each value is computed when it is needed."""
 
     @property
     def q(self) -> Array:

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 class PatchContact:
     """A contact in a run: its rows, the forces on them, and its memory of the last accepted step.
 
-    With friction, rows have three directions instead of one. Plastic zones are a part that any law can have. Forces
-    depend on the coordinates and on a memory. Only `commit` changes this memory, when a step is accepted. So a repeated
-    step begins from the same memory.
+    With friction, rows have three directions instead of one. Plastic zones are a part that any law can have. Besides
+    the present motion, forces depend on a memory. Only `commit` changes this memory, when a step is accepted. So a
+    repeated step begins from the same memory.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ class WanderingRigidGaps(RigidGaps):
         return super().at(q)
 
     def _here(self, q: Array) -> Array:
-        """Places of three nodes as seen from the surface, (3, 3) [m], at coordinates q, (n,)."""
+        """Places of three nodes relative to the surface, (3, 3) [m], at coordinates q, (n,)."""
         x = self._three.place(q)
         if self._pose is None:
             return x

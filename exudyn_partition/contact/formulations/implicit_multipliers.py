@@ -43,10 +43,10 @@ class StepImpulses:
 
         lambda >= 0,    h = g(q + s/2 q_t) >= 0,    lambda'h = 0 .
 
-    Forces that keep gaps closed at the ends of steps would oscillate from step to step. Here, a closed row moves as g'
-    = (g + s/2 g_t) / 2, g_t' = -(g + s/2 g_t) / s. So it rests at zero after two steps, from any earlier motion.
-    Nothing is regularised. A row that touches loses its kinetic energy as in a plastic impact, with the mass that
-    responds within a step. A row that stays closed does no work.
+    Forces that keep gaps closed at the ends of steps would oscillate from step to step. Here, the motion of a closed
+    row is g' = (g + s/2 g_t) / 2, g_t' = -(g + s/2 g_t) / s. So it rests at zero after two steps, from any earlier
+    motion. Nothing is regularised. A row that touches loses its kinetic energy as in a plastic impact, with the mass
+    that responds within a step. A row that stays closed does no work.
 
     Newton's iteration finds q with the forces of the last iteration. New forces follow from
 

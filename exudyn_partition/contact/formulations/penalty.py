@@ -22,9 +22,9 @@ _SOFT = 0.1  # the layer may add so much of the bodies' highest squared frequenc
 class PenaltyLayer(Law):
     """An elastic layer: the force on a row is its area times the layer's stiffness times its depth, -gap.
 
-    With friction it also yields along the tangents, and its ends slip. Its tangential stiffness is 2 (1 - nu) / (2 -
-    nu) times the normal one, Mindlin's ratio for equal bodies, with nu = 0.3. A is the area of a row, s how far it has
-    slid since the last accepted step, and lambda_t* the tangential force at the end of that step::
+    With friction, it also yields along the tangents, and its ends slip. By Mindlin's ratio for equal bodies, its
+    tangential stiffness is 2 (1 - nu) / (2 - nu) times the normal one, with nu = 0.3. A is the area of a row, s how far
+    it has slid since the last accepted step, and lambda_t* the tangential force at the end of that step::
 
         lambda_n = k A max(0, -gap),    x = lambda_t* - k_t A s,    lambda_t = x min(1, mu lambda_n / |x|).
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 _NEAR = 0.2  # of the yield stress: points that are nearer to flow are active together with those that flow
-_FEW = 16  # at most 2 * _FEW points, and as many as flow, are active besides those that flow
+_FEW = 16  # besides the points that flow, at most as many plus 2 * _FEW are active
 _SPARE = 4  # points are chosen again if so many times the flowing points and _FEW are active
 
 
