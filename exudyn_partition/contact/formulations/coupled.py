@@ -264,7 +264,7 @@ class CoupledContacts:
         return np.asarray(gap + self._rows_by_fields(j) @ c) if c.any() else gap
 
     def _settle(self, gaps: list[Array]) -> None:
-        pushed_ever = [False] * len(self.contacts)  # all but the first are answered
+        pushed_ever = [False] * len(self.contacts)  # contacts that nothing has pushed have their answer
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
